@@ -1,0 +1,1 @@
+"""Numbers that turn pixels and counts into metres and radians, with their uncertainty."""

@@ -1,0 +1,56 @@
+"""The bench: its devices in one value, connected and let go in order."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.interfaces import Arm, Camera, FrameSource, Gripper, TactileSensor
+from drivers.types import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Fingertip:
+    """A tactile sensor on a grasping finger.
+
+    `sign` (+1 or -1) turns the sensor's image angle into the object's angle as the external
+    camera sees it: the two fingers look at the object from opposite sides.
+    """
+
+    sensor: TactileSensor
+    finger: str
+    sign: int
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """All devices of one bench.
+
+    `base_T_camera` places the external camera (x right, y down, z forward) in the arm's base.
+    `base_T_table` is where an operator places objects: its origin is the object's centre of
+    mass when placed, x along the object, z up from the table top.
+    """
+
+    name: str
+    simulated: bool
+    clock: Clock
+    arm: Arm
+    gripper: Gripper
+    fingertips: tuple[Fingertip, ...]
+    camera: Camera
+    base_T_camera: Pose  # noqa: N815 - frame names keep their case
+    base_T_table: Pose  # noqa: N815
+
+    @property
+    def frame_sources(self) -> tuple[FrameSource, ...]:
+        """Every source of frames: fingertips first, then the camera."""
+        return (*(tip.sensor for tip in self.fingertips), self.camera)
+
+    @contextmanager
+    def connected(self) -> Iterator["Bench"]:
+        """Connect all devices, sensors before actuators, and let go in reverse order."""
+        with ExitStack() as stack:
+            for device in (*self.frame_sources, self.gripper, self.arm):
+                stack.callback(device.disconnect)
+                device.connect()
+            yield self

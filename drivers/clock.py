@@ -1,0 +1,37 @@
+"""Time. Nothing in the rig sleeps or reads the time except through a `Clock`."""
+
+import time
+from typing import Protocol
+
+NS_PER_S = 1_000_000_000
+
+
+class Clock(Protocol):
+    """A monotonic clock in integer nanoseconds."""
+
+    def now_ns(self) -> int:
+        """Monotonic time, ns."""
+        ...
+
+    def sleep_until(self, time_ns: int) -> None:
+        """Return when `now_ns() >= time_ns`; at once when that is already so."""
+        ...
+
+
+class SystemClock:
+    """The computer's monotonic clock."""
+
+    def now_ns(self) -> int:
+        """Monotonic time, ns."""
+        return time.monotonic_ns()
+
+    def sleep_until(self, time_ns: int) -> None:
+        """Sleep until the given monotonic time."""
+        remaining_ns = time_ns - time.monotonic_ns()
+        if remaining_ns > 0:
+            time.sleep(remaining_ns / NS_PER_S)
+
+
+def seconds(duration_s: float) -> int:
+    """Convert a duration in s to integer ns."""
+    return round(duration_s * NS_PER_S)

@@ -1,0 +1,69 @@
+"""The one error tree of the rig.
+
+Every message names the device or file, what was seen, and what to do about it. The command
+line maps the branches to exit codes (0 done, 1 rig fault, 2 usage or input, 3 stopped by the
+operator), so an error raised anywhere reaches the user as one line.
+"""
+
+
+class RigError(Exception):
+    """Base of every error this product raises on purpose."""
+
+
+class DeviceError(RigError):
+    """A device of the bench failed; the lift in progress is a rig fault, not a result."""
+
+
+class NotConnectedError(DeviceError):
+    """A device was used before `connect` or after `disconnect`."""
+
+
+class DeviceTimeoutError(DeviceError):
+    """A device did not answer, or a motion did not end, within its time."""
+
+
+class StaleFrameError(DeviceError):
+    """The newest frame of a sensor is older than the caller allows."""
+
+
+class ProtectiveStopError(DeviceError):
+    """The arm stopped itself; a person has to look before it moves again."""
+
+
+class GripperFaultError(DeviceError):
+    """The gripper reports a fault code.
+
+    `code` is the gFLT value of the Robotiq 3-Finger manual.
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class OutOfLimitsError(DeviceError):
+    """A command was refused before it was sent because it exceeds a stated limit."""
+
+
+class GraspError(DeviceError):
+    """The fingers closed without both sensors reporting contact."""
+
+
+class RecordingError(RigError):
+    """Results could not be written (full disk, no permission, session in use)."""
+
+
+class InputError(RigError):
+    """The user's input (argument, file, folder) cannot be used as it is."""
+
+
+class SessionError(InputError):
+    """A session folder is missing, damaged, or does not fit the request."""
+
+
+class CalibrationError(InputError):
+    """A calibration is missing, degenerate, or belongs to another device."""
+
+
+class OperatorStopError(RigError):
+    """The operator stopped the run; the rig has been brought to a safe state."""

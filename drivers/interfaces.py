@@ -1,0 +1,132 @@
+"""The vocabulary of the bench: what an arm, a gripper, a tactile sensor and a camera can do.
+
+Implementations name these protocols as bases, so they can be found by search and a type
+checker reports a missing member. Verbs act, nouns read. Motions return at once with a handle.
+"""
+
+from typing import Protocol
+
+from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
+
+
+class Motion(Protocol):
+    """A motion in progress."""
+
+    def done(self) -> bool:
+        """Whether the motion has ended. Raises the device's error when it ended badly."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, having stopped it."""
+        ...
+
+
+class Arm(Protocol):
+    """A six-axis arm with a tool centre point. Poses are `base_T_tcp`, m and rad."""
+
+    @property
+    def limits(self) -> ArmLimits:
+        """What this arm refuses to exceed."""
+        ...
+
+    def connect(self) -> None:
+        """Reach the arm without moving it."""
+        ...
+
+    def disconnect(self) -> None:
+        """Stop any motion and let go of the connection. Safe to call twice."""
+        ...
+
+    def state(self) -> ArmState:
+        """Newest state. Raises `DeviceError` when it is stale or the arm is gone."""
+        ...
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        """Start a straight motion and return at once.
+
+        Raises `OutOfLimitsError` before anything is sent, `ProtectiveStopError` when stopped.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stop as fast as the arm can, from any thread, at any time, without an error."""
+        ...
+
+
+class Gripper(Protocol):
+    """Two grasping fingers positioned in counts (0 open, 255 closed)."""
+
+    @property
+    def limits(self) -> GripperLimits:
+        """Range of the fingers."""
+        ...
+
+    def connect(self) -> None:
+        """Reach the gripper without moving it."""
+        ...
+
+    def disconnect(self) -> None:
+        """Let go of the connection; the fingers stay where they are. Safe to call twice."""
+        ...
+
+    def activate(self) -> None:
+        """Run the activation sequence: the fingers sweep their range. Only ever on request."""
+        ...
+
+    def state(self) -> GripperState:
+        """Newest state. Raises `DeviceError` when the gripper is gone or in fault."""
+        ...
+
+    def move_to(self, position_counts: int) -> Motion:
+        """Start moving the fingers and return at once. Raises `OutOfLimitsError`."""
+        ...
+
+    def stop(self) -> None:
+        """Hold the fingers where they are."""
+        ...
+
+
+class FrameSource(Protocol):
+    """Something that captures frames; frames not read in time are counted as dropped."""
+
+    @property
+    def serial(self) -> str:
+        """Serial number, stable over reconnects."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Requested frame rate."""
+        ...
+
+    def connect(self) -> None:
+        """Start capturing."""
+        ...
+
+    def disconnect(self) -> None:
+        """Stop capturing. Safe to call twice."""
+        ...
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Oldest frame not read yet; waits for one. Raises `DeviceTimeoutError`.
+
+        A source keeps a short backlog, so a reader that is late by a few frames loses none;
+        beyond that the oldest go, and the gap shows in `Frame.sequence`.
+        """
+        ...
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        """Newest frame; skips the backlog. Raises `StaleFrameError` when it is older."""
+        ...
+
+
+class TactileSensor(FrameSource, Protocol):
+    """A DIGIT-like fingertip camera under a lit gel."""
+
+    def set_light(self, red: float, green: float, blue: float) -> None:
+        """Set the LEDs' intensities, 0 to 1."""
+        ...
+
+
+class Camera(FrameSource, Protocol):
+    """The external camera that sees the markers."""

@@ -1,0 +1,132 @@
+"""Frozen values that cross the device interfaces. SI units; other units are in the name."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A rigid transform `parent_T_child`: position in m, orientation as quaternion xyzw."""
+
+    position_m: Vector3
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def from_rotation(cls, position_m: NDArray[np.float64] | Vector3, rotation: Rotation) -> "Pose":
+        """Build a pose from a position in m and a scipy rotation."""
+        x, y, z = (float(v) for v in position_m)
+        qx, qy, qz, qw = (float(v) for v in rotation.as_quat(canonical=True))
+        return cls((x, y, z), (qx, qy, qz, qw))
+
+    @property
+    def rotation(self) -> Rotation:
+        """The orientation as a scipy rotation."""
+        return Rotation.from_quat(self.quaternion_xyzw)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """Compose: `a_T_b @ b_T_c` is `a_T_c`."""
+        position = self.rotation.apply(other.position_m) + np.asarray(self.position_m)
+        return Pose.from_rotation(position, self.rotation * other.rotation)
+
+    def inverse(self) -> "Pose":
+        """Return `child_T_parent`."""
+        inverse = self.rotation.inv()
+        return Pose.from_rotation(-inverse.apply(self.position_m), inverse)
+
+    def translated(self, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> "Pose":
+        """Return this pose moved along the parent's axes."""
+        x, y, z = self.position_m
+        return Pose((x + x_m, y + y_m, z + z_m), self.quaternion_xyzw)
+
+
+class ArmMode(Enum):
+    """What the arm's safety system allows."""
+
+    RUNNING = "running"
+    PROTECTIVE_STOP = "protective stop"
+    EMERGENCY_STOP = "emergency stop"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class ArmState:
+    """One sample of the arm.
+
+    `base_T_tcp` is the tool centre point in the base frame, `joints_rad` the six joint angles,
+    `wrench` force (N) and torque (N m) at the TCP in base axes, `time_ns` the monotonic time at
+    which the controller sampled it.
+    """
+
+    time_ns: int
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    joints_rad: Vector6
+    wrench: Vector6
+    mode: ArmMode
+
+
+@dataclass(frozen=True, slots=True)
+class ArmLimits:
+    """What the arm refuses to exceed: checked before a command is sent."""
+
+    workspace_min_m: Vector3
+    workspace_max_m: Vector3
+    max_speed_m_s: float
+    max_acceleration_m_s2: float
+    max_payload_kg: float
+
+
+@dataclass(frozen=True, slots=True)
+class GripperState:
+    """One sample of the gripper.
+
+    `position_counts` is the grasping fingers' position, 0 (open) to 255 (closed) as the device
+    counts; `current_counts` its motor current register, unscaled. There is no force here: the
+    Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
+    """
+
+    time_ns: int
+    activated: bool
+    moving: bool
+    position_counts: int
+    current_counts: int
+    fault_code: int
+
+
+@dataclass(frozen=True, slots=True)
+class GripperLimits:
+    """Range of the gripper: counts, and the finger opening they stand for."""
+
+    min_counts: int
+    max_counts: int
+    max_opening_m: float
+    opening_per_count_m: float
+
+    def counts_for_opening(self, opening_m: float) -> int:
+        """Nearest position count for a finger opening in m (nominal, see `rig calibrate gripper`)."""
+        counts = self.min_counts + (self.max_opening_m - opening_m) / self.opening_per_count_m
+        return int(min(max(round(counts), self.min_counts), self.max_counts))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One image of a sensor or camera.
+
+    image: (H, W, 3) uint8 RGB, origin top left, never mirrored; a DIGIT is 320 x 240.
+    time_ns: monotonic capture time. sequence: counts captured frames, so a gap is a drop.
+    serial: of the sensor. jpeg: the encoded bytes that `image` was decoded from, where the
+    source delivers them; they are what the recorder keeps.
+    """
+
+    image: Image
+    time_ns: int
+    sequence: int
+    serial: str
+    jpeg: bytes | None = None

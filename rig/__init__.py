@@ -1,0 +1,1 @@
+"""The slip rig: command line, assembly, perception, records and results."""

@@ -1,0 +1,1 @@
+"""From a tactile frame to the object's rotation: contact, axis, estimator."""

@@ -1,0 +1,159 @@
+"""A simulated UR5e: straight motions with trapezoidal speed, limits, and protective stops."""
+
+import numpy as np
+
+from drivers.clock import Clock, seconds
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    NotConnectedError,
+    OutOfLimitsError,
+    ProtectiveStopError,
+)
+from drivers.interfaces import Arm
+from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
+from fakes import kinematics
+from fakes.faults import FaultScript
+from fakes.motion import ToolPath, distance
+from fakes.slip import GRAVITY
+from fakes.travel import Travel
+from fakes.world import World
+
+TOOL_LENGTH_M = 0.28
+"""Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
+POLL_S = 0.008
+
+LIMITS = ArmLimits(
+    workspace_min_m=(0.15, -0.35, 0.01),
+    workspace_max_m=(0.75, 0.35, 0.60),
+    max_speed_m_s=0.5,
+    max_acceleration_m_s2=1.5,
+    max_payload_kg=5.0,
+)
+
+
+class FakeArm(Arm):
+    """Moves the world's tool; knows its joints through the UR5e's nominal kinematics."""
+
+    def __init__(self, world: World, clock: Clock, faults: FaultScript) -> None:
+        self._world = world
+        self._clock = clock
+        self._faults = faults
+        self._connected = False
+        self._joints: Vector6 = kinematics.ELBOW_UP
+
+    @property
+    def limits(self) -> ArmLimits:
+        """Limits of the simulated cell."""
+        return LIMITS
+
+    def connect(self) -> None:
+        """Reach the arm."""
+        self._connected = True
+
+    def disconnect(self) -> None:
+        """Stop and let go."""
+        if self._connected:
+            self.stop()
+        self._connected = False
+
+    def state(self) -> ArmState:
+        """State now."""
+        self._require_connected()
+        now = self._clock.now_ns()
+        pose = self._world.tool.pose_at(now)
+        self._joints = self._reach(pose)
+        stopped = self._faults.active("protective_stop", now, "arm")
+        return ArmState(
+            now,
+            pose,
+            self._joints,
+            self._wrench(now),
+            ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
+        )
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> "ArmMotion":  # noqa: N803
+        """Start a straight motion."""
+        self._require_connected()
+        self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
+        self._reach(base_T_tcp)
+        now = self._clock.now_ns()
+        start = self._world.tool.pose_at(now)
+        self.check_running()
+        travel = Travel(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
+        self._world.tool = ToolPath(start, base_T_tcp, travel)
+        return ArmMotion(self, self._world, self._clock)
+
+    def stop(self) -> None:
+        """Stop where it is."""
+        self._world.tool = self._world.tool.cut_at(self._clock.now_ns())
+
+    def check_running(self) -> None:
+        """Raise `ProtectiveStopError` (after stopping) or `DeviceError` when the arm cannot move."""
+        now = self._clock.now_ns()
+        if self._faults.active("disconnect", now, "arm"):
+            self.stop()
+            raise DeviceError("arm: connection lost; check the network, then start again")
+        if self._faults.active("protective_stop", now, "arm"):
+            self.stop()
+            raise ProtectiveStopError(
+                "arm: protective stop; look at the arm, clear the cause, release it on the pendant"
+            )
+
+    def _require_connected(self) -> None:
+        if not self._connected:
+            raise NotConnectedError("arm: used before connect; connect the bench first")
+
+    def _check_limits(self, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
+        low, high = LIMITS.workspace_min_m, LIMITS.workspace_max_m
+        if any(not lo <= v <= hi for lo, v, hi in zip(low, target.position_m, high, strict=True)):
+            raise OutOfLimitsError(
+                f"arm: target {target.position_m} m leaves the workspace {low} to {high} m"
+            )
+        if not 0.0 < speed_m_s <= LIMITS.max_speed_m_s:
+            raise OutOfLimitsError(f"arm: speed {speed_m_s} m/s is outside 0 to {LIMITS.max_speed_m_s} m/s")
+        if not 0.0 < acceleration_m_s2 <= LIMITS.max_acceleration_m_s2:
+            raise OutOfLimitsError(
+                f"arm: acceleration {acceleration_m_s2} m/s2 is outside 0 to "
+                f"{LIMITS.max_acceleration_m_s2} m/s2"
+            )
+
+    def _reach(self, pose: Pose) -> Vector6:
+        joints = kinematics.inverse(pose, TOOL_LENGTH_M, self._joints)
+        joints = joints or kinematics.inverse(pose, TOOL_LENGTH_M)
+        if joints is None:
+            raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
+        return joints
+
+    def _wrench(self, time_ns: int) -> Vector6:
+        """Force at the TCP, base axes: the weight of what hangs in the fingers, with sensor noise."""
+        moment = self._world.moment_at(time_ns)
+        mass = self._world.model.mass_kg if self._world.model and moment.held else 0.0
+        noise = np.random.default_rng((self._world.seed, time_ns)).normal(0.0, 1.0, 6)
+        force = noise[:3] * 0.3 + (0.0, 0.0, -mass * GRAVITY * moment.loaded)
+        fx, fy, fz = (float(v) for v in force)
+        tx, ty, tz = (float(v) for v in noise[3:] * 0.02)
+        return fx, fy, fz, tx, ty, tz
+
+
+class ArmMotion:
+    """Handle of a simulated straight motion."""
+
+    def __init__(self, arm: FakeArm, world: World, clock: Clock) -> None:
+        self._arm = arm
+        self._world = world
+        self._clock = clock
+
+    def done(self) -> bool:
+        """Whether the tool has arrived."""
+        self._arm.check_running()
+        return self._world.tool.travel.done_at(self._clock.now_ns())
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until arrival."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        while not self.done():
+            if self._clock.now_ns() >= deadline:
+                self._arm.stop()
+                raise DeviceTimeoutError(f"arm: motion not finished after {timeout_s:.1f} s; stopped it")
+            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))

@@ -1,0 +1,146 @@
+"""A simulated Robotiq 3-Finger gripper: activation, travel in counts, contact by object width."""
+
+from drivers.clock import Clock, seconds
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    GripperFaultError,
+    NotConnectedError,
+    OutOfLimitsError,
+)
+from drivers.interfaces import Gripper
+from drivers.types import GripperLimits, GripperState
+from fakes.faults import FaultScript
+from fakes.motion import FingerPath
+from fakes.travel import Travel
+from fakes.world import FINGER_STIFFNESS_N_M, World
+
+SPEED_COUNTS_S = 100.0
+"""About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
+ACCELERATION_COUNTS_S2 = 2000.0
+ACTIVATION_S = 3.0
+POLL_S = 0.01
+STALL_FORCE_N = 15.0
+"""The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
+ACTIVATION_NEEDED = 0x05
+ACTIVATION_FAULT = 0x0D
+MIN_COUNTS = 6
+MAX_COUNTS = 255
+
+
+class FakeGripper(Gripper):
+    """Moves the world's fingers; the third finger stays parked."""
+
+    def __init__(self, world: World, clock: Clock, faults: FaultScript) -> None:
+        self._world = world
+        self._clock = clock
+        self._faults = faults
+        self._connected = False
+        self._activated = False
+
+    @property
+    def limits(self) -> GripperLimits:
+        """Software limits: opening reads 6, not 0 (reference on the 3-Finger gripper, units)."""
+        layout = self._world.layout
+        return GripperLimits(MIN_COUNTS, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m)
+
+    def connect(self) -> None:
+        """Reach the gripper."""
+        self._connected = True
+
+    def disconnect(self) -> None:
+        """Let go; the fingers stay."""
+        self._connected = False
+
+    def activate(self) -> None:
+        """Sweep the fingers open."""
+        self._require_usable()
+        self._clock.sleep_until(self._clock.now_ns() + seconds(ACTIVATION_S))
+        self._activated = True
+        self.move_to(MIN_COUNTS).wait(timeout_s=5.0)
+
+    def state(self) -> GripperState:
+        """State now."""
+        self._require_usable()
+        now = self._clock.now_ns()
+        squeeze = self._world.squeeze_at(now)
+        return GripperState(
+            time_ns=now,
+            activated=self._activated,
+            moving=not self._world.fingers.travel.done_at(now),
+            position_counts=round(self._world.fingers.position_at(now)),
+            current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
+            fault_code=0,
+        )
+
+    def move_to(self, position_counts: int) -> "FingerMotion":
+        """Start moving the fingers; they stall where an object resists with 15 N."""
+        self._require_usable()
+        if not self._activated:
+            raise GripperFaultError(
+                "gripper: not activated; ask for activation first (the fingers will sweep their range)",
+                ACTIVATION_NEEDED,
+            )
+        if not MIN_COUNTS <= position_counts <= MAX_COUNTS:
+            raise OutOfLimitsError(
+                f"gripper: position {position_counts} is outside {MIN_COUNTS} to {MAX_COUNTS} counts"
+            )
+        now = self._clock.now_ns()
+        start = self._world.fingers.position_at(now)
+        end = min(float(position_counts), max(start, self._stall_counts(now)))
+        if self._faults.active("blocked", now, "gripper"):
+            end = start
+        travel = Travel(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
+        self._world.fingers = FingerPath(start, end, travel)
+        return FingerMotion(self, self._world, self._clock)
+
+    def stop(self) -> None:
+        """Hold the fingers where they are."""
+        self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns())
+
+    def check_usable(self) -> None:
+        """Raise what the gripper's state says is wrong."""
+        self._require_usable()
+
+    def _stall_counts(self, time_ns: int) -> float:
+        squeeze = self._world.squeeze_at(time_ns)
+        if squeeze <= 0.0:
+            return float(MAX_COUNTS)
+        spare_m = STALL_FORCE_N / FINGER_STIFFNESS_N_M - squeeze
+        return self._world.fingers.position_at(time_ns) + spare_m / self._world.layout.opening_per_count_m
+
+    def _require_usable(self) -> None:
+        now = self._clock.now_ns()
+        if not self._connected:
+            raise NotConnectedError("gripper: used before connect; connect the bench first")
+        if self._faults.active("disconnect", now, "gripper"):
+            raise DeviceError("gripper: no answer; check power and cable, then start again")
+        if self._faults.active("fault", now, "gripper"):
+            self._activated = False
+            raise GripperFaultError(
+                "gripper: fault 0x0D (activation fault); free the fingers, then activate again",
+                ACTIVATION_FAULT,
+            )
+
+
+class FingerMotion:
+    """Handle of a simulated finger motion."""
+
+    def __init__(self, gripper: FakeGripper, world: World, clock: Clock) -> None:
+        self._gripper = gripper
+        self._world = world
+        self._clock = clock
+
+    def done(self) -> bool:
+        """Whether the fingers have arrived or stalled."""
+        self._gripper.check_usable()
+        return self._world.fingers.travel.done_at(self._clock.now_ns())
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until done."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        while not self.done():
+            if self._clock.now_ns() >= deadline:
+                self._gripper.stop()
+                raise DeviceTimeoutError(f"gripper: motion not finished after {timeout_s:.1f} s; stopped it")
+            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))

@@ -1,0 +1,80 @@
+"""UR5e kinematics from its nominal Denavit-Hartenberg parameters (Universal Robots, DH page)."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from drivers.types import Pose, Vector6
+
+_A_M = (0.0, -0.425, -0.3922, 0.0, 0.0, 0.0)
+_D_M = (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996)
+_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+JOINT_LIMIT_RAD = 2 * np.pi
+ELBOW_UP: Vector6 = (0.0, -1.75, -1.9, -1.05, 1.57, 0.0)
+_REACHED = 1e-6
+
+
+def forward(joints_rad: Vector6 | NDArray[np.float64], tool_length_m: float) -> Pose:
+    """Return `base_T_tcp` of six joint angles with a straight tool of the given length."""
+    transform = _chain(np.asarray(joints_rad, float), tool_length_m)[-1]
+    return Pose.from_rotation(transform[:3, 3], Rotation.from_matrix(transform[:3, :3]))
+
+
+def inverse(
+    base_T_tcp: Pose,  # noqa: N803
+    tool_length_m: float,
+    near_rad: Vector6 = ELBOW_UP,
+    iterations: int = 60,
+) -> Vector6 | None:
+    """Return joint angles near `near_rad` that reach a pose, or None when it is out of reach.
+
+    Damped least squares (Wampler 1986); a nearby start needs two or three iterations.
+    """
+    joints = np.array(near_rad, float)
+    target_position = np.asarray(base_T_tcp.position_m)
+    target_rotation = base_T_tcp.rotation.as_matrix()
+    for _ in range(iterations):
+        frames = _chain(joints, tool_length_m)
+        error = _pose_error(frames[-1], target_position, target_rotation)
+        if float(np.abs(error).max()) < _REACHED:
+            wrapped = (joints + np.pi) % (2 * np.pi) - np.pi
+            return tuple(float(v) for v in wrapped)  # type: ignore[return-value]
+        jacobian = _jacobian(frames)
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), error)
+        joints += np.clip(step, -0.5, 0.5)
+    return None
+
+
+def _chain(joints: NDArray[np.float64], tool_length_m: float) -> list[NDArray[np.float64]]:
+    frames = [np.eye(4)]
+    for i, angle in enumerate(joints):
+        c, s = np.cos(angle), np.sin(angle)
+        ca, sa = np.cos(_ALPHA[i]), np.sin(_ALPHA[i])
+        link = np.array(
+            [
+                [c, -s * ca, s * sa, _A_M[i] * c],
+                [s, c * ca, -c * sa, _A_M[i] * s],
+                [0.0, sa, ca, _D_M[i]],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+        frames.append(frames[-1] @ link)
+    tool = np.eye(4)
+    tool[2, 3] = tool_length_m
+    frames.append(frames[-1] @ tool)
+    return frames
+
+
+def _pose_error(
+    frame: NDArray[np.float64], position: NDArray[np.float64], rotation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    turn = Rotation.from_matrix(rotation @ frame[:3, :3].T).as_rotvec()
+    return np.concatenate([position - frame[:3, 3], turn])
+
+
+def _jacobian(frames: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    tip = frames[-1][:3, 3]
+    columns = [
+        np.concatenate([np.cross(frame[:3, 2], tip - frame[:3, 3]), frame[:3, 2]]) for frame in frames[:6]
+    ]
+    return np.array(columns).T

@@ -1,0 +1,99 @@
+"""How a held object turns between two fingers while it is lifted: one lift's dynamics.
+
+The far end of the object stays on its support while the grasp rises, so the support demands
+the angle asin(height / lever). The grip follows it in stick and slip: the gel winds up by a
+threshold, gives way at a bounded rate, sticks again (paper, section IV-B, phases A to C). Where
+the grip's torque exceeds the object's weight torque, the object is held instead.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class GripLoad:
+    """What acts on the grip: normal force per finger (N), weight (N), lever (m, signed), reach (m).
+
+    lever: centre of mass to grasp, positive when the grasp is on the object's right (+x).
+    reach: distance from the grasp to the end that stays on the support.
+    """
+
+    force_n: float
+    weight_n: float
+    friction: float
+    patch_radius_m: float
+    lever_m: float
+    reach_m: float
+
+    def holds_turn(self) -> bool:
+        """Whether friction carries the weight's torque: two pads, disc of uniform pressure."""
+        torque = 2.0 * self.friction * self.force_n * (2.0 / 3.0) * self.patch_radius_m
+        return torque >= self.weight_n * abs(self.lever_m)
+
+    def holds_weight(self) -> bool:
+        """Whether the pads carry the share of the weight that the support does not."""
+        share = 1.0 if self.holds_turn() else 1.0 - min(abs(self.lever_m) / self.reach_m, 1.0)
+        return 2.0 * self.friction * self.force_n >= share * self.weight_n
+
+
+@dataclass(slots=True)
+class SlipDynamics:
+    """State of one grip: turn (rad, counter-clockwise as the camera sees it), gel torsion, slide."""
+
+    rng: np.random.Generator
+    angle_rad: float = 0.0
+    torsion_rad: float = 0.0
+    slide_m: float = 0.0
+    fallen: bool = False
+    slipping: bool = False
+    creep_rad: float = 0.0
+    _threshold_rad: float = math.radians(0.4)
+    _rate_rad_s: float = math.radians(30.0)
+
+    def step(self, load: GripLoad, height_m: float, dt_s: float) -> None:
+        """Advance by `dt_s` with the grasp `height_m` above where it was closed."""
+        before = self.angle_rad
+        if height_m > 0.0 and not load.holds_weight():
+            self._fall(dt_s)
+        elif load.holds_turn():
+            self._wind_up(load, height_m)
+        else:
+            self._stick_slip(load, height_m, dt_s)
+        self._twist_gel(self.angle_rad - before, dt_s)
+
+    def _fall(self, dt_s: float) -> None:
+        self.slide_m += max(0.02, 3.0 * self.slide_m) * dt_s
+        self.fallen = self.fallen or self.slide_m > 0.012
+
+    def _wind_up(self, load: GripLoad, height_m: float) -> None:
+        """A held object only twists the gel as its weight comes onto the pads."""
+        loaded = min(height_m / 0.01, 1.0)
+        self.angle_rad = math.copysign(loaded * math.radians(0.3), load.lever_m)
+
+    def _stick_slip(self, load: GripLoad, height_m: float, dt_s: float) -> None:
+        demand = math.asin(min(max(height_m, 0.0) / load.reach_m, 0.95))
+        turned = abs(self.angle_rad)
+        if self.slipping:
+            turned += self._rate_rad_s * dt_s
+            if turned >= demand:
+                turned, self.slipping = demand, False
+                self._threshold_rad = math.radians(min(self.rng.lognormal(-1.0, 0.7), 2.5))
+        elif demand - turned > self._threshold_rad:
+            self.slipping = True
+            self._rate_rad_s = math.radians(self.rng.uniform(15.0, 60.0))
+        elif demand < turned:
+            turned = demand
+        else:
+            turned = min(turned + self.creep_rad * math.exp(-turned) * dt_s, demand)
+        self.angle_rad = math.copysign(turned, load.lever_m)
+        self.slide_m += 2e-5 * abs(self._rate_rad_s) * dt_s if self.slipping else 0.0
+
+    def _twist_gel(self, turned_rad: float, dt_s: float) -> None:
+        """The gel is dragged along up to a limit and relaxes within about a second."""
+        limit = math.radians(1.5)
+        drag = 1.0 - min(abs(self.torsion_rad) / limit, 1.0) * (turned_rad * self.torsion_rad > 0)
+        self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / 0.8

@@ -1,0 +1,136 @@
+"""What all simulated cameras share: a capture schedule, a backlog, faults, and JPEG."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
+from drivers.types import Frame, Image
+from fakes.faults import FaultScript
+
+BACKLOG_FRAMES = 32
+JPEG_QUALITY = 95
+Render = Callable[[int, np.random.Generator], Image]
+
+
+@dataclass(frozen=True, slots=True)
+class Shutter:
+    """When a camera captures: rate, phase against other cameras, jitter, and transport time."""
+
+    rate_hz: float
+    phase_s: float
+    latency_s: float = 0.004
+    jitter_s: float = 0.0004
+
+
+class FakeSource:
+    """Frames on a schedule, rendered when they are read; `render(time_ns, rng)` draws one.
+
+    Each frame's noise is seeded by its number, so a frame looks the same whoever reads when.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        shutter: Shutter,
+        render: Render,
+        clock: Clock,
+        faults: FaultScript,
+        seed: int,
+    ) -> None:
+        self._names = names
+        self._shutter = shutter
+        self._render = render
+        self._clock = clock
+        self._faults = faults
+        self._seed = seed
+        self._next: int | None = None
+        self._frozen: Frame | None = None
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the simulated unit."""
+        return self._names[0]
+
+    @property
+    def rate_hz(self) -> float:
+        """Frame rate."""
+        return self._shutter.rate_hz
+
+    def connect(self) -> None:
+        """Start capturing: the first frame is the next one due."""
+        self._next = self._newest_index() + 1
+
+    def disconnect(self) -> None:
+        """Stop capturing."""
+        self._next = None
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Oldest unread frame, see `drivers.interfaces.FrameSource`."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        while True:
+            index = max(self._due_index(), self._newest_index() - BACKLOG_FRAMES + 1)
+            arrival = self._captured_ns(index) + seconds(self._shutter.latency_s)
+            if arrival > deadline:
+                self._clock.sleep_until(deadline)
+                raise DeviceTimeoutError(
+                    f"{self.serial}: no frame within {timeout_s:.3g} s; check its cable and USB port"
+                )
+            self._clock.sleep_until(arrival)
+            self._next = index + 1
+            if not self._active("drop", index):
+                return self._capture(index)
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        """Newest frame, see `drivers.interfaces.FrameSource`."""
+        index = max(self._newest_index(), 0)
+        self._due_index()
+        age = (self._clock.now_ns() - self._captured_ns(index)) / NS_PER_S
+        if age > max_age_s or age < 0 or self._active("drop", index):
+            raise StaleFrameError(
+                f"{self.serial}: newest frame is {age:.3f} s old, over the limit of {max_age_s:.3f} s; "
+                "check that the sensor still streams"
+            )
+        self._next = index + 1
+        return self._capture(index)
+
+    def _due_index(self) -> int:
+        if self._next is None:
+            raise NotConnectedError(f"{self.serial}: read before connect; connect the bench first")
+        return self._next
+
+    def _newest_index(self) -> int:
+        elapsed_s = self._clock.now_ns() / NS_PER_S - self._shutter.phase_s - self._shutter.latency_s
+        return int(np.floor(elapsed_s * self._shutter.rate_hz - 0.5))
+
+    def _captured_ns(self, index: int) -> int:
+        wobble = np.random.default_rng((self._seed, index, 1)).uniform(-1.0, 1.0) * self._shutter.jitter_s
+        return seconds(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble)
+
+    def _active(self, kind: str, index: int) -> bool:
+        return self._faults.active(kind, self._captured_ns(index), *self._names)
+
+    def _capture(self, index: int) -> Frame:
+        time_ns = self._captured_ns(index)
+        if self._active("disconnect", index):
+            raise DeviceError(f"{self.serial}: the device is gone; check its cable, then start again")
+        if self._active("freeze", index) and self._frozen is not None:
+            old = self._frozen
+            return Frame(old.image, time_ns, index, self.serial, old.jpeg)
+        image = self._render(time_ns, np.random.default_rng((self._seed, index, 0)))
+        self._frozen = _compressed(image, time_ns, index, self.serial)
+        return self._frozen
+
+
+def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame:
+    """Encode as the device would; what is delivered is what the bytes decode to."""
+    ok, encoded = cv2.imencode(
+        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    )
+    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB) if ok else None
+    if decoded is None:
+        raise DeviceError(f"{serial}: a simulated frame could not be encoded")
+    return Frame(np.asarray(decoded, np.uint8), time_ns, sequence, serial, encoded.tobytes())

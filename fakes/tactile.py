@@ -1,0 +1,96 @@
+"""A simulated DIGIT on a finger: what its gel shows of the object the world holds."""
+
+import math
+
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.interfaces import TactileSensor
+from drivers.types import Image
+from fakes.faults import FaultScript
+from fakes.optics import GelSensor, Imprint
+from fakes.source import FakeSource, Shutter
+from fakes.surfaces import Surface, build_surface, depth_for_force
+from fakes.world import Moment, World
+
+_FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
+
+
+class FakeDigit(FakeSource, TactileSensor):
+    """Sees the object through a gel of its own; `side` +1 looks the way the camera looks."""
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        faults: FaultScript,
+        serial: str,
+        unit_seed: int,
+        side: int,
+        shutter: Shutter,
+    ) -> None:
+        super().__init__((serial, "tactile"), shutter, self._draw, clock, faults, world.seed * 8 + 4 + side)
+        self._world = world
+        self._side = side
+        self._gel = GelSensor(unit_seed)
+        self._pressed: tuple[object, Surface, np.ndarray] | None = None
+        self._light = 1.0
+
+    def set_light(self, red: float, green: float, blue: float) -> None:
+        """Scale the LEDs together; the simulated unit has one supply."""
+        self._light = (red + green + blue) / 3.0
+
+    def _draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+        moment = self._world.moment_at(time_ns)
+        image = self._gel.render(self._imprint(moment), time_ns / NS_PER_S, rng)
+        if self._light == 1.0:
+            return image
+        return np.clip(image * self._light, 0, 255).astype(np.uint8)
+
+    def _surface(self) -> tuple[Surface, np.ndarray]:
+        """The touched surface, and the depth it is pressed to over a grid of forces."""
+        site = self._world.site
+        if site is None:
+            raise ValueError("no object is held")
+        if self._pressed is None or self._pressed[0] is not site:
+            surface = build_surface(site, self._side, self._world.seed)
+            depths = np.array([depth_for_force(surface, float(f), (0.0, 0.0)) for f in _FORCE_GRID_N])
+            self._pressed = (site, surface, depths)
+        return self._pressed[1], self._pressed[2]
+
+    def _imprint(self, moment: Moment) -> Imprint | None:
+        if not moment.held or moment.force_n <= 0.0 or self._world.site is None:
+            return None
+        surface, depths = self._surface()
+        turn = moment.object_turn_rad - moment.wrist_rad
+        return Imprint(
+            surface=surface,
+            angle_deg=math.degrees(self._side * turn),
+            centre_mm=self._centre_mm(moment, turn),
+            depth_mm=float(np.interp(moment.force_n, _FORCE_GRID_N, depths)),
+            tilt=self._tilt(moment, turn),
+            lag_deg=math.degrees(self._side * moment.torsion_rad),
+        )
+
+    def _centre_mm(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
+        """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
+        draw = self._world.draw
+        px, py = draw.pivot_mm
+        x, y = _turned(px, py, turn_rad)
+        across = draw.misplacement_m[0] * 1e3 + px - x
+        down = draw.misplacement_m[1] * 1e3 + py - y + moment.slide_m * 1e3
+        return self._side * across, down
+
+    def _tilt(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
+        """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
+        draw = self._world.draw
+        tx = draw.tilt_at_rest[0] + moment.loaded * draw.tilt_under_load[0]
+        ty = draw.tilt_at_rest[1] + moment.loaded * draw.tilt_under_load[1]
+        x, y = _turned(tx, ty, turn_rad)
+        return self._side * x, y
+
+
+def _turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
+    """Turn an image vector (x right, y down) counter-clockwise as seen."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return c * x + s * y_down, -s * x + c * y_down

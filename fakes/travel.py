@@ -1,0 +1,58 @@
+"""How simulated actuators travel: trapezoidal speed between two values."""
+
+import math
+from dataclasses import dataclass
+
+from drivers.clock import NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """A trapezoidal run over `distance` (any unit) starting at `start_ns`.
+
+    speed and acceleration are in the distance's unit per s and per s^2. `fraction_at` runs
+    from 0 to 1. A run that was cut short keeps its `stop_fraction`.
+    """
+
+    start_ns: int
+    distance: float
+    speed: float
+    acceleration: float
+    stop_fraction: float = 1.0
+
+    @property
+    def _ramp_s(self) -> float:
+        return min(self.speed / self.acceleration, math.sqrt(self.distance / self.acceleration))
+
+    @property
+    def duration_s(self) -> float:
+        """Time from start to end of the uncut run, s."""
+        if self.distance <= 0.0:
+            return 0.0
+        ramp = self._ramp_s
+        cruise = self.distance - self.acceleration * ramp * ramp
+        return 2.0 * ramp + max(cruise, 0.0) / self.speed
+
+    def fraction_at(self, time_ns: int) -> float:
+        """Share of the distance covered at `time_ns`."""
+        return min(self._uncut_fraction_at(time_ns), self.stop_fraction)
+
+    def done_at(self, time_ns: int) -> bool:
+        """Whether the run (cut or not) has ended."""
+        return self._uncut_fraction_at(time_ns) >= self.stop_fraction
+
+    def _uncut_fraction_at(self, time_ns: int) -> float:
+        duration = self.duration_s
+        elapsed = (time_ns - self.start_ns) / NS_PER_S
+        if elapsed >= duration:
+            return 1.0
+        if elapsed <= 0.0:
+            return 0.0
+        ramp = self._ramp_s
+        if elapsed < ramp:
+            covered = 0.5 * self.acceleration * elapsed**2
+        elif elapsed > duration - ramp:
+            covered = self.distance - 0.5 * self.acceleration * (duration - elapsed) ** 2
+        else:
+            covered = self.acceleration * ramp * (elapsed - 0.5 * ramp)
+        return covered / self.distance

@@ -1,0 +1,221 @@
+"""The one world of the simulated bench: all fakes read it and move it.
+
+It holds the tool, the fingers, the object, and what happens between them. Only fakes may look:
+protocols, drivers and estimators see what a sensor would show.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError
+from drivers.types import Pose
+from fakes.catalogue import GraspSite, ObjectModel
+from fakes.motion import FingerPath, ToolPath, tool_tilt
+from fakes.slip import GRAVITY, GripLoad, SlipDynamics
+from fakes.travel import Travel
+
+STEP_NS = 2_000_000
+HISTORY_STEPS = 1500
+FINGER_STIFFNESS_N_M = 420.0
+"""Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
+REACH_OF_GRASP_M = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where things are on the simulated bench (base frame, m) and how wide the fingers open."""
+
+    base_T_table: Pose  # noqa: N815
+    home: Pose
+    max_opening_m: float = 0.155
+    opening_per_count_m: float = 0.155 / 255.0
+    """Nominal stroke; the manual gives no figure, see the reference on the 3-Finger gripper."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The world at one instant. Angles in rad, counter-clockwise as the camera sees them."""
+
+    time_ns: int
+    force_n: float
+    object_turn_rad: float
+    wrist_rad: float
+    torsion_rad: float
+    slide_m: float
+    loaded: float
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What differs from lift to lift, drawn from the world's seed."""
+
+    misplacement_m: tuple[float, float]
+    width_error_m: float
+    friction_factor: float
+    pivot_mm: tuple[float, float]
+    tilt_at_rest: tuple[float, float]
+    tilt_under_load: tuple[float, float]
+    force_shift: float
+    sway_phase: float
+
+    @classmethod
+    def from_rng(cls, rng: np.random.Generator) -> "Draw":
+        """Draw one lift's peculiarities."""
+
+        def pair(spread: float) -> tuple[float, float]:
+            return float(rng.normal(0.0, spread)), float(rng.normal(0.0, spread))
+
+        return cls(
+            misplacement_m=pair(0.0008),
+            width_error_m=float(rng.normal(0.0, 0.0004)),
+            friction_factor=float(rng.uniform(0.8, 1.2)),
+            pivot_mm=pair(1.2),
+            tilt_at_rest=pair(0.008),
+            tilt_under_load=pair(0.012),
+            force_shift=float(rng.normal(0.0, 0.12)),
+            sway_phase=float(rng.uniform(0.0, 2 * math.pi)),
+        )
+
+
+@dataclass(slots=True)
+class World:
+    """Tool, fingers, object and contact, stepped every 2 ms of simulated time."""
+
+    layout: Layout
+    seed: int
+    tool: ToolPath = field(init=False)
+    fingers: FingerPath = field(init=False)
+    model: ObjectModel | None = None
+    site: GraspSite | None = None
+    draw: Draw = field(init=False)
+    _rng: np.random.Generator = field(init=False)
+    _slip: SlipDynamics | None = None
+    _grasp_height_m: float = 0.0
+    _grasp_tilt_rad: float = 0.0
+    _history: deque[Moment] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        self.draw = Draw.from_rng(self._rng)
+        self.tool = ToolPath.resting(self.layout.home)
+        self.fingers = FingerPath(0.0, 0.0, Travel(0, 0.0, 1.0, 1.0))
+        first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+        self._history = deque([first], maxlen=HISTORY_STEPS)
+
+    def place(self, model: ObjectModel) -> None:
+        """An operator puts an object on the table, where the bench file says."""
+        self.model, self.site, self._slip = model, None, None
+
+    def opening_at(self, time_ns: int) -> float:
+        """Distance between the two grasping fingertips, m."""
+        return self.layout.max_opening_m - self.fingers.position_at(time_ns) * self.layout.opening_per_count_m
+
+    def squeeze_at(self, time_ns: int) -> float:
+        """How far the fingers are closed beyond the object's surface, m (0 without contact)."""
+        site = self.site or self._reachable_site(time_ns)
+        if site is None:
+            return 0.0
+        width = site.width_m + self.draw.width_error_m
+        return max(0.0, width - self.opening_at(time_ns))
+
+    def moment_at(self, time_ns: int) -> Moment:
+        """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
+        while self._history[-1].time_ns < time_ns:
+            self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
+        newest = self._history[-1].time_ns
+        index = len(self._history) - 1 - (newest - time_ns + STEP_NS - 1) // STEP_NS
+        if index < 0:
+            raise DeviceError("simulated world: asked for a moment more than 3 s in the past")
+        if newest == time_ns or index + 1 >= len(self._history):
+            return self._history[-1]
+        return _between(self._history[index], self._history[index + 1], time_ns)
+
+    def object_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_object`: origin at the centre of mass, x along the object, z up."""
+        moment = self.moment_at(time_ns)
+        right, down = self.draw.misplacement_m
+        if not moment.held or self.site is None:
+            return self.layout.base_T_table.translated(x_m=right, z_m=-down)
+        turn = Rotation.from_euler("y", -moment.object_turn_rad)
+        grasp = np.array(self.tool.position_at(time_ns)) + (right, 0.0, -down - moment.slide_m)
+        return Pose.from_rotation(grasp - turn.apply((self.site.offset_m, 0.0, 0.0)), turn)
+
+    def _reachable_site(self, time_ns: int) -> GraspSite | None:
+        """The grasp site of the placed object that the fingers stand around, if any."""
+        if self.model is None:
+            return None
+        x, _, z = self.tool.position_at(time_ns)
+        table_x, _, table_z = self.layout.base_T_table.position_m
+        if abs(z - table_z) > REACH_OF_GRASP_M:
+            return None
+        nearest = min(self.model.sites, key=lambda site: abs(table_x + site.offset_m - x))
+        off = abs(table_x + nearest.offset_m - x)
+        return nearest if off <= REACH_OF_GRASP_M else None
+
+    def _stepped(self, time_ns: int) -> Moment:
+        wrist = self.tool.tilt_at(time_ns)
+        squeeze = self.squeeze_at(time_ns)
+        if squeeze <= 0.0 or self.model is None:
+            self.site, self._slip = None, None
+            return Moment(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
+        if self._slip is None:
+            self._close_on_object(time_ns, wrist)
+        return self._held(time_ns, squeeze, wrist)
+
+    def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
+        self.site = self._reachable_site(time_ns)
+        self._slip = SlipDynamics(self._rng, creep_rad=math.radians(self._rng.uniform(0.0, 0.3)))
+        self._grasp_height_m = self.tool.position_at(time_ns)[2]
+        self._grasp_tilt_rad = wrist_rad
+
+    def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> Moment:
+        slip, model, site = self._slip, self.model, self.site
+        if slip is None or model is None or site is None:
+            raise DeviceError("simulated world: an object is held by no grasp site")
+        height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
+        loaded = min(height / 0.015, 1.0)
+        sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.draw.sway_phase)
+        force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.draw.force_shift * loaded + sway)
+        slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
+        if slip.fallen:
+            return Moment(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
+        turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
+        return Moment(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
+
+    def _load(self, model: ObjectModel, site: GraspSite, force_n: float) -> GripLoad:
+        left_end = model.com_from_left_m + site.offset_m
+        right_end = model.length_m - left_end
+        return GripLoad(
+            force_n=force_n,
+            weight_n=model.mass_kg * GRAVITY,
+            friction=model.friction * self.draw.friction_factor,
+            patch_radius_m=0.004,
+            lever_m=site.offset_m,
+            reach_m=max(left_end if site.offset_m > 0 else right_end, 0.02),
+        )
+
+
+def _between(before: Moment, after: Moment, time_ns: int) -> Moment:
+    f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
+    if before.held != after.held:
+        return replace(after, time_ns=time_ns)
+
+    def mixed(a: float, b: float) -> float:
+        return a + f * (b - a)
+
+    return Moment(
+        time_ns,
+        mixed(before.force_n, after.force_n),
+        mixed(before.object_turn_rad, after.object_turn_rad),
+        mixed(before.wrist_rad, after.wrist_rad),
+        mixed(before.torsion_rad, after.torsion_rad),
+        mixed(before.slide_m, after.slide_m),
+        mixed(before.loaded, after.loaded),
+        after.held,
+    )

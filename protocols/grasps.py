@@ -1,0 +1,87 @@
+"""Where each object is grasped: the readable files of `protocols/objects`."""
+
+import tomllib
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from drivers.errors import InputError
+
+OBJECTS_FOLDER = Path(__file__).parent / "objects"
+TRIAL_OBJECTS = ("1", "7", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
+"""The paper's set D_a: two objects of the data set and seven unseen ones."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Position(_Strict):
+    """One place to grasp: `offset_m` from the centre of mass along the object, and how wide it is.
+
+    `lift_height_m`: how far a slip trial lifts here at most (0: not used for trials).
+    """
+
+    name: str
+    offset_m: float = Field(ge=-0.3, le=0.3)
+    width_m: float = Field(gt=0.0, lt=0.15)
+    lift_height_m: float = Field(default=0.0, ge=0.0, le=0.3)
+
+
+class GraspFile(_Strict):
+    """One object: three positions, five orientations (paper, section IV-A), and light grips."""
+
+    id: str
+    name: str
+    orientations_deg: tuple[float, float, float, float, float]
+    grip_counts: tuple[int, int]
+    position: tuple[Position, Position, Position]
+
+
+@dataclass(frozen=True, slots=True)
+class GraspPose:
+    """One of an object's fifteen poses, numbered from 0: position-major, as in the file."""
+
+    index: int
+    position: Position
+    orientation_deg: float
+
+
+@cache
+def load_grasp_files() -> dict[str, GraspFile]:
+    """Read all object files, by id. Raises `InputError` naming the file and the key at fault."""
+    files = {}
+    for path in sorted(OBJECTS_FOLDER.glob("*.toml")):
+        try:
+            grasp_file = GraspFile.model_validate(tomllib.loads(path.read_text()))
+        except (ValidationError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{path}: {error}") from error
+        files[grasp_file.id] = grasp_file
+    return files
+
+
+def find_grasp_file(text: str) -> GraspFile:
+    """Find an object by id ("7", "t1") or name ("wrench"). Raises `InputError` with what exists."""
+    files = load_grasp_files()
+    wanted = text.strip().lower()
+    for grasp_file in files.values():
+        if wanted in (grasp_file.id, grasp_file.name.lower()):
+            return grasp_file
+    names = [f.name for f in files.values()]
+    near = get_close_matches(wanted, [*names, *files], n=1)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    listed = ", ".join(f"{f.id} {f.name}" for f in sorted(files.values(), key=_order))
+    raise InputError(f"unknown object '{text}': {hint}known are {listed}")
+
+
+def grasp_poses(grasp_file: GraspFile) -> list[GraspPose]:
+    """Return the fifteen poses of an object."""
+    pairs = [(p, o) for p in grasp_file.position for o in grasp_file.orientations_deg]
+    return [GraspPose(i, position, orientation) for i, (position, orientation) in enumerate(pairs)]
+
+
+def _order(grasp_file: GraspFile) -> tuple[bool, int]:
+    return grasp_file.id.startswith("t"), int(grasp_file.id.lstrip("t"))

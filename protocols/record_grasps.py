@@ -1,0 +1,64 @@
+"""Recording grasp poses (paper, section IV-A): reference first, then each pose at several grips."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.bench import Bench
+from drivers.types import Pose
+from protocols.pump import Pump
+from protocols.steps import approach, close_to_contact, lower_and_release, make_safe, step_fingers
+from protocols.watch import Watch
+
+REFERENCE_S = 0.5
+CAPTURE_TIMEOUT_S = 4.0
+
+
+class CaptureWatch(Watch, Protocol):
+    """A watch that takes images when asked to."""
+
+    def want(self, images: int, grip_counts: int) -> None:
+        """Take this many more images, at a grip of so many counts past first contact."""
+        ...
+
+    def satisfied(self) -> bool:
+        """Whether all wanted images have been taken."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PosePlan:
+    """One grasp pose to record: `grips` pairs counts past first contact with images to take."""
+
+    object_id: str
+    object_name: str
+    pose_index: int
+    base_T_grasp: Pose  # noqa: N815 - frame names keep their case
+    width_m: float
+    grips: tuple[tuple[int, int], ...]
+
+
+def record_reference(bench: Bench, watch: Watch) -> None:
+    """Show the watch what the fingertips see without contact; nothing moves."""
+    pump = Pump(bench, watch)
+    pump.start()
+    pump.run_for(REFERENCE_S)
+
+
+def record_pose(bench: Bench, plan: PosePlan, watch: CaptureWatch) -> None:
+    """Grasp at one pose, grip step by step while images are taken, and set the object free.
+
+    Raises the device's error after the safe end, with a note on how it ended.
+    """
+    try:
+        pump = Pump(bench, watch)
+        approach(bench, plan.base_T_grasp, plan.width_m)
+        pump.start()
+        contact_counts = close_to_contact(bench, pump, watch)
+        for grip_counts, images in plan.grips:
+            step_fingers(bench, pump, watch, contact_counts + grip_counts)
+            watch.want(images, grip_counts)
+            pump.run_until(watch.satisfied, CAPTURE_TIMEOUT_S)
+    except BaseException as error:
+        error.add_note(make_safe(bench, plan.base_T_grasp, plan.width_m))
+        raise
+    lower_and_release(bench, plan.base_T_grasp, plan.width_m)

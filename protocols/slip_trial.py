@@ -1,0 +1,73 @@
+"""One lift of the slip trial (paper, section IV-B): reference, grasp, lift, hold, set down."""
+
+from dataclasses import dataclass
+
+from drivers.bench import Bench
+from drivers.types import Pose
+from protocols.pump import Pump
+from protocols.steps import approach, close_to_contact, lift, lower_and_release, make_safe, step_fingers
+from protocols.watch import Phase, Watch
+
+REFERENCE_S = 0.25
+GRASP_S = 3.0
+SETTLE_S = 0.8
+LIFT_S = 1.5
+HOLD_S = 1.5
+LIFT_TIMEOUT_S = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class LiftPlan:
+    """Everything one lift is told.
+
+    base_T_grasp: TCP when closed on the object. grip_counts: gripper counts beyond the first
+    contact of both fingertips. width_m: of the object at the grasp. lift_height_m: of phase B.
+    """
+
+    object_id: str
+    object_name: str
+    position: str
+    base_T_grasp: Pose  # noqa: N815 - frame names keep their case
+    width_m: float
+    grip_counts: int
+    lift_height_m: float
+
+
+def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
+    """Carry out one lift; whatever happens, it ends with the arm stopped or the object set down.
+
+    Raises the device's error after the safe end, with a note on how it ended; the watch has seen
+    everything until then.
+    """
+    try:
+        pump = Pump(bench, watch)
+        approach(bench, plan.base_T_grasp, plan.width_m)
+        pump.start()
+        _phase(bench, watch, Phase.REFERENCE)
+        pump.run_for(REFERENCE_S)
+        _phase(bench, watch, Phase.GRASP)
+        _grasp(bench, pump, watch, plan)
+        _phase(bench, watch, Phase.LIFT)
+        rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
+        pump.run_until(rising.done, LIFT_TIMEOUT_S)
+        _phase(bench, watch, Phase.HOLD)
+        pump.run_for(HOLD_S)
+        _phase(bench, watch, Phase.LOWER)
+    except BaseException as error:
+        error.add_note(make_safe(bench, plan.base_T_grasp, plan.width_m))
+        raise
+    lower_and_release(bench, plan.base_T_grasp, plan.width_m)
+
+
+def _grasp(bench: Bench, pump: Pump, watch: Watch, plan: LiftPlan) -> None:
+    """Close to first contact, a few counts further, and wait until phase A has lasted its time."""
+    began_ns = bench.clock.now_ns()
+    contact_counts = close_to_contact(bench, pump, watch)
+    for counts in range(contact_counts + 1, contact_counts + plan.grip_counts + 1):
+        step_fingers(bench, pump, watch, counts)
+    spent_s = (bench.clock.now_ns() - began_ns) / 1e9
+    pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
+
+
+def _phase(bench: Bench, watch: Watch, phase: Phase) -> None:
+    watch.phase(phase, bench.clock.now_ns())

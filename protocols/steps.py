@@ -1,0 +1,93 @@
+"""The steps that experiments are made of, each a few driver calls."""
+
+from drivers.bench import Bench
+from drivers.errors import DeviceError, GraspError, ProtectiveStopError
+from drivers.interfaces import Motion
+from drivers.types import Pose
+from protocols.pump import Pump
+from protocols.watch import Operator, Watch
+
+TRAVEL_SPEED_M_S = 0.25
+LOWER_SPEED_M_S = 0.10
+ACCELERATION_M_S2 = 1.0
+MOTION_TIMEOUT_S = 15.0
+CLEARANCE_M = 0.10
+"""Height above the grasp from which it is approached and to which the hand retreats."""
+MARGIN_M = 0.003
+"""How much wider than the object the fingers stand before the careful closing begins."""
+STEP_SETTLE_S = 0.05
+MAX_STEPS = 24
+
+
+def make_ready(bench: Bench, operator: Operator) -> None:
+    """Activate the gripper if it needs it; asks first, because the fingers sweep their range."""
+    if not bench.gripper.state().activated:
+        operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
+        bench.gripper.activate()
+
+
+def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
+    """Open the fingers a little wider than the object and come down around it."""
+    limits = bench.gripper.limits
+    bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
+    for pose in (base_T_grasp.translated(z_m=CLEARANCE_M), base_T_grasp):
+        _move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+
+
+def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
+    """Close in one-count steps until both fingertips touch; return the counts at that point.
+
+    The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
+    much: position steps with the tactile image as the stop are the light grip.
+    Raises `GraspError` when the fingers meet nothing.
+    """
+    counts = bench.gripper.state().position_counts
+    for _ in range(MAX_STEPS):
+        if all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
+            return counts
+        counts += 1
+        step_fingers(bench, pump, watch, counts)
+    raise GraspError(
+        f"gripper: no contact on both fingertips after {MAX_STEPS} steps (at {counts} counts); "
+        "check that the object lies in its place and that its width in the object file is right"
+    )
+
+
+def step_fingers(bench: Bench, pump: Pump, watch: Watch, counts: int) -> None:
+    """Move the fingers to `counts` while frames keep coming, and let the gel settle."""
+    pump.run_until(bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
+    watch.gripper(bench.gripper.state())
+    pump.run_for(STEP_SETTLE_S)
+
+
+def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -> Motion:  # noqa: N803
+    """Start lifting straight up; return the motion."""
+    speed = 1.25 * height_m / duration_s
+    return _move(bench, base_T_grasp.translated(z_m=height_m), speed)
+
+
+def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
+    """Set the object down, open the fingers, and retreat upwards."""
+    limits = bench.gripper.limits
+    _move(bench, base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
+    _move(bench, base_T_grasp.translated(z_m=CLEARANCE_M), TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+
+
+def make_safe(bench: Bench, base_T_grasp: Pose, width_m: float) -> str:  # noqa: N803
+    """End whatever was going on: stop, then set the object down. Returns what was reached.
+
+    Where the arm or the gripper refuse, the grip stays closed: holding is safer than dropping.
+    """
+    bench.arm.stop()
+    try:
+        lower_and_release(bench, base_T_grasp, width_m)
+    except ProtectiveStopError:
+        return "arm in protective stop, fingers left closed"
+    except DeviceError as error:
+        return f"stopped, fingers left as they are ({error})"
+    return "object set down, fingers open, arm retreated"
+
+
+def _move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
+    return bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)

@@ -46,7 +46,8 @@ def auto_background(frames: Sequence[Image]) -> Image:
     masks, rough = min((_refined(work, guess) for guess in guesses), key=lambda result: structure(result[1]))
     height, width = stack.shape[1:3]
     full = np.stack([cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST) for mask in masks])
-    return _median(stack, full, cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR))
+    fallback = np.asarray(cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
+    return _median(stack, full, fallback)
 
 
 def check_frames(frames: Sequence[Image], least: int) -> None:

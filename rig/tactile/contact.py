@@ -35,6 +35,8 @@ AREA_ENTER, AREA_LEAVE = 0.01, 0.006
 # The gain looks at every fourth pixel each way and trusts the two fifths that fit it best, as a
 # wide contact can cover more than half of a fingertip.
 GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 4, 0.4, 2
+# A frame darker than this share of the background is black: nothing to scale up.
+DARKEST_GAIN = 0.02
 MIN_SIDE_PX = 8
 
 
@@ -102,8 +104,8 @@ class ContactFinder:
 
     def _energy(self, work: Image) -> tuple[NDArray[np.float32], float]:
         """Return the smoothed magnitude of the relative difference, and the pixel noise in its unit."""
-        light = cv2.multiply(work, self._gain.correction(work), dtype=cv2.CV_32F)
-        raw = cv2.subtract(cv2.multiply(light, self._weight), self._relative)
+        light = np.multiply(work, self._gain.correction(work), dtype=np.float32)
+        raw = np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
         noise = 1.4826 * float(np.median(np.abs(raw[::4, ::4] - smooth[::4, ::4])))
         squares = cv2.transform(cv2.multiply(smooth, smooth), np.ones((1, 3), np.float32))
@@ -154,16 +156,15 @@ class _Gain:
         self._weight = 1.0 / (sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * len(sample)))
 
-    def correction(self, work: Image) -> tuple[float, float, float, float]:
-        """Return the factors that bring a frame to the background's light, as OpenCV's scalar."""
+    def correction(self, work: Image) -> NDArray[np.float32]:
+        """Return the three factors that bring a frame to the background's light."""
         seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3) + np.float32(1.0)
         gain = np.median(seen / self._light, axis=0)
         for _ in range(GAIN_ROUNDS):
             misfit = (np.abs(seen - gain * self._light) * self._weight).sum(axis=1)
             best = np.argpartition(misfit, self._trusted - 1)[: self._trusted]
             gain = seen[best].sum(axis=0) / self._light[best].sum(axis=0)
-        red, green, blue = (1.0 / max(float(g), 1e-3) for g in gain)
-        return red, green, blue, 1.0
+        return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
 
 
 def _dense(corners: NDArray[np.float32]) -> NDArray[np.float32]:

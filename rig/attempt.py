@@ -1,0 +1,177 @@
+"""One attempt at a lift, from its plan to its row: what a worker process runs."""
+
+import io
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from drivers.errors import CalibrationError, DeviceError
+from drivers.types import Pose
+from protocols.grasps import find_grasp_file
+from protocols.slip_trial import LiftPlan, run_lift
+from protocols.steps import make_ready
+from protocols.watch import Operator
+from rig.assembly import TOOL_DOWN, build_bench
+from rig.config import BenchConfig
+from rig.lift import LiftMeasurement
+from rig.records.recorder import LiftRecorder
+from rig.result import Outcome, lift_result, stage_times
+from rig.seeds import derived_seed
+from rig.truth import MarkerTruth
+
+LEAST_LIFT = 0.4
+"""A lift rises to a random share of the object file's height, from this share to all of it."""
+MAX_TRIAL_TURN_DEG = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class LiftTask:
+    """One lift to do: its number in the session, its object, its number for that object (from 1)."""
+
+    number: int
+    object_id: str
+    lift: int
+    attempt: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name in logs and fault scripts, e.g. "t1/3"."""
+        return f"{self.object_id}/{self.lift}"
+
+    @property
+    def recording(self) -> str:
+        """File of this attempt inside the session."""
+        suffix = f"-attempt{self.attempt}" if self.attempt else ""
+        return f"lifts/{self.number:03d}{suffix}.mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSettings:
+    """What all lifts of a trial share."""
+
+    bench: BenchConfig
+    seed: int
+    estimator: str
+    window: int
+    realtime: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What came of it: the row for `lifts.jsonl`, the line for `timing.jsonl`, the recording."""
+
+    row: dict[str, Any]
+    timing: dict[str, Any]
+    recording: bytes
+
+
+def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
+    """Draw position, turn, grip and height of a lift from its seed and its object's file."""
+    grasps = find_grasp_file(task.object_id)
+    rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
+    places = [position for position in grasps.position if position.lift_height_m > 0.0]
+    place = places[int(rng.integers(len(places)))]
+    low, high = grasps.grip_counts
+    turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
+    return LiftPlan(
+        object_id=grasps.id,
+        object_name=grasps.name,
+        position=place.name,
+        base_T_grasp=grasp_pose(base_T_table, place.offset_m, turn),
+        width_m=place.width_m,
+        grip_counts=int(rng.integers(low, high + 1)),
+        lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
+    )
+
+
+def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803
+    """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
+
+    turn_deg is counter-clockwise as the external camera sees it (about the base's -y axis).
+    """
+    turned = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
+    return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
+
+
+def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | None = None) -> Attempt:
+    """Build the bench, carry out one lift and evaluate it.
+
+    A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
+    operator: who is asked at the bench; the bench's own when None.
+    """
+    cv2.setNumThreads(1)
+    began = time.perf_counter()
+    seed = derived_seed(settings.seed, task.object_id, task.lift, *([task.attempt] if task.attempt else []))
+    bench, own_operator = build_bench(settings.bench, seed, task.name, task.attempt, settings.realtime)
+    plan = plan_lift(settings, task, bench.base_T_table)
+    stream = io.BytesIO()
+    recorder = LiftRecorder(stream)
+    watched = new_measurement(settings, bench, recorder)
+    head = _head(task, plan, seed, bench.simulated)
+    with bench.connected():
+        error = _carry_out(bench, operator or own_operator, plan, watched)
+    if error is None:
+        row, series = lift_result(watched)
+        watched.record_results(series)
+    else:
+        row = {"outcome": Outcome.FAULT.value, "fault": _describe(error)}
+    recorder.close()
+    bench_s = bench.clock.now_ns() / NS_PER_S
+    row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}
+    timing = {
+        "number": task.number,
+        "attempt": task.attempt,
+        "wall_s": time.perf_counter() - began,
+        "stages": stage_times(watched),
+    }
+    return Attempt(row, timing, stream.getvalue())
+
+
+def new_measurement(
+    settings: TrialSettings, bench: Bench, recorder: LiftRecorder | None = None
+) -> LiftMeasurement:
+    """Make the watch of one lift for a bench."""
+    camera = settings.bench.camera
+    truth = MarkerTruth(camera.marker_ids, camera.marker_dictionary, bench.base_T_camera)
+    signs = {tip.sensor.serial: tip.sign for tip in bench.fingertips}
+    return LiftMeasurement(signs, settings.estimator, settings.window, truth, recorder)
+
+
+def _carry_out(
+    bench: Bench, operator: Operator, plan: LiftPlan, watched: LiftMeasurement
+) -> DeviceError | CalibrationError | None:
+    try:
+        make_ready(bench, operator)
+        operator.place(plan.object_id, plan.object_name)
+        run_lift(bench, plan, watched)
+    except (DeviceError, CalibrationError) as error:
+        return error
+    return None
+
+
+def _describe(error: Exception) -> str:
+    notes = "; ".join(getattr(error, "__notes__", []))
+    return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
+
+
+def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> dict[str, Any]:
+    return {
+        "number": task.number,
+        "attempt": task.attempt,
+        "object": task.object_id,
+        "name": plan.object_name,
+        "lift": task.lift,
+        "position": plan.position,
+        "grip_counts": plan.grip_counts,
+        "lift_height_m": plan.lift_height_m,
+        "force_n": None,
+        "seed": seed,
+        "simulated": simulated,
+        "recording": task.recording,
+    }

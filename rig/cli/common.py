@@ -1,0 +1,81 @@
+"""What all commands share: options, exit codes, stopping, and where output goes."""
+
+import json
+import os
+import signal
+import sys
+from enum import IntEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from drivers.errors import InputError, OperatorStopError, RigError
+
+
+class Exit(IntEnum):
+    """Exit codes (contract, commands)."""
+
+    DONE = 0
+    FAULT = 1
+    USAGE = 2
+    STOPPED = 3
+    LIMIT_MISSED = 4
+
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything simulated or drawn.")]
+BenchOption = Annotated[str, typer.Option("--bench", help="fake, or the path of a bench file.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Session folder; default sessions/<date>_<what>.")
+]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the session in --out.")]
+
+
+def say(text: str) -> None:
+    """Print a line for people: on stderr, so that stdout stays for results."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def emit_json(value: dict[str, Any]) -> None:
+    """Print the one JSON object of a command."""
+    print(json.dumps(value))
+
+
+def exit_code(error: RigError) -> Exit:
+    """Return the exit code of an error."""
+    if isinstance(error, OperatorStopError):
+        return Exit.STOPPED
+    return Exit.USAGE if isinstance(error, InputError) else Exit.FAULT
+
+
+def stop_on_signals() -> None:
+    """Make Ctrl-C and a polite kill end in the same safe teardown as an error.
+
+    The first one raises `OperatorStopError` where the program is; while the teardown runs,
+    further ones are ignored, because an interrupted teardown could leave the arm moving.
+    """
+
+    def stop(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        say("stopping: the bench is being made safe ...")
+        raise OperatorStopError("stopped by the operator; what was finished is kept")
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+
+
+def default_jobs(simulated: bool, realtime: bool) -> int:
+    """Return how many lifts run side by side: one per core when simulated, one on a bench."""
+    return max(1, os.cpu_count() or 1) if simulated and not realtime else 1
+
+
+def ask(question: str) -> bool:
+    """Ask the person at the terminal; no terminal means no."""
+    if not sys.stdin.isatty():
+        say(f"{question} [no terminal to answer: no; use --yes to agree beforehand]")
+        return False
+    return typer.confirm(question, err=True)

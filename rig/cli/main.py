@@ -1,0 +1,37 @@
+"""The `rig` command: registers the subcommands and turns errors into one line and an exit code."""
+
+import sys
+
+import typer
+
+from drivers.errors import RigError
+from rig.cli.common import exit_code, say, stop_on_signals
+from rig.cli.estimate import estimate
+from rig.cli.record import record
+from rig.cli.replay import replay
+from rig.cli.trial import trial
+
+app = typer.Typer(
+    name="rig",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
+    "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
+)
+for command in (record, trial, replay, estimate):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line."""
+    stop_on_signals()
+    try:
+        app()
+    except RigError as error:
+        notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
+        say(f"rig: {error}{notes}")
+        sys.exit(exit_code(error))
+    except BrokenPipeError:
+        sys.exit(0)

@@ -1,0 +1,88 @@
+"""`rig record`: grasp an object in many poses and keep the tactile images."""
+
+from typing import Annotated
+
+import typer
+
+from rig.cli.common import (
+    BenchOption,
+    JsonOption,
+    OutOption,
+    ResumeOption,
+    SeedOption,
+    YesOption,
+    ask,
+    emit_json,
+    say,
+)
+
+
+def record(
+    object_name: Annotated[str, typer.Option("--object", help="Object id or name.")],
+    poses: Annotated[int, typer.Option("--poses", min=1, max=15, help="Accepted grasp poses.")] = 15,
+    images: Annotated[
+        int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
+    ] = 225,
+    seed: SeedOption = 0,
+    bench: BenchOption = "fake",
+    out: OutOption = None,
+    resume: ResumeOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Grasp one object in 3 positions x 5 orientations at varied grip, and keep the images.
+
+    Examples:
+      rig record --object 7 --poses 15
+
+      rig record --object mug --poses 15 --images 150 --out sessions/mug --resume
+
+    """
+    import time
+
+    from protocols.grasps import find_grasp_file
+    from rig.cli.tables import WorkProgress
+    from rig.config import load_bench
+    from rig.record import RecordSettings, record_operator, run_record
+    from rig.records.session import default_folder
+
+    began = time.perf_counter()
+    config = load_bench(bench)
+    grasps = find_grasp_file(object_name)
+    settings = RecordSettings(config, seed, grasps, poses, images)
+    folder = out or default_folder("record", grasps.id)
+    simulated = "SIMULATED " if config.simulated else ""
+    say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
+    operator = record_operator(settings, (lambda _: True) if yes else ask)
+    with WorkProgress(poses, "poses") as bar:
+        rows = run_record(
+            folder,
+            settings,
+            resume,
+            operator,
+            lambda done, total, row: bar.show(done, total, _note(row)),
+        )
+    figures = {
+        "session": str(folder),
+        "poses_accepted": sum(row["accepted"] for row in rows),
+        "images_accepted": sum(len(row["images"]) for row in rows),
+        "images_rejected": sum(row["rejected_frames"] for row in rows),
+        "wall_s": round(time.perf_counter() - began, 2),
+    }
+    say(
+        f"{simulated}{figures['images_accepted']} images in {figures['poses_accepted']} poses, "
+        f"{figures['images_rejected']} frames without contact rejected, {figures['wall_s']:.1f} s"
+    )
+    if json:
+        emit_json(figures)
+    else:
+        print(folder)
+
+
+def _note(row: dict[str, object]) -> str:
+    where = f"{row['position']} at {row['orientation_deg']:+.0f} deg"
+    if not row["accepted"]:
+        return f"{where}: {row['fault']}"
+    images = row["images"]
+    count = len(images) if isinstance(images, list) else 0
+    return f"{where}: {count} images, {row['rejected_frames']} frames rejected"

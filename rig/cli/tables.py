@@ -1,0 +1,120 @@
+"""Progress and tables for people."""
+
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from rig.metrics import Mare
+from rig.summary import ObjectSummary, TrialSummary
+
+
+class WorkProgress:
+    """A progress bar on a terminal, a plain line per finished piece of work elsewhere."""
+
+    def __init__(self, total: int, what: str) -> None:
+        console = Console(stderr=True)
+        self._plain = not console.is_terminal
+        self._bar = Progress(
+            TextColumn(what),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=console,
+            disable=self._plain,
+        )
+        self._task = self._bar.add_task(what, total=total, note="")
+
+    def __enter__(self) -> "WorkProgress":
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def show(self, done: int, total: int, note: str) -> None:
+        """Show how far it is, and what the last piece of work gave."""
+        if self._plain:
+            print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
+        else:
+            self._bar.update(self._task, completed=done, total=total, note=note)
+
+
+class TrialProgress(WorkProgress):
+    """Progress of a trial: what came of each lift."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__(total, "lifts")
+
+    def __call__(self, done: int, total: int, row: dict[str, Any]) -> None:
+        """Show one lift."""
+        self.show(done, total, lift_note(row))
+
+
+def lift_note(row: dict[str, Any]) -> str:
+    """Say in a few words what came of a lift."""
+    head = f"{row['object']} {row['name']} lift {row['lift']}: {row['outcome']}"
+    if not row["accepted"]:
+        return f"{head}: {row['fault']}"
+    error = row["re"]["mean_deg"] if row["re"] else None
+    turn = row["final_truth_deg"]
+    parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
+    parts.append("no answer" if error is None else f"mean error {error:.2f} deg")
+    return f"{head}, {', '.join(parts)}"
+
+
+def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
+    """Print the paper's table per object and the trial's figures."""
+    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 120)
+    table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
+    for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
+        table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
+    for row in summary.objects:
+        table.add_row(*_object_cells(row))
+    table.add_section()
+    table.add_row(
+        "all", str(summary.lifts_accepted), "", f"{summary.turned_5_deg} turned >= 5",
+        _mare_text(summary.mare_b), _mare_text(summary.mare), f"{summary.answered:.1%}",
+    )  # fmt: skip
+    console.print(table)
+    console.print(
+        f"{simulated}MARE over phase B {_mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
+        f"refused frames held {_mare_text(summary.mare_held)}"
+    )
+    console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+
+
+def summary_json(summary: TrialSummary) -> dict[str, Any]:
+    """Return the trial's figures under the contract's names."""
+
+    def mean(value: Mare | None) -> float | None:
+        return None if value is None else value.mean_deg
+
+    return {
+        "lifts_accepted": summary.lifts_accepted,
+        "mare_deg": mean(summary.mare),
+        "mare_std_deg": summary.mare.std_deg if summary.mare else None,
+        "mare_b_deg": mean(summary.mare_b),
+        "mare_held_deg": mean(summary.mare_held),
+        "answered": summary.answered,
+        "bench_s": round(summary.bench_s, 3),
+    }
+
+
+def _object_cells(row: ObjectSummary) -> list[str]:
+    outcomes = ", ".join(f"{count} {name}" for name, count in row.outcomes.items())
+    low, high = row.turn_deg
+    return [
+        f"{row.object_id} {row.name}", str(row.lifts), outcomes, f"{low:+.0f} to {high:+.0f}",
+        _mare_text(row.mare_b), _mare_text(row.mare), f"{row.answered:.1%}",
+    ]  # fmt: skip
+
+
+def _mare_text(value: Mare | None) -> str:
+    if value is None:
+        return "no answer"
+    interval = "" if value.low_deg is None else f" [{value.low_deg:.2f}, {value.high_deg:.2f}]"
+    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f}{interval}"

@@ -1,0 +1,102 @@
+"""`rig trial`: lift objects, measure how they turn, compare with the markers."""
+
+from typing import Annotated, Any
+
+import typer
+
+from rig.cli.common import (
+    BenchOption,
+    Exit,
+    JsonOption,
+    OutOption,
+    ResumeOption,
+    SeedOption,
+    YesOption,
+    ask,
+    default_jobs,
+    emit_json,
+    say,
+)
+
+
+def trial(
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="Accepted lifts per object.")] = 5,
+    objects: Annotated[
+        list[str] | None,
+        typer.Option("--object", help="Object id or name; repeat for more. Default: the trial's nine."),
+    ] = None,
+    estimator: Annotated[
+        str | None, typer.Option("--estimator", help="Angle method, default skeleton.")
+    ] = None,
+    window: Annotated[int, typer.Option("--window", min=1, max=100, help="Mean of the last n angles.")] = 2,
+    max_mare: Annotated[
+        float | None, typer.Option("--max-mare", help="Exit 4 when the MARE over B and C is above, degrees.")
+    ] = None,
+    no_skip: Annotated[
+        bool,
+        typer.Option("--no-skip", help="Run every stage on every frame (the paper's methods always do)."),
+    ] = False,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Pace a simulated bench by the clock.")
+    ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, max=64, help="Simulated lifts side by side; default: cores."),
+    ] = None,
+    seed: SeedOption = 0,
+    bench: BenchOption = "fake",
+    out: OutOption = None,
+    resume: ResumeOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Lift each object several times and measure its rotation from both fingertips.
+
+    Examples:
+      rig trial --lifts 5
+
+      rig trial --lifts 1 --object wrench --object 7 --estimator ellipse
+
+      rig trial --lifts 5 --out sessions/campaign --resume
+
+    """
+    import time
+
+    from rig.cli.tables import TrialProgress, summary_json, trial_table
+    from rig.config import load_bench
+    from rig.records.session import default_folder
+    from rig.trial import bench_operator, resolve_objects, run_trial, trial_settings
+
+    began = time.perf_counter()
+    config = load_bench(bench)
+    settings = trial_settings(config, seed, estimator, window, realtime)
+    ids = resolve_objects(objects)
+    folder = out or default_folder("trial")
+    simulated = "SIMULATED " if config.simulated else ""
+    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {settings.estimator}, session {folder}")
+    del no_skip  # nothing is skipped yet that a scene could need
+    with TrialProgress(len(ids) * lifts) as progress:
+        summary = run_trial(
+            folder,
+            settings,
+            ids,
+            lifts,
+            jobs=jobs or default_jobs(config.simulated, realtime),
+            resume=resume,
+            operator=bench_operator(settings, ids, lifts, (lambda _: True) if yes else ask),
+            progress=progress,
+        )
+    wall_s = time.perf_counter() - began
+    trial_table(summary, simulated, wall_s, to_stderr=json)
+    if json:
+        emit_json({"session": str(folder), **summary_json(summary), "wall_s": round(wall_s, 2)})
+    _check_limit(summary, max_mare)
+
+
+def _check_limit(summary: Any, max_mare: float | None) -> None:
+    if max_mare is None:
+        return
+    reached = summary.mare.mean_deg if summary.mare else float("inf")
+    if reached > max_mare:
+        say(f"rig: MARE {reached:.2f} degrees is above the limit of {max_mare:g} given with --max-mare")
+        raise typer.Exit(Exit.LIMIT_MISSED)

@@ -1,0 +1,176 @@
+"""What is measured during one lift: the watch that records, estimates and compares.
+
+The same object watches a lift as it happens and a recording of it, so that a replay gives the
+same results bit for bit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.clock import seconds
+from drivers.errors import StaleFrameError
+from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.watch import Phase
+from rig.fusion import FusedSample, TipAnswer, fuse
+from rig.records.encoding import stored
+from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.tactile.estimator import make_estimator
+from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.truth import MarkerTruth, TruthSeries
+
+ZERO_S = 0.4
+"""How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed)."""
+FALLEN_S = 0.2
+TOUCH_FRAMES = 2
+"""Contact counts when this many frames in a row show it, so that one noisy frame stops nothing."""
+
+
+@dataclass(slots=True)
+class Fingertip:
+    """What is known of one fingertip during a lift."""
+
+    sign: int
+    reference: list[Image] = field(default_factory=list)
+    estimator: SlipEstimator | None = None
+    samples: list[SlipSample] = field(default_factory=list)
+    zero_deg: float | None = None
+    touching_frames: int = 0
+    first_sequence: int | None = None
+    last_sequence: int = 0
+    frames: int = 0
+
+    def answer(self, sample: SlipSample) -> TipAnswer:
+        """Sign an estimate and take it from its zero; without a zero there is no answer."""
+        if sample.angle_deg is None or self.zero_deg is None:
+            return TipAnswer(sample, None, None)
+        return TipAnswer(sample, self.sign * (sample.angle_deg - self.zero_deg), sample.sigma_deg)
+
+    def count(self, sequence: int) -> None:
+        """Count a frame; gaps in the sequence are drops."""
+        self.first_sequence = sequence if self.first_sequence is None else self.first_sequence
+        self.last_sequence = sequence
+        self.frames += 1
+
+    @property
+    def dropped(self) -> int:
+        """Frames that were captured but never arrived."""
+        if self.first_sequence is None:
+            return 0
+        return self.last_sequence - self.first_sequence + 1 - self.frames
+
+
+class LiftMeasurement:
+    """Watches one lift. `signs` maps the serials of the fingertips to their signs."""
+
+    def __init__(
+        self,
+        signs: Mapping[str, int],
+        estimator: str,
+        window: int,
+        truth: MarkerTruth,
+        recorder: LiftRecorder | None = None,
+    ) -> None:
+        self.tips = {serial: Fingertip(sign) for serial, sign in signs.items()}
+        self.camera = Fingertip(0)
+        self.truth = truth
+        self.fused: list[FusedSample] = []
+        self.phases: dict[Phase, int] = {}
+        self._estimator_name, self._window = estimator, window
+        self._recorder = recorder
+        self._tcp: Pose | None = None
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase: references end with A, zeros are taken at B."""
+        self.phases[phase] = time_ns
+        if self._recorder:
+            self._recorder.phase(phase, time_ns)
+        if phase is Phase.GRASP:
+            self._make_estimators()
+        elif phase is Phase.LIFT:
+            self._set_zero(time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state: the wrist's turn is not the object's."""
+        self._tcp = state.base_T_tcp
+        if self._recorder:
+            self._recorder.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state, for the record."""
+        if self._recorder:
+            self._recorder.gripper(state)
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame: to the record first, then to the estimator or to the truth."""
+        frame, jpeg = stored(frame)
+        if self._recorder:
+            self._recorder.image(frame, jpeg)
+        tip = self.tips.get(frame.serial)
+        if tip is not None:
+            self._tactile(tip, frame)
+        else:
+            self.camera.count(frame.sequence)
+            if self._tcp is not None and Phase.GRASP in self.phases:
+                self.truth.update(frame.image, frame.time_ns, self._tcp)
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip has shown contact in its last frames."""
+        return self.tips[serial].touching_frames >= TOUCH_FRAMES
+
+    def fallen(self, until_ns: int) -> bool:
+        """Whether no fingertip has felt anything for the last moments before `until_ns`."""
+        since = until_ns - seconds(FALLEN_S)
+        late = [s for tip in self.tips.values() for s in tip.samples if since <= s.time_ns < until_ns]
+        return bool(late) and all(s.state is State.NO_CONTACT for s in late)
+
+    def record_results(self, series: TruthSeries) -> None:
+        """Add angles and states to the recording, behind the frames they came from."""
+        if self._recorder is None:
+            return
+        for serial, tip in self.tips.items():
+            for sample in tip.samples:
+                answer = tip.answer(sample)
+                self._record_angle(slip_topic(serial), answer.angle_deg, answer.sigma_deg, sample)
+        for fused in self.fused:
+            self._record_angle(FUSED_TOPIC, fused.angle_deg, fused.sigma_deg, fused)
+        for time_ns, angle, sigma in zip(series.time_ns, series.angle_deg, series.sigma_deg, strict=True):
+            value = {"angle_deg": float(angle), "sigma_deg": float(sigma), "state": "tracking"}
+            self._recorder.values(TRUTH_TOPIC, "rig.Angle", int(time_ns), value)
+
+    def _record_angle(
+        self, topic: str, angle: float | None, sigma: float | None, sample: SlipSample | FusedSample
+    ) -> None:
+        value = {"angle_deg": angle, "sigma_deg": sigma, "state": sample.state.value}
+        if isinstance(sample, SlipSample):
+            value["contact_area_px"] = sample.contact_area_px
+        if self._recorder:
+            self._recorder.values(topic, "rig.Angle", sample.time_ns, value)
+
+    def _tactile(self, tip: Fingertip, frame: Frame) -> None:
+        tip.count(frame.sequence)
+        if tip.estimator is None:
+            tip.reference.append(frame.image)
+            return
+        sample = tip.estimator.update(frame.image, frame.time_ns)
+        tip.samples.append(sample)
+        tip.touching_frames = 0 if sample.state is State.NO_CONTACT else tip.touching_frames + 1
+        if Phase.LIFT in self.phases:
+            others = [other.answer(other.samples[-1]) for other in self.tips.values() if other is not tip]
+            self.fused.append(fuse(tip.answer(sample), others))
+
+    def _make_estimators(self) -> None:
+        for serial, tip in self.tips.items():
+            if not tip.reference:
+                raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
+            background = np.mean(tip.reference, axis=0).round().astype(np.uint8)
+            tip.estimator = make_estimator(self._estimator_name, background, self._window)
+            tip.reference = []
+
+    def _set_zero(self, time_ns: int) -> None:
+        since = time_ns - seconds(ZERO_S)
+        self.truth.set_zero(since, time_ns)
+        for tip in self.tips.values():
+            late = [s.angle_deg for s in tip.samples if s.time_ns >= since and s.angle_deg is not None]
+            tip.zero_deg = float(np.mean(late)) if late else None

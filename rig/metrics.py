@@ -1,0 +1,78 @@
+"""Rotational error of lifts and trials: the paper's RE and MARE (contract, metrics)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import bootstrap
+
+Floats = NDArray[np.float64]
+BOOTSTRAP_RESAMPLES = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSummary:
+    """Mean, standard deviation and maximum of |RE| in degrees over `frames` answered frames."""
+
+    mean_deg: float
+    std_deg: float
+    max_deg: float
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class Mare:
+    """Mean absolute rotational error over lifts, deg.
+
+    std_deg is the mean over lifts of each lift's standard deviation (the paper's +-), low_deg
+    and high_deg the 95 % bootstrap interval of the mean over lifts (None below two lifts).
+    """
+
+    mean_deg: float
+    std_deg: float
+    low_deg: float | None
+    high_deg: float | None
+    lifts: int
+
+
+def summarize(errors_deg: Floats) -> ErrorSummary | None:
+    """Summarize a lift's absolute errors (N,) in degrees; None when there are none."""
+    if errors_deg.size == 0:
+        return None
+    return ErrorSummary(
+        float(errors_deg.mean()), float(errors_deg.std()), float(errors_deg.max()), int(errors_deg.size)
+    )
+
+
+def hold_last(angles_deg: Sequence[float | None]) -> Floats:
+    """Fill refused frames with the last answer given (0 before any), so refusing does not pay."""
+    held, last = np.empty(len(angles_deg)), 0.0
+    for i, angle in enumerate(angles_deg):
+        last = last if angle is None else angle
+        held[i] = last
+    return held
+
+
+def mare(means_deg: Sequence[float], stds_deg: Sequence[float], seed: int = 0) -> Mare | None:
+    """Mean over lifts with its bootstrap interval; None without lifts."""
+    if not means_deg:
+        return None
+    means = np.asarray(means_deg, float)
+    low, high = _interval(means, seed)
+    return Mare(float(means.mean()), float(np.mean(stds_deg)), low, high, len(means))
+
+
+def _interval(values: Floats, seed: int) -> tuple[float | None, float | None]:
+    if values.size < 2:
+        return None, None
+    if np.ptp(values) == 0.0:
+        return float(values[0]), float(values[0])
+    result = bootstrap(
+        (values,),
+        np.mean,
+        n_resamples=BOOTSTRAP_RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(seed),
+    )
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)

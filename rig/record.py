@@ -1,0 +1,372 @@
+"""Recording grasp poses of one object: a session with images in the data set's layout.
+
+The layout is the paper's public data set (VISTASE): a folder per object with `image_label`,
+where LabelMe keeps its polygons beside the images.
+"""
+
+import csv
+import io
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.errors import DeviceError, InputError, RecordingError, SessionError
+from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.grasps import GraspFile, GraspPose, grasp_poses
+from protocols.record_grasps import PosePlan, record_pose, record_reference
+from protocols.steps import TRAVEL_SPEED_M_S, make_ready
+from protocols.watch import Operator, Phase
+from rig.assembly import ConsoleOperator, build_bench
+from rig.attempt import grasp_pose
+from rig.config import BenchConfig
+from rig.records.session import Session, open_session
+from rig.seeds import derived_seed
+from rig.tactile.background import mean_background
+from rig.tactile.contact import ContactFinder
+
+RESULTS = "poses.jsonl"
+MANIFEST_COLUMNS = (
+    "file",
+    "pose",
+    "position",
+    "orientation_deg",
+    "grip_counts",
+    "serial",
+    "time_s",
+    "contact_area_px",
+)
+GRIPS_PER_POSE = 5
+FRAMES_APART = 3
+"""Images of one grip are this many frames apart, so that they differ by more than noise."""
+MAX_FAULTS_IN_A_ROW = 3
+_log = logging.getLogger("rig.record")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSettings:
+    """What a recording is asked for: `images` counts both fingertips, over all poses."""
+
+    bench: BenchConfig
+    seed: int
+    grasps: GraspFile
+    poses: int
+    images: int
+
+
+@dataclass(slots=True)
+class PoseCapture:
+    """A watch that takes images with contact, turn about from each fingertip."""
+
+    finders: dict[str, ContactFinder]
+    taken: list[tuple[Frame, int, float]] = field(default_factory=list)
+    rejected: int = 0
+    _grip_counts: int = 0
+    _wanted: int = 0
+    _touching: dict[str, bool] = field(default_factory=dict)
+    _areas: dict[str, float] = field(default_factory=dict)
+    _last: dict[str, int] = field(default_factory=dict)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Phases are a lift's; a pose has none."""
+
+    def arm(self, state: ArmState) -> None:
+        """The pose is in the plan."""
+
+    def gripper(self, state: GripperState) -> None:
+        """The grip is in the plan."""
+
+    def want(self, images: int, grip_counts: int) -> None:
+        """Take this many more images at a grip."""
+        self._wanted, self._grip_counts = len(self.taken) + images, grip_counts
+
+    def satisfied(self) -> bool:
+        """Whether they have been taken."""
+        return len(self.taken) >= self._wanted
+
+    def touching(self, serial: str) -> bool:
+        """Whether the newest frame of a fingertip shows contact."""
+        return self._touching.get(serial, False)
+
+    def frame(self, frame: Frame) -> None:
+        """Look for contact; take the image when one of this fingertip is wanted."""
+        finder = self.finders.get(frame.serial)
+        if finder is None:
+            return
+        area = finder.find(frame.image).area_px
+        self._touching[frame.serial] = area > 0
+        if self.satisfied() or not self._due(frame):
+            return
+        if area > 0:
+            self.taken.append((frame, self._grip_counts, area))
+        else:
+            self.rejected += 1
+        self._last[frame.serial] = frame.sequence
+
+    def _due(self, frame: Frame) -> bool:
+        if frame.sequence - self._last.get(frame.serial, -FRAMES_APART) < FRAMES_APART:
+            return False
+        counts = {serial: sum(f.serial == serial for f, _, _ in self.taken) for serial in self.finders}
+        return counts[frame.serial] == min(counts.values())
+
+
+@dataclass(slots=True)
+class _Reference:
+    """A watch that keeps the fingertips' frames without contact."""
+
+    frames: dict[str, list[Image]]
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """No phases."""
+
+    def arm(self, state: ArmState) -> None:
+        """Nothing moves."""
+
+    def gripper(self, state: GripperState) -> None:
+        """Nothing moves."""
+
+    def touching(self, serial: str) -> bool:
+        """Nothing touches."""
+        return False
+
+    def frame(self, frame: Frame) -> None:
+        """Keep a fingertip's frame."""
+        if frame.serial in self.frames:
+            self.frames[frame.serial].append(frame.image)
+
+
+def record_request(settings: RecordSettings) -> dict[str, Any]:
+    """Return what identifies a recording in its manifest."""
+    bench = settings.bench
+    return {
+        "kind": "record",
+        "bench": bench.name,
+        "simulated": bench.simulated,
+        "seed": settings.seed,
+        "objects": [settings.grasps.id],
+        "poses": settings.poses,
+        "images": settings.images,
+        "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
+        "signs": {t.serial: t.sign for t in bench.tactile},
+        "calibration": {},
+        "config": bench.model_dump(mode="json"),
+    }
+
+
+def record_operator(settings: RecordSettings, ask: Callable[[str], bool]) -> Operator | None:
+    """Return who is asked on a real bench, after asking to begin; None on a simulated one.
+
+    Raises `OperatorStopError` when refused.
+    """
+    if settings.bench.simulated:
+        return None
+    table = Pose(settings.bench.table.position_m)
+    lines = [f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):"]
+    for pose, images in zip(grasp_poses(settings.grasps), _quotas(settings), strict=False):
+        plan = plan_pose(settings, pose, images, table)
+        x, y, z = plan.base_T_grasp.position_m
+        lines.append(
+            f"  {pose.index + 1:>2} {pose.position.name} at {pose.orientation_deg:+.0f} deg: "
+            f"({x:.3f}, {y:.3f}, {z:.3f}) m, up to {plan.grips[-1][0]} counts past contact"
+        )
+    operator = ConsoleOperator(ask)
+    operator.confirm("\n".join([*lines, "Begin?"]))
+    return operator
+
+
+def run_record(
+    folder: Path,
+    settings: RecordSettings,
+    resume: bool = False,
+    operator: Operator | None = None,
+    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
+) -> list[dict[str, Any]]:
+    """Record the poses that are still to do; return the rows of all attempts.
+
+    Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
+    finished poses stay on disk and `resume` goes on from them.
+    """
+    quotas = _quotas(settings)
+    with open_session(folder, record_request(settings), RESULTS, resume) as session:
+        if not session.complete:
+            finders = _references(session, settings)
+            _record_poses(session, settings, finders, quotas, operator, progress)
+            session.finish(order=("pose", "attempt"))
+        session.write("images.csv", _manifest_csv(session.rows).encode())
+        return session.rows
+
+
+def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
+    """Plan one pose: its images spread over grips from the lightest to the firmest."""
+    low, high = settings.grasps.grip_counts
+    levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
+    share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]
+    return PosePlan(
+        object_id=settings.grasps.id,
+        object_name=settings.grasps.name,
+        pose_index=pose.index,
+        base_T_grasp=grasp_pose(base_T_table, pose.position.offset_m, pose.orientation_deg),
+        width_m=pose.position.width_m,
+        grips=tuple((int(level), count) for level, count in zip(levels, share, strict=True)),
+    )
+
+
+def object_folder(grasps: GraspFile) -> str:
+    """Return the object's folder in the data set's layout, e.g. "07_spam"."""
+    number = f"{int(grasps.id):02d}" if grasps.id.isdigit() else grasps.id
+    return f"{number}_{grasps.name.replace(' ', '_')}"
+
+
+def _quotas(settings: RecordSettings) -> list[int]:
+    available = len(grasp_poses(settings.grasps))
+    if settings.poses > available:
+        raise InputError(
+            f"object {settings.grasps.id} has {available} poses in its file, not {settings.poses}"
+        )
+    if settings.images < 2 * settings.poses:
+        raise InputError(f"--images {settings.images} is too few: at least two per pose (one per fingertip)")
+    share, rest = divmod(settings.images, settings.poses)
+    return [share + (i < rest) for i in range(settings.poses)]
+
+
+def _references(session: Session, settings: RecordSettings) -> dict[str, ContactFinder]:
+    """Take the no-contact reference once; a continued session uses the one it has."""
+    serials = [tactile.serial for tactile in settings.bench.tactile]
+    names = {serial: f"reference/{serial}.png" for serial in serials}
+    if not all((session.folder / name).exists() for name in names.values()):
+        watch = _Reference({serial: [] for serial in serials})
+        bench, _ = build_bench(settings.bench, derived_seed(settings.seed, settings.grasps.id, "reference"))
+        with bench.connected():
+            record_reference(bench, watch)
+        for serial, name in names.items():
+            session.write(name, png(mean_background(watch.frames[serial])))
+    return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}
+
+
+def _record_poses(
+    session: Session,
+    settings: RecordSettings,
+    finders: dict[str, ContactFinder],
+    quotas: list[int],
+    operator: Operator | None,
+    progress: Callable[[int, int, dict[str, Any]], None],
+) -> None:
+    done = {row["pose"] for row in session.rows if row["accepted"]}
+    faults = 0
+    for pose, images in zip(grasp_poses(settings.grasps), quotas, strict=False):
+        while pose.index not in done:
+            row = _attempt(session, settings, finders, pose, images, operator)
+            if row["accepted"]:
+                done.add(pose.index)
+                faults = 0
+            else:
+                faults += 1
+            progress(len(done), settings.poses, row)
+            if faults >= MAX_FAULTS_IN_A_ROW:
+                raise DeviceError(
+                    f"recording: {faults} faults in a row, the last: {row['fault']}; {len(done)} of "
+                    f"{settings.poses} poses are done: mend the fault, then continue with --resume"
+                )
+
+
+def _attempt(
+    session: Session,
+    settings: RecordSettings,
+    finders: dict[str, ContactFinder],
+    pose: GraspPose,
+    images: int,
+    operator: Operator | None,
+) -> dict[str, Any]:
+    """Record one pose; images first, line last. A device's failure is a row that is not accepted."""
+    began = time.perf_counter()
+    attempt = sum(row["pose"] == pose.index for row in session.rows)
+    name = f"{settings.grasps.id}/{pose.index + 1}"
+    seed = derived_seed(
+        settings.seed, settings.grasps.id, "pose", pose.index, *([attempt] if attempt else [])
+    )
+    bench, own_operator = build_bench(settings.bench, seed, name, attempt)
+    plan = plan_pose(settings, pose, images, bench.base_T_table)
+    watch = PoseCapture(finders)
+    fault = _carry_out(bench, operator or own_operator, plan, watch)
+    files = [] if fault else _keep_images(session, settings.grasps, pose, watch)
+    row = {
+        "pose": pose.index,
+        "attempt": attempt,
+        "position": pose.position.name,
+        "orientation_deg": pose.orientation_deg,
+        "accepted": fault is None,
+        "fault": fault,
+        "rejected_frames": watch.rejected,
+        "images": files,
+        "seed": seed,
+        "simulated": bench.simulated,
+        "force_n": None,
+    }
+    session.add(row, {"pose": pose.index, "attempt": attempt, "wall_s": time.perf_counter() - began})
+    return row
+
+
+def _carry_out(bench: Bench, operator: Operator, plan: PosePlan, watch: PoseCapture) -> str | None:
+    """Return None, or the fault's text."""
+    try:
+        with bench.connected():
+            make_ready(bench, operator)
+            operator.place(plan.object_id, plan.object_name)
+            record_pose(bench, plan, watch)
+    except DeviceError as error:
+        _log.warning("pose %d: %s", plan.pose_index, error)
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def _keep_images(
+    session: Session, grasps: GraspFile, pose: GraspPose, watch: PoseCapture
+) -> list[dict[str, Any]]:
+    files = []
+    for number, (frame, grip_counts, area) in enumerate(watch.taken):
+        name = (
+            f"{object_folder(grasps)}/image_label/p{pose.index + 1:02d}_{number + 1:02d}_{frame.serial}.png"
+        )
+        session.write(name, png(frame.image))
+        files.append(
+            {
+                "file": name,
+                "grip_counts": grip_counts,
+                "serial": frame.serial,
+                "time_s": frame.time_ns / 1e9,
+                "contact_area_px": area,
+            }
+        )
+    return files
+
+
+def _manifest_csv(rows: list[dict[str, Any]]) -> str:
+    """Return the manifest of images: pose, grip, sensor and time of each."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, MANIFEST_COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        pose = {key: row[key] for key in ("pose", "position", "orientation_deg")}
+        writer.writerows({**pose, **image} for image in row["images"])
+    return text.getvalue()
+
+
+def png(image: Image) -> bytes:
+    """Encode (H, W, 3) uint8 RGB as PNG."""
+    ok, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not ok:
+        raise RecordingError("an image could not be encoded as PNG")
+    return encoded.tobytes()
+
+
+def _read_png(path: Path) -> Image:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,33 @@
+"""One encoding per image: what is stored is what the estimator sees."""
+
+import cv2
+import numpy as np
+
+from drivers.errors import RecordingError
+from drivers.types import Frame, Image
+
+JPEG_QUALITY = 95
+
+
+def stored(frame: Frame) -> tuple[Frame, bytes]:
+    """Return the frame as its stored bytes decode, and those bytes.
+
+    A source that delivers JPEG keeps its own bytes; any other image is encoded here, once,
+    and replaced by what the encoding made of it.
+    """
+    if frame.jpeg is not None:
+        return frame, frame.jpeg
+    bgr = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
+    ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not ok:
+        raise RecordingError(f"{frame.serial}: frame {frame.sequence} could not be encoded as JPEG")
+    jpeg = encoded.tobytes()
+    return Frame(decoded(jpeg), frame.time_ns, frame.sequence, frame.serial, jpeg), jpeg
+
+
+def decoded(jpeg: bytes) -> Image:
+    """Decode stored bytes to (H, W, 3) uint8 RGB. Raises `RecordingError` when damaged."""
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise RecordingError("a stored image cannot be decoded; the recording is damaged")
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,91 @@
+"""Writing results so that they are on disk when the call returns, and reading them back."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import RecordingError, SessionError
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a whole file aside, sync it, then put it in place. Raises `RecordingError`."""
+    aside = path.with_name(path.name + ".part")
+    try:
+        with aside.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        aside.replace(path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise _not_written(path, error) from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file with sorted keys. Raises `RecordingError`."""
+    write_file(path, (json.dumps(value, indent=2, sort_keys=True) + "\n").encode())
+
+
+def append_line(path: Path, row: dict[str, Any]) -> None:
+    """Append one JSON line and sync it. Raises `RecordingError`; no torn line is left behind."""
+    line = (json.dumps(row, sort_keys=True) + "\n").encode()
+    try:
+        with path.open("ab") as stream:
+            end = stream.tell()
+            try:
+                stream.write(line)
+                stream.flush()
+                os.fsync(stream.fileno())
+            except OSError:
+                os.truncate(path, end)
+                raise
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Read JSON lines; a line cut short by a crash at the very end is left out.
+
+    Raises `SessionError` naming the line when one before the end is damaged.
+    """
+    if not path.exists():
+        return []
+    lines = path.read_bytes().split(b"\n")
+    rows = []
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            rows.append(json.loads(line))
+        except ValueError as error:
+            raise SessionError(
+                f"{path}: line {number} is damaged; move the session aside or remove that line"
+            ) from error
+    return rows
+
+
+def drop_torn_line(path: Path) -> None:
+    """Cut a last line that a crash left without its end, before more is appended."""
+    if path.exists():
+        data = path.read_bytes()
+        if data and not data.endswith(b"\n"):
+            write_file(path, data[: data.rfind(b"\n") + 1])
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object. Raises `SessionError` saying what is wrong with the file."""
+    try:
+        value = json.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?") from error
+    except (OSError, ValueError) as error:
+        raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
+    if not isinstance(value, dict):
+        raise SessionError(f"{path}: holds no JSON object; the session is damaged")
+    return value
+
+
+def _not_written(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(
+        f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
+        "the permission, then continue with --resume"
+    )

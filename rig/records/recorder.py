@@ -1,0 +1,133 @@
+"""Streams one lift into an MCAP file that standard viewers open.
+
+Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
+schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns.
+"""
+
+import json
+from typing import IO, Any
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+
+from drivers.clock import NS_PER_S
+from drivers.types import ArmState, Frame, GripperState
+
+ARM_TOPIC = "/arm/tcp"
+JOINTS_TOPIC = "/arm/joints"
+GRIPPER_TOPIC = "/gripper"
+PHASE_TOPIC = "/phase"
+TRUTH_TOPIC = "/angle/truth"
+FUSED_TOPIC = "/angle/estimate"
+_NUMBER = {"type": ["number", "null"]}
+_SCHEMAS: dict[str, dict[str, Any]] = {
+    "rig.Phase": {"phase": {"type": "string"}},
+    "rig.Joints": {
+        "joints_rad": {"type": "array", "items": {"type": "number"}},
+        "wrench": {"type": "array", "items": {"type": "number"}},
+        "mode": {"type": "string"},
+    },
+    "rig.Gripper": {
+        "position_counts": {"type": "integer"},
+        "current_counts": {"type": "integer"},
+        "moving": {"type": "boolean"},
+    },
+    "rig.Angle": {
+        "angle_deg": _NUMBER,
+        "sigma_deg": _NUMBER,
+        "state": {"type": "string"},
+        "contact_area_px": _NUMBER,
+    },
+}
+
+
+def image_topic(serial: str) -> str:
+    """Topic of a source's images."""
+    return f"/image/{serial}"
+
+
+def slip_topic(serial: str) -> str:
+    """Topic of a fingertip's angle."""
+    return f"/angle/{serial}"
+
+
+class LiftRecorder:
+    """Writes the messages of one lift to a binary stream; `close` completes the file."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        # Images are compressed already; a chunk per few frames bounds what a crash can cost.
+        self._writer = Writer(stream, chunk_size=512 * 1024, compression=CompressionType.NONE)
+        self._writer.start()
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+
+    def image(self, frame: Frame, jpeg: bytes) -> None:
+        """Keep a frame's encoded bytes as received."""
+        message = CompressedImage(frame_id=frame.serial, data=jpeg, format="jpeg")
+        message.timestamp.FromNanoseconds(frame.time_ns)
+        self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
+
+    def arm(self, state: ArmState) -> None:
+        """Keep the arm's state."""
+        message = PoseInFrame(frame_id="base")
+        message.timestamp.FromNanoseconds(state.time_ns)
+        position, quaternion = message.pose.position, message.pose.orientation
+        position.x, position.y, position.z = state.base_T_tcp.position_m
+        quaternion.x, quaternion.y, quaternion.z, quaternion.w = state.base_T_tcp.quaternion_xyzw
+        self._protobuf(ARM_TOPIC, message, state.time_ns, 0)
+        joints = {"joints_rad": state.joints_rad, "wrench": state.wrench, "mode": state.mode.value}
+        self.values(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
+
+    def gripper(self, state: GripperState) -> None:
+        """Keep the gripper's state."""
+        value = {
+            "position_counts": state.position_counts,
+            "current_counts": state.current_counts,
+            "moving": state.moving,
+        }
+        self.values(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
+
+    def phase(self, phase: str, time_ns: int) -> None:
+        """Keep where a phase begins."""
+        self.values(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
+
+    def values(self, topic: str, schema: str, time_ns: int, value: dict[str, Any]) -> None:
+        """Keep a small JSON value under one of this module's schemas."""
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(
+                topic=topic, message_encoding=MessageEncoding.JSON, schema_id=self._json_schema(schema)
+            )
+        data = json.dumps(value, separators=(",", ":")).encode()
+        self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
+
+    def close(self) -> None:
+        """Complete the file (index and summary)."""
+        self._writer.finish()
+
+    def _json_schema(self, name: str) -> int:
+        if name not in self._schemas:
+            schema = {"type": "object", "title": name, "properties": _SCHEMAS[name]}
+            self._schemas[name] = self._writer.register_schema(
+                name, SchemaEncoding.JSONSchema, json.dumps(schema).encode()
+            )
+        return self._schemas[name]
+
+    def _protobuf(self, topic: str, message: Any, time_ns: int, sequence: int) -> None:
+        if topic not in self._channels:
+            name = type(message).__name__
+            if name not in self._schemas:
+                self._schemas[name] = register_schema(self._writer, type(message))
+            self._channels[topic] = self._writer.register_channel(
+                topic=topic, message_encoding=MessageEncoding.Protobuf, schema_id=self._schemas[name]
+            )
+        self._writer.add_message(
+            self._channels[topic], time_ns, message.SerializeToString(), time_ns, sequence
+        )
+
+
+def seconds_text(time_ns: int) -> str:
+    """Write a time in s with all its digits."""
+    return f"{time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}"

@@ -1,0 +1,92 @@
+"""The lifts of a session again, from their stored frames, with any estimator."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from drivers.errors import InputError, SessionError
+from rig.attempt import TrialSettings
+from rig.config import BenchConfig
+from rig.lift import LiftMeasurement
+from rig.records.files import read_lines
+from rig.records.reading import show_again
+from rig.records.session import read_manifest
+from rig.result import lift_result
+from rig.summary import TrialSummary, summarize_trial
+from rig.trial import RESULTS, trial_settings
+from rig.truth import MarkerTruth
+from rig.workers import run_tasks
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a replay gave: its summary, rows, and how many lifts equal the stored ones bit for bit."""
+
+    summary: TrialSummary
+    rows: list[dict[str, Any]]
+    identical: int
+
+
+def run_replay(
+    folder: Path,
+    estimator: str | None,
+    window: int | None,
+    jobs: int,
+    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
+) -> Replay:
+    """Replay all accepted lifts of a session; nothing in the session changes.
+
+    estimator, window: those of the session when None. Raises `SessionError` for a folder that
+    is none, holds no finished lift, or has a damaged recording.
+    """
+    settings = session_settings(folder, estimator, window)
+    stored = {row["number"]: row for row in read_lines(folder / RESULTS) if row["accepted"]}
+    if not stored:
+        raise SessionError(f"{folder}: no finished lift to replay; run it with --resume first")
+    rows: dict[int, dict[str, Any]] = {}
+    work = partial(replay_lift, folder, settings)
+    for _, row in run_tasks(work, list(stored.values()), jobs):
+        rows[row["number"]] = row
+        progress(len(rows), len(stored), row)
+    in_order = [rows[number] for number in sorted(rows)]
+    identical = sum(_plain(row) == stored[row["number"]] for row in in_order)
+    return Replay(summarize_trial(in_order), in_order, identical)
+
+
+def replay_lift(folder: Path, settings: TrialSettings, row: dict[str, Any]) -> dict[str, Any]:
+    """Watch one recorded lift again; return its row with the measured part made anew."""
+    camera = settings.bench.camera
+    truth = MarkerTruth(camera.marker_ids, camera.marker_dictionary, camera.base_T_camera())
+    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
+    watched = LiftMeasurement(signs, settings.estimator, settings.window, truth)
+    show_again(folder / row["recording"], watched)
+    measured, _ = lift_result(watched)
+    return {**row, **measured}
+
+
+def session_settings(folder: Path, estimator: str | None, window: int | None) -> TrialSettings:
+    """Return the settings a trial session was made with. Raises `SessionError`."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such session folder")
+    manifest = read_manifest(folder)
+    if manifest.get("kind") != "trial":
+        raise SessionError(
+            f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts to replay"
+        )
+    try:
+        bench = BenchConfig.model_validate(manifest["config"])
+        return trial_settings(
+            bench, manifest["seed"], estimator or manifest["estimator"], window or manifest["window"]
+        )
+    except (KeyError, ValidationError) as error:
+        raise SessionError(f"{folder}/session.json: incomplete or damaged ({error})") from error
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row as it looks when read back from its JSON line."""
+    return json.loads(json.dumps(row))

@@ -1,0 +1,62 @@
+"""Simulated lifts side by side: worker processes that end with their parent, whatever ends it."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from multiprocessing import connection
+from typing import TypeVar
+
+from drivers.errors import RigError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def run_tasks(work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Result]]:
+    """Yield results as they come; with one job, in this process and in order.
+
+    `tasks` may grow while results are taken (a lift to repeat). Leaving the loop early ends
+    the workers. Only the caller's process gets to write anything.
+    """
+    if jobs == 1:
+        while tasks:
+            task = tasks.pop(0)
+            yield task, work(task)
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
+    running: dict[Future[Result], Task] = {}
+    try:
+        while tasks or running:
+            # One task ahead per worker keeps it busy; more would hold results in memory.
+            while tasks and len(running) < 2 * jobs:
+                task = tasks.pop(0)
+                running[pool.submit(work, task)] = task
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BrokenExecutor as error:
+        raise RigError(
+            "a worker process died (out of memory?); finished lifts are kept: continue with --resume, "
+            "and with fewer --jobs if it happens again"
+        ) from error
+    finally:
+        # Workers write nothing, so they can be ended at once without losing anything.
+        for process in multiprocessing.active_children():
+            process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """Leave interrupts to the parent, and exit when it is gone, even killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
+
+
+def _watch(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)

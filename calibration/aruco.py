@@ -1,0 +1,100 @@
+"""ArUco markers of one picture: detected, and their corners refined.
+
+OpenCV's own refinement caps its window at 0.3 of a module and then does nothing for small
+markers, so corners are refined here with a window that follows the marker's size.
+"""
+
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.types import Image
+
+Corners = NDArray[np.float64]
+"""(..., 4, 2) px: corners of markers, clockwise from each one's own top left; pixel centres are whole."""
+
+_SAME_PLACE = 0.3
+_ONE_WINDOW = 23
+
+
+class Refusal(StrEnum):
+    """Why a picture gives no corners or no angle."""
+
+    NOT_FOUND = "no marker found"
+    ONE_HIDDEN = "one marker not found"
+    DUPLICATE = "marker id seen twice"
+    JUMP = "implausible jump"
+    TOO_SMALL = "marker too small"
+    UNEQUAL = "markers differ in size"
+    NO_CORNER = "corner without an edge"
+    OUT_OF_PLANE = "moved out of its plane"
+    OLD_TIME = "time not later than the last"
+
+
+def find_markers(gray: Image, dictionary: str) -> dict[int, Corners]:
+    """Search a whole (H, W) uint8 picture: refined (4, 2) px corners of every id seen exactly once."""
+    single = {i: quads[0] for i, quads in detect_all(detector(dictionary), gray).items() if len(quads) == 1}
+    refined = {i: refine(gray, quad[None]) for i, quad in single.items()}
+    return {i: corners[0] for i, corners in refined.items() if not isinstance(corners, Refusal)}
+
+
+def detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+    """A detector with three threshold windows and no refinement. Raises `InputError`."""
+    return cv2.aruco.ArucoDetector(_dictionary(dictionary), cv2.aruco.DetectorParameters())
+
+
+def region_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+    """A detector for small cuts of a picture: one threshold window. Raises `InputError`."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = _ONE_WINDOW
+    # a region holds little but the marker, so small outlines are its modules
+    parameters.minMarkerPerimeterRate = 0.8
+    # grouped with the outline of its own paper, cut by the region, a marker would be dropped
+    parameters.minMarkerDistanceRate = 0.01
+    return cv2.aruco.ArucoDetector(_dictionary(dictionary), parameters)
+
+
+def detect_all(aruco: cv2.aruco.ArucoDetector, gray: Image) -> dict[int, list[Corners]]:
+    """Detected (4, 2) px quads of a (H, W) uint8 picture by id; one outlined twice counts once."""
+    # noise costs contours, and contours cost time: a 3 x 3 mean makes a noisy search four times faster
+    quads, ids, _ = aruco.detectMarkers(cv2.blur(gray, (3, 3)))
+    seen: dict[int, list[Corners]] = {}
+    for marker_id, quad in zip([] if ids is None else ids.reshape(-1), quads, strict=True):
+        others = seen.setdefault(int(marker_id), [])
+        _add_apart(others, quad.reshape(4, 2).astype(np.float64))
+    return seen
+
+
+def refine(gray: Image, corners: Corners) -> Corners | Refusal:
+    """Refine (M, 4, 2) px corners to sub-pixel, the window 0.12 of the side, 3 to 9 px."""
+    side = float(side_lengths(corners).mean())
+    half = int(np.clip(round(0.12 * side), 3, 9))
+    start = corners.reshape(-1, 1, 2).astype(np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 0.005)
+    refined = cv2.cornerSubPix(gray, start.copy(), (half, half), (-1, -1), stop)
+    moved = np.abs(refined - start).max()
+    if not moved <= half:
+        return Refusal.NO_CORNER
+    return refined.reshape(corners.shape).astype(np.float64)
+
+
+def side_lengths(corners: Corners) -> NDArray[np.float64]:
+    """Lengths of the sides, (..., 4), of (..., 4, 2) corners."""
+    return np.linalg.norm(corners - np.roll(corners, -1, axis=-2), axis=-1)
+
+
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
+        raise InputError(f"markers: OpenCV has no dictionary {name!r}; use a name such as DICT_4X4_50")
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _add_apart(others: list[Corners], quad: Corners) -> None:
+    for i, other in enumerate(others):
+        if np.linalg.norm(other.mean(axis=0) - quad.mean(axis=0)) < _SAME_PLACE * side_lengths(quad).mean():
+            others[i] = max(other, quad, key=lambda q: side_lengths(q).mean())
+            return
+    others.append(quad)

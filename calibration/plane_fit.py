@@ -1,0 +1,88 @@
+"""The homography under which two markers are squares of equal side, and its uncertainty."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import CalibrationError
+
+Array = NDArray[np.floating]
+
+SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
+"""A marker of side 1 in its plane, y up, clockwise from the top left."""
+
+
+class FreePlane:
+    """A plane seen by an unknown camera: eight numbers of a homography, three of the second marker."""
+
+    def __init__(self, ideal_px: Array) -> None:
+        from_square = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
+        image_T_plane = np.asarray(from_square, dtype=np.float64)  # noqa: N806
+        self.starts = [np.append(image_T_plane.reshape(-1)[:8], _second_marker(image_T_plane, ideal_px))]
+
+    def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
+        """(3, 3) homography."""
+        return np.append(parameters[:8], 1.0).reshape(3, 3)
+
+    def normal(self, parameters: Array) -> Array | None:
+        """Unknown without intrinsics."""
+        return None
+
+
+class CameraPlane:
+    """A plane seen by a known camera: six numbers of its pose, three of the second marker."""
+
+    def __init__(self, ideal_px: Array, camera_matrix: Array) -> None:
+        self._camera_matrix = camera_matrix
+        square = np.column_stack([SQUARE, np.zeros(4)])
+        # both poses that one small marker allows; the second marker decides
+        _, turns, moves, _ = cv2.solvePnPGeneric(
+            square, ideal_px[0], camera_matrix, np.zeros(5), flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        poses = np.array([np.append(r, t) for r, t in zip(turns, moves, strict=True)], dtype=np.float64)
+        self.starts = [np.append(p, _second_marker(self.image_T_plane(p), ideal_px)) for p in poses]
+
+    def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
+        """(3, 3) homography."""
+        pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
+        pose[:, 2] = parameters[3:6]
+        return self._camera_matrix @ pose
+
+    def normal(self, parameters: Array) -> Array | None:
+        """(3,) unit vector from the plane towards the camera, camera axes."""
+        return Rotation.from_rotvec(parameters[:3]).as_matrix()[:, 2]
+
+
+def _second_marker(image_T_plane: Array, ideal_px: Array) -> Array:  # noqa: N803
+    """Where the second marker lies in the first one's plane: x, y, turn in rad."""
+    corners = cv2.perspectiveTransform(ideal_px[1][None], np.linalg.inv(image_T_plane))[0]
+    centre = corners.mean(axis=0)
+    square, seen = SQUARE @ (1, 1j), (corners - centre) @ (1, 1j)
+    return np.append(centre, np.angle((square.conj() * seen).sum()))
+
+
+def _corners_in_plane(second: Array) -> Array:
+    c, s = np.cos(second[2]), np.sin(second[2])
+    return np.vstack([SQUARE, SQUARE @ np.array([[c, s], [-s, c]]) + second[:2]])
+
+
+def solve(model: "FreePlane | CameraPlane", ideal_px: Array, noise_px: float) -> tuple[Array, Array, float]:
+    """Best parameters (P,), their one-sigma directions (P, P) as rows, rms misfit in px."""
+
+    def missed(parameters: Array) -> Array:
+        plane = np.column_stack([_corners_in_plane(parameters[-3:]), np.ones(8)])
+        rays = plane @ model.image_T_plane(parameters).T
+        return (rays[:, :2] / rays[:, 2:] - ideal_px.reshape(8, 2)).reshape(-1)
+
+    fits = [least_squares(missed, start, method="lm", x_scale="jac") for start in model.starts]
+    best = min(fits, key=lambda fit: fit.cost)
+    _, strengths, directions = np.linalg.svd(best.jac, full_matrices=False)
+    if not best.success or strengths[-1] < 1e-12 * strengths[0]:
+        raise CalibrationError(
+            "markers: no plane fits the corners; are the two markers where they should be?"
+        )
+    free = best.fun.size - best.x.size
+    sigma = max(np.sqrt(2 * best.cost / free), noise_px)
+    return best.x, directions * (sigma / strengths)[:, None], float(np.sqrt(2 * best.cost / 8))

@@ -12,6 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 GRAVITY = 9.81
+SLIDE_M_PER_RAD = 0.002
+"""A turning contact also creeps down the pad: about 1 mm over a 30 degree slip."""
+PAD_M = 0.012
+"""An object that has slid this far has left the pads."""
+TORSION_LIMIT_RAD = math.radians(1.5)
+TORSION_RELAXES_S = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +70,11 @@ class SlipDynamics:
         else:
             self._stick_slip(load, height_m, dt_s)
         self._twist_gel(self.angle_rad - before, dt_s)
+        self.slide_m += SLIDE_M_PER_RAD * abs(self.angle_rad - before)
 
     def _fall(self, dt_s: float) -> None:
-        self.slide_m += max(0.02, 3.0 * self.slide_m) * dt_s
-        self.fallen = self.fallen or self.slide_m > 0.012
+        self.slide_m = min(self.slide_m + max(0.02, 3.0 * self.slide_m) * dt_s, PAD_M)
+        self.fallen = self.slide_m >= PAD_M
 
     def _wind_up(self, load: GripLoad, height_m: float) -> None:
         """A held object only twists the gel as its weight comes onto the pads."""
@@ -84,16 +91,15 @@ class SlipDynamics:
                 self._threshold_rad = math.radians(min(self.rng.lognormal(-1.0, 0.7), 2.5))
         elif demand - turned > self._threshold_rad:
             self.slipping = True
-            self._rate_rad_s = math.radians(self.rng.uniform(15.0, 60.0))
+            self._rate_rad_s = math.radians(self.rng.uniform(25.0, 60.0))
         elif demand < turned:
             turned = demand
         else:
             turned = min(turned + self.creep_rad * math.exp(-turned) * dt_s, demand)
         self.angle_rad = math.copysign(turned, load.lever_m)
-        self.slide_m += 2e-5 * abs(self._rate_rad_s) * dt_s if self.slipping else 0.0
 
     def _twist_gel(self, turned_rad: float, dt_s: float) -> None:
         """The gel is dragged along up to a limit and relaxes within about a second."""
-        limit = math.radians(1.5)
-        drag = 1.0 - min(abs(self.torsion_rad) / limit, 1.0) * (turned_rad * self.torsion_rad > 0)
-        self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / 0.8
+        wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
+        drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
+        self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S

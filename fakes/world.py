@@ -143,7 +143,7 @@ class World:
         if not moment.held or self.site is None:
             return self.layout.base_T_table.translated(x_m=right, z_m=-down)
         turn = Rotation.from_euler("y", -moment.object_turn_rad)
-        grasp = np.array(self.tool.position_at(time_ns)) + (right, 0.0, -down - moment.slide_m)
+        grasp = np.add(self.tool.position_at(time_ns), (right, 0.0, -down - moment.slide_m))
         return Pose.from_rotation(grasp - turn.apply((self.site.offset_m, 0.0, 0.0)), turn)
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:

@@ -62,8 +62,9 @@ def step_fingers(bench: Bench, pump: Pump, watch: Watch, counts: int) -> None:
 
 def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -> Motion:  # noqa: N803
     """Start lifting straight up; return the motion."""
-    speed = 1.25 * height_m / duration_s
-    return _move(bench, base_T_grasp.translated(z_m=height_m), speed)
+    speed = height_m / (0.8 * duration_s)  # a fifth of the time each for speeding up and slowing down
+    acceleration = speed / (0.2 * duration_s)
+    return bench.arm.move_linear(base_T_grasp.translated(z_m=height_m), speed, acceleration)
 
 
 def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803

@@ -9,7 +9,7 @@ import io
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,14 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError, InputError, RecordingError, SessionError
-from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
 from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, make_ready
-from protocols.watch import Operator, Phase
+from protocols.watch import Operator
 from rig.assembly import ConsoleOperator, build_bench
 from rig.attempt import grasp_pose
+from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
 from rig.records.session import Session, open_session
 from rig.seeds import derived_seed
@@ -43,8 +44,6 @@ MANIFEST_COLUMNS = (
     "contact_area_px",
 )
 GRIPS_PER_POSE = 5
-FRAMES_APART = 3
-"""Images of one grip are this many frames apart, so that they differ by more than noise."""
 MAX_FAULTS_IN_A_ROW = 3
 _log = logging.getLogger("rig.record")
 
@@ -58,87 +57,6 @@ class RecordSettings:
     grasps: GraspFile
     poses: int
     images: int
-
-
-@dataclass(slots=True)
-class PoseCapture:
-    """A watch that takes images with contact, turn about from each fingertip."""
-
-    finders: dict[str, ContactFinder]
-    taken: list[tuple[Frame, int, float]] = field(default_factory=list)
-    rejected: int = 0
-    _grip_counts: int = 0
-    _wanted: int = 0
-    _touching: dict[str, bool] = field(default_factory=dict)
-    _areas: dict[str, float] = field(default_factory=dict)
-    _last: dict[str, int] = field(default_factory=dict)
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        """Phases are a lift's; a pose has none."""
-
-    def arm(self, state: ArmState) -> None:
-        """The pose is in the plan."""
-
-    def gripper(self, state: GripperState) -> None:
-        """The grip is in the plan."""
-
-    def want(self, images: int, grip_counts: int) -> None:
-        """Take this many more images at a grip."""
-        self._wanted, self._grip_counts = len(self.taken) + images, grip_counts
-
-    def satisfied(self) -> bool:
-        """Whether they have been taken."""
-        return len(self.taken) >= self._wanted
-
-    def touching(self, serial: str) -> bool:
-        """Whether the newest frame of a fingertip shows contact."""
-        return self._touching.get(serial, False)
-
-    def frame(self, frame: Frame) -> None:
-        """Look for contact; take the image when one of this fingertip is wanted."""
-        finder = self.finders.get(frame.serial)
-        if finder is None:
-            return
-        area = finder.find(frame.image).area_px
-        self._touching[frame.serial] = area > 0
-        if self.satisfied() or not self._due(frame):
-            return
-        if area > 0:
-            self.taken.append((frame, self._grip_counts, area))
-        else:
-            self.rejected += 1
-        self._last[frame.serial] = frame.sequence
-
-    def _due(self, frame: Frame) -> bool:
-        if frame.sequence - self._last.get(frame.serial, -FRAMES_APART) < FRAMES_APART:
-            return False
-        counts = {serial: sum(f.serial == serial for f, _, _ in self.taken) for serial in self.finders}
-        return counts[frame.serial] == min(counts.values())
-
-
-@dataclass(slots=True)
-class _Reference:
-    """A watch that keeps the fingertips' frames without contact."""
-
-    frames: dict[str, list[Image]]
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        """No phases."""
-
-    def arm(self, state: ArmState) -> None:
-        """Nothing moves."""
-
-    def gripper(self, state: GripperState) -> None:
-        """Nothing moves."""
-
-    def touching(self, serial: str) -> bool:
-        """Nothing touches."""
-        return False
-
-    def frame(self, frame: Frame) -> None:
-        """Keep a fingertip's frame."""
-        if frame.serial in self.frames:
-            self.frames[frame.serial].append(frame.image)
 
 
 def record_request(settings: RecordSettings) -> dict[str, Any]:
@@ -240,7 +158,7 @@ def _references(session: Session, settings: RecordSettings) -> dict[str, Contact
     serials = [tactile.serial for tactile in settings.bench.tactile]
     names = {serial: f"reference/{serial}.png" for serial in serials}
     if not all((session.folder / name).exists() for name in names.values()):
-        watch = _Reference({serial: [] for serial in serials})
+        watch = ReferenceCapture({serial: [] for serial in serials})
         bench, _ = build_bench(settings.bench, derived_seed(settings.seed, settings.grasps.id, "reference"))
         with bench.connected():
             record_reference(bench, watch)

@@ -1,0 +1,6 @@
+"""`python -m rig`: the same as `rig`."""
+
+from rig.cli.main import main
+
+if __name__ == "__main__":
+    main()

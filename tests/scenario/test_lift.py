@@ -1,0 +1,157 @@
+"""One lift on the simulated bench: what is kept, how faults end, and what nobody may see."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from drivers.errors import OperatorStopError
+from protocols.watch import Phase
+from rig.assembly import build_bench
+from rig.attempt import Attempt, LiftTask, TrialSettings, attempt_lift, new_measurement, plan_lift
+from rig.config import BenchConfig, load_bench
+from rig.lift import LiftMeasurement
+
+TASK = LiftTask(1, "t1", 2)
+
+
+def settings(**changes: object) -> TrialSettings:
+    config = load_bench("fake").model_dump()
+    return TrialSettings(BenchConfig.model_validate({**config, **changes}), 0, "skeleton", 2)
+
+
+def fault(device: str, kind: str, at_s: float = 8.0, **more: object) -> TrialSettings:
+    return settings(faults=[{"device": device, "kind": kind, "at_s": at_s, **more}])
+
+
+@pytest.fixture(scope="module")
+def good() -> Attempt:
+    return attempt_lift(settings(), TASK)
+
+
+def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt) -> None:
+    row = good.row
+    assert row["accepted"]
+    assert row["outcome"] == "slipped"
+    assert row["simulated"] is True
+    assert row["force_n"] is None
+    assert abs(row["final_truth_deg"]) > 5.0
+    assert np.sign(row["final_estimate_deg"]) == np.sign(row["final_truth_deg"])
+    assert row["re_b"]["mean_deg"] < 8.0
+    assert row["onset_truth_s"] > 0.0
+    assert set(row["dropped"].values()) == {0}
+    phases = row["phases_s"]
+    assert phases["B"] - phases["A"] == pytest.approx(3.0, abs=0.3)
+    assert phases["C"] - phases["B"] == pytest.approx(1.5, abs=0.2)
+
+
+def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt) -> None:
+    reader = make_reader(io.BytesIO(good.recording))
+    summary = reader.get_summary()
+    assert summary is not None
+    schemas = {schema.name: schema.encoding for schema in summary.schemas.values()}
+    assert schemas["foxglove.CompressedImage"] == "protobuf"
+    assert schemas["foxglove.PoseInFrame"] == "protobuf"
+    assert schemas["rig.Angle"] == "jsonschema"
+    topics = {channel.topic for channel in summary.channels.values()}
+    assert {"/angle/estimate", "/angle/truth", "/image/SIM-D0001", "/image/SIM-C0001"} <= topics
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: Attempt) -> None:
+    again = attempt_lift(settings(), TASK)
+    assert again.row == good.row
+    assert again.recording == good.recording
+    other = TrialSettings(load_bench("fake"), 1, "skeleton", 2)
+    assert attempt_lift(other, TASK).row["final_truth_deg"] != good.row["final_truth_deg"]
+
+
+@pytest.mark.parametrize(
+    ("device", "kind", "text"),
+    [
+        ("arm", "protective_stop", "ProtectiveStopError"),
+        ("arm", "disconnect", "connection lost"),
+        ("gripper", "fault", "0x0D"),
+        ("gripper", "blocked", "no contact"),
+        ("tactile", "freeze", "froze"),
+        ("SIM-D0002", "disconnect", "SIM-D0002"),
+        ("tactile", "drop", "no frame"),
+        ("camera", "freeze", "froze"),
+    ],
+)
+def test_a_fault_in_mid_lift_is_named_and_no_result(device: str, kind: str, text: str) -> None:
+    at_s = {"gripper": 5.5}.get(device, 9.5)
+    row = attempt_lift(fault(device, kind, at_s), TASK).row
+    assert not row["accepted"]
+    assert row["outcome"] == "fault"
+    assert text in row["fault"]
+    assert "[" in row["fault"]  # how the bench was left
+
+
+def test_a_few_dropped_frames_cost_information_only() -> None:
+    row = attempt_lift(fault("SIM-D0001", "drop", 9.0, duration_s=0.1), TASK).row
+    assert row["accepted"]
+    assert row["dropped"]["SIM-D0001"] == 6
+
+
+def test_a_fault_belongs_to_its_lift_and_attempt() -> None:
+    other_lift = fault("arm", "protective_stop", lift="t1/3")
+    assert attempt_lift(other_lift, TASK).row["accepted"]
+    second = LiftTask(1, "t1", 2, attempt=1)
+    assert attempt_lift(fault("arm", "protective_stop"), second).row["accepted"]
+
+
+def test_an_operators_stop_sets_the_object_down_first() -> None:
+    config = settings()
+    bench, operator = build_bench(config.bench, seed=3)
+    plan = plan_lift(config, TASK, bench.base_T_table)
+    watched = new_measurement(config, bench)
+
+    class Stopping(LiftMeasurement):
+        def phase(self, phase: Phase, time_ns: int) -> None:
+            super().phase(phase, time_ns)
+            if phase is Phase.HOLD:
+                raise OperatorStopError("stopped")
+
+    watched.__class__ = Stopping
+    from protocols.slip_trial import run_lift
+
+    with bench.connected():
+        bench.gripper.activate()
+        operator.place("t1", "wrench")
+        with pytest.raises(OperatorStopError) as raised:
+            run_lift(bench, plan, watched)
+        height = bench.arm.state().base_T_tcp.position_m[2]
+        opening = bench.gripper.state().position_counts
+    assert "set down" in raised.value.__notes__[0]
+    assert height == pytest.approx(plan.base_T_grasp.position_m[2] + 0.10, abs=1e-3)
+    assert opening <= bench.gripper.limits.counts_for_opening(plan.width_m)
+
+
+def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> None:
+    """Frames of noise in place of the real ones leave nothing to answer."""
+    from drivers.types import Frame
+    from rig.records.reading import show_again
+    from rig.result import lift_result
+
+    path = tmp_path / "lift.mcap"
+    path.write_bytes(good.recording)
+    config = settings()
+    bench, _ = build_bench(config.bench)
+    watched = new_measurement(config, bench)
+
+    class Noise(LiftMeasurement):
+        def frame(self, frame: Frame) -> None:
+            if frame.serial in self.tips:
+                rng = np.random.default_rng(frame.sequence)
+                noise = rng.normal(110, 3, frame.image.shape).clip(0, 255).astype(np.uint8)
+                frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)
+            super().frame(frame)
+
+    watched.__class__ = Noise
+    show_again(path, watched)
+    row, _ = lift_result(watched)
+    assert row["answered"] == 0.0
+    assert row["re"] is None
+    assert row["final_estimate_deg"] is None

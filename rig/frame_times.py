@@ -1,0 +1,118 @@
+"""When frames were taken: from a table beside them, or from a frame rate."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
+from pathlib import Path, PurePath
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+
+MAX_FPS = 10_000.0
+# Beyond this many seconds integer nanoseconds no longer fit the 64 bits that files give them.
+MAX_TIME_S = 9e9
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTime:
+    """A frame's time: the text as the user gave it, in s, and the same in integer ns."""
+
+    text: str
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    line: int
+    frame: str
+    time: FrameTime
+
+
+def times_at_rate(count: int, fps: float) -> list[FrameTime]:
+    """Return times of `count` frames from 0 on at a rate in Hz. Raises `InputError` for a bad rate."""
+    if not 0 < fps <= MAX_FPS:
+        raise InputError(f"--fps {fps:g} is no frame rate: give one above 0 and up to {MAX_FPS:g}")
+    return [FrameTime(f"{i / fps:.6f}", round(i / fps * NS_PER_S)) for i in range(count)]
+
+
+def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:
+    """Return the times of the frames with these names from a CSV with columns `frame` and `t_s`.
+
+    A row names its frame by file name, by file name without ending, or, in a table that does so
+    throughout, by its number from 0. Each frame needs one row, in the frames' order, with times
+    that never go back. Raises `InputError` naming the line otherwise.
+    """
+    rows = _rows(table)
+    places = _places(table, rows, names)
+    for (place, row), (next_place, next_row) in pairwise(zip(places, rows, strict=True)):
+        if next_place < place or next_row.time.time_ns < row.time.time_ns:
+            later, line = f"{table}: line {next_row.line}", row.line
+            raise InputError(
+                f"{later} comes before line {line} in time or in the frames' order: sort the rows"
+            )
+    if len(places) < len(names):
+        missing = names[min(set(range(len(names))) - set(places))]
+        raise InputError(f"{table}: line {rows[-1].line} is the last and '{missing}' has no row: add one")
+    return [row.time for row in rows]
+
+
+def parse_time(text: str) -> FrameTime | None:
+    """Read a time in s, exact to the ns; None when it is no finite number."""
+    try:
+        value = Decimal(text.strip())
+    except InvalidOperation:
+        return None
+    if not value.is_finite() or abs(value) > MAX_TIME_S:
+        return None
+    return FrameTime(text.strip(), round(value * NS_PER_S))
+
+
+def _rows(table: Path) -> list[_Row]:
+    try:
+        with table.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            if not {"frame", "t_s"} <= set(reader.fieldnames or ()):
+                raise InputError(f"{table}: line 1 has no columns 'frame' and 't_s': add this header")
+            rows = [_row(table, reader.line_num, fields) for fields in reader]
+    except OSError as error:
+        raise InputError(f"{table}: cannot be read ({error.strerror}): give a CSV file") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{table}: is no CSV text ({error}): give columns frame,t_s") from error
+    if not rows:
+        raise InputError(f"{table}: line 2 is missing: give one row per frame")
+    return rows
+
+
+def _row(table: Path, line: int, fields: dict[str, str | None]) -> _Row:
+    frame, text = (fields["frame"] or "").strip(), fields["t_s"] or ""
+    time = parse_time(text)
+    if not frame or time is None:
+        raise InputError(f"{table}: line {line}: frame '{frame}', t_s '{text}': give a frame and a time in s")
+    return _Row(line, frame, time)
+
+
+def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
+    """Return which frame each row means."""
+    known = _by_name(names)
+    if not any(row.frame in known for row in rows):
+        known = {str(i): i for i in range(len(names))}
+    seen: dict[int, int] = {}
+    for row in rows:
+        place = known.get(row.frame)
+        if place is None:
+            raise InputError(f"{table}: line {row.line}: there is no frame '{row.frame}': remove the row")
+        if place in seen:
+            raise InputError(
+                f"{table}: line {row.line}: '{row.frame}' is on line {seen[place]} already: keep one"
+            )
+        seen[place] = row.line
+    return list(seen)
+
+
+def _by_name(names: Sequence[str]) -> dict[str, int]:
+    """Map file names to places, and stems too where only one file has that stem."""
+    stems = [PurePath(name).stem for name in names]
+    unique = {stem: i for i, stem in enumerate(stems) if stems.count(stem) == 1}
+    return {**unique, **{name: i for i, name in enumerate(names)}}

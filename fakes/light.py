@@ -1,0 +1,137 @@
+"""The light inside one simulated DIGIT: three coloured LEDs round the gel, and what they make of it.
+
+Fitted by eye and by figure to real frames of one unit: red glow from the left with streaks, blue
+and dark at the top, green on the right. In those frames a slope brightens in a colour when it
+faces away from that colour's LED, so the lower edge of a contact is blue, the upper edge red and
+yellow, the left edge green.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fakes.gel import GelPad, pixel_grid_mm
+
+Planes = NDArray[np.floating]
+
+_LED_AZIMUTH_DEG = (205.0, -28.0, 92.0)
+"""Where red, green and blue stand, counter-clockwise from the image's right."""
+_LED_DISTANCE_MM = 17.0
+_BASE_GAIN = (26.0, 16.0, 34.0)
+_GAIN_PER_GLOW = (0.62, 0.34, 0.80)
+_DRIFT_PERIODS_S = (23.0, 61.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """One unit's light.
+
+    background: (H, W, 3) float32 grey levels without contact. towards_x, towards_y, gain: (3,
+    H/2, W/2) float32, per colour the direction in which a downhill slope brightens, and by how
+    many grey levels at most. drift_share, drift_phase: (2, 3), slow drift of each colour.
+    """
+
+    background: Planes
+    towards_x: Planes
+    towards_y: Planes
+    gain: Planes
+    drift_share: NDArray[np.float64]
+    drift_phase: NDArray[np.float64]
+
+    def drift_at(self, time_s: float) -> NDArray[np.float64]:
+        """Return the brightness factor of red, green and blue: LEDs and white balance wander."""
+        waves = np.sin(2.0 * np.pi * time_s / np.array(_DRIFT_PERIODS_S)[:, None] + self.drift_phase)
+        return 1.0 + (self.drift_share * waves).sum(axis=0)
+
+
+def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
+    """Make the light of one unit: colours, positions and streaks differ from unit to unit."""
+    background = _background(pad.shape, rng)
+    glow = cv2.resize(background, (pad.shape[1] // 2, pad.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    glow = cv2.blur(glow, (15, 15)).transpose(2, 0, 1)
+    towards_x, towards_y = _directions(pad, rng)
+    gain = np.array(_BASE_GAIN)[:, None, None] + np.array(_GAIN_PER_GLOW)[:, None, None] * glow
+    gain = gain * rng.uniform(0.85, 1.15, (3, 1, 1))
+    common, apart = rng.uniform(0.004, 0.009, (2, 1)), rng.uniform(-0.003, 0.003, (2, 3))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, 1)) + rng.uniform(-0.5, 0.5, (2, 3))
+    return Light(
+        background, towards_x, towards_y, np.ascontiguousarray(gain, np.float32), common + apart, phase
+    )
+
+
+def _directions(pad: GelPad, rng: np.random.Generator) -> tuple[Planes, Planes]:
+    """Unit vectors from each LED to each pixel: near LEDs do not light all places from one side."""
+    x_mm, y_mm = pixel_grid_mm(pad.shape, pad.mm_per_px, 2)
+    azimuth = np.deg2rad(np.array(_LED_AZIMUTH_DEG) + rng.normal(0.0, 6.0, 3))[:, None, None]
+    distance = _LED_DISTANCE_MM * rng.uniform(0.9, 1.2, (3, 1, 1))
+    from_x = x_mm[None, None, :] - distance * np.cos(azimuth)
+    from_y = y_mm[None, :, None] + distance * np.sin(azimuth)
+    length = np.hypot(from_x, from_y)
+    return (from_x / length).astype(np.float32), (from_y / length).astype(np.float32)
+
+
+def _background(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
+    rows, columns = shape
+    v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
+    u, v = (u + 0.5) / columns, (v + 0.5) / rows
+    u, v = u + np.float32(rng.normal(0.0, 0.03)), v + np.float32(rng.normal(0.0, 0.02))
+    planes = [_red(u, v, rng), _green(u, v, rng), _blue(u, v, rng)]
+    image = np.stack(planes, axis=-1) * rng.uniform(0.88, 1.12, 3) * rng.uniform(0.92, 1.08)
+    image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0) * _blemishes(shape, rng)[..., None]
+    return np.clip(image, 6.0, 235.0).astype(np.float32)
+
+
+def _red(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
+    below_ridge = _step(v - 0.165 + 0.10 * (u - 0.42) ** 2, 0.028)
+    from_left = 150.0 * _hill(u, v, (0.02, 0.37), (0.36, 0.26))
+    ridge = 95.0 * _hill(u, v, (0.47, 0.24), (0.26, 0.085)) + 45.0 * _hill(u, v, (0.72, 0.32), (0.10, 0.09))
+    tail = 75.0 * _hill(u, v, (0.05, 0.72), (0.34, 0.26))
+    lit = below_ridge * (from_left + ridge + tail) * _streaks(u, v, rng)
+    return 24.0 + 26.0 * _hill(u, v, (0.45, 0.05), (0.4, 0.3)) + lit
+
+
+def _green(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
+    edge = 0.35 + 0.65 * _step(v - 0.24, 0.035)
+    right = 74.0 * edge * _hill(u, v, (0.68 + rng.normal(0.0, 0.02), 0.45), (0.30, 0.30))
+    beam = 42.0 * _step(u - 0.50 - 0.25 * (v - 0.45), 0.03) * _hill(u, v, (0.85, 0.75), (0.30, 0.34))
+    return 46.0 + 28.0 * _hill(u, v, (0.1, 0.2), (0.5, 0.5)) + right + beam
+
+
+def _blue(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
+    top = 56.0 * _hill(u, v, (0.45 + rng.normal(0.0, 0.05), 0.02), (0.42, 0.22))
+    patch = 72.0 * _hill(u, v, (0.27, 0.52), (0.26, 0.17))
+    return 40.0 + 28.0 * _hill(u, v, (0.1, 0.5), (0.5, 0.5)) + top + patch
+
+
+def _streaks(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
+    """Rays that fan out to the left and down, brighter and darker than the glow they lie in."""
+    angle = np.arctan2(v - 0.17, 0.75 * (0.62 - u))
+    rays = cv2.GaussianBlur(rng.standard_normal((1, 720)).astype(np.float32), (0, 0), 5.0)
+    rays = rays / rays.std()
+    column = ((angle / np.pi + 1.0) * 359.0).astype(np.float32)
+    pattern = cv2.remap(rays, column, np.zeros_like(column), cv2.INTER_LINEAR)
+    reach = _hill(u, v, (0.12, 0.50), (0.32, 0.32))
+    return np.clip(1.0 + rng.uniform(0.13, 0.24) * reach * pattern, 0.4, 1.7).astype(np.float32)
+
+
+def _blemishes(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
+    """Vignetting, dust on the lens and the sensor's columns, as a factor."""
+    rows, columns = shape
+    v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
+    radius = np.hypot((u - columns / 2) / columns, (v - rows / 2) / rows)
+    factor = 1.0 - 0.22 * radius**2 + rng.normal(0.0, 0.006, (1, columns))
+    factor = factor.astype(np.float32)
+    for _ in range(int(rng.integers(2, 7))):
+        x, y = int(rng.integers(5, columns - 5)), int(rng.integers(5, rows - 5))
+        cv2.circle(factor, (x, y), int(rng.integers(1, 3)), float(rng.uniform(0.70, 0.9)), -1)
+    return np.asarray(cv2.GaussianBlur(factor, (0, 0), 0.9), np.float32)
+
+
+def _hill(u: Planes, v: Planes, centre: tuple[float, float], width: tuple[float, float]) -> Planes:
+    return np.exp(-(((u - centre[0]) / width[0]) ** 2) - ((v - centre[1]) / width[1]) ** 2)
+
+
+def _step(distance: Planes, softness: float) -> Planes:
+    return 0.5 + 0.5 * np.tanh(distance / softness)

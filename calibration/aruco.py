@@ -43,12 +43,12 @@ def find_markers(gray: Image, dictionary: str) -> dict[int, Corners]:
 
 def detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     """A detector with three threshold windows and no refinement. Raises `InputError`."""
-    return cv2.aruco.ArucoDetector(_dictionary(dictionary), cv2.aruco.DetectorParameters())
+    return cv2.aruco.ArucoDetector(_dictionary(dictionary), _parameters())
 
 
 def region_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     """A detector for small cuts of a picture: one threshold window. Raises `InputError`."""
-    parameters = cv2.aruco.DetectorParameters()
+    parameters = _parameters()
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = _ONE_WINDOW
     # a region holds little but the marker, so small outlines are its modules
     parameters.minMarkerPerimeterRate = 0.8
@@ -59,8 +59,7 @@ def region_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
 
 def detect_all(aruco: cv2.aruco.ArucoDetector, gray: Image) -> dict[int, list[Corners]]:
     """Detected (4, 2) px quads of a (H, W) uint8 picture by id; one outlined twice counts once."""
-    # noise costs contours, and contours cost time: a 3 x 3 mean makes a noisy search four times faster
-    quads, ids, _ = aruco.detectMarkers(cv2.blur(gray, (3, 3)))
+    quads, ids, _ = aruco.detectMarkers(gray)
     seen: dict[int, list[Corners]] = {}
     for marker_id, quad in zip([] if ids is None else ids.reshape(-1), quads, strict=True):
         others = seen.setdefault(int(marker_id), [])
@@ -81,9 +80,22 @@ def refine(gray: Image, corners: Corners) -> Corners | Refusal:
     return refined.reshape(corners.shape).astype(np.float64)
 
 
-def side_lengths(corners: Corners) -> NDArray[np.float64]:
+def side_lengths(corners: NDArray[np.floating]) -> NDArray[np.floating]:
     """Lengths of the sides, (..., 4), of (..., 4, 2) corners."""
-    return np.linalg.norm(corners - np.roll(corners, -1, axis=-2), axis=-1)
+    return np.linalg.norm(corners - corners[..., [1, 2, 3, 0], :], axis=-1)
+
+
+def _parameters() -> cv2.aruco.DetectorParameters:
+    """No refinement, and bits read from the middle third of a module.
+
+    By default a bit is read from four by four samples of three quarters of its module; a small
+    or blurred marker then goes unread (24 px, 15 degrees of tilt: 5 of 60 simulated pictures,
+    and none so; 40 px, blurred by 1.5 px: 11 and none).
+    """
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.perspectiveRemovePixelPerCell = 8
+    parameters.perspectiveRemoveIgnoredMarginPerCell = 0.33
+    return parameters
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.aruco import side_lengths
 from calibration.plane_fit import CameraPlane, FreePlane, solve
 from drivers.errors import CalibrationError
 
@@ -20,11 +21,12 @@ Array = NDArray[np.floating]
 FEWEST_FRAMES = 10
 _WORST_FIT_PX = 1.0
 _WORST_SCATTER_PX = 1.0
+_SMALLEST_AREA_PX = 64.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intrinsics:
-    """A camera: (3, 3) matrix in px, OpenCV distortion coefficients (5,) or none."""
+    """A camera: (3, 3) matrix in px and (5,) distortion coefficients k1, k2, p1, p2, k3 (OpenCV)."""
 
     camera_matrix: Array
     distortion: Array
@@ -91,7 +93,7 @@ def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneR
     scatter = float(np.sqrt(corners_px.var(axis=0, ddof=1).mean()))
     model = FreePlane(ideal) if intrinsics is None else CameraPlane(ideal, intrinsics.camera_matrix)
     parameters, spread, fit = solve(model, ideal, scatter / np.sqrt(len(corners_px)))
-    side = float(np.linalg.norm(ideal - np.roll(ideal, -1, axis=1), axis=-1).mean())
+    side = float(side_lengths(ideal).mean())
     if fit > _WORST_FIT_PX * max(1.0, side / 100):
         raise CalibrationError(
             f"markers: two equal squares in one plane fit only to {fit:.2f} px; "
@@ -118,7 +120,10 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
 
     The rotation that minimises the squared distances of all eight corners, in closed form; its
     argument comes from atan2, which neither folds nor biases small angles as arccos does.
+    Raises `CalibrationError` for corners that are not finite.
     """
+    if not np.isfinite(corners_px).all():
+        raise CalibrationError("markers: a corner is not a finite number; refuse the frame instead")
     camera = reference.intrinsics
     ideal = corners_px if camera is None else camera.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
@@ -165,8 +170,18 @@ def _check_static(corners_px: Array) -> None:
         )
     if not np.isfinite(corners_px).all():
         raise CalibrationError("markers: the reference holds corners that are not numbers; measure it again")
+    if (_areas(corners_px.mean(axis=0)) < _SMALLEST_AREA_PX).any():
+        raise CalibrationError(
+            "markers: corners in the reference span no plane; are they in clockwise order?"
+        )
     worst = float(corners_px.std(axis=0).max())
     if worst > _WORST_SCATTER_PX:
         raise CalibrationError(
             f"markers: a corner moved by {worst:.1f} px (1 sigma) in the reference; it must be at rest"
         )
+
+
+def _areas(quads_px: Array) -> Array:
+    """Areas of (M, 4, 2) px quads, positive for corners in clockwise order as seen (shoelace)."""
+    x, y = quads_px[..., 0], quads_px[..., 1]
+    return 0.5 * (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)

@@ -18,8 +18,7 @@ class FreePlane:
     """A plane seen by an unknown camera: eight numbers of a homography, three of the second marker."""
 
     def __init__(self, ideal_px: Array) -> None:
-        from_square = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
-        image_T_plane = np.asarray(from_square, dtype=np.float64)  # noqa: N806
+        image_T_plane = _first_marker(ideal_px)  # noqa: N806
         self.starts = [np.append(image_T_plane.reshape(-1)[:8], _second_marker(image_T_plane, ideal_px))]
 
     def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
@@ -36,12 +35,9 @@ class CameraPlane:
 
     def __init__(self, ideal_px: Array, camera_matrix: Array) -> None:
         self._camera_matrix = camera_matrix
-        square = np.column_stack([SQUARE, np.zeros(4)])
-        # both poses that one small marker allows; the second marker decides
-        _, turns, moves, _ = cv2.solvePnPGeneric(
-            square, ideal_px[0], camera_matrix, np.zeros(5), flags=cv2.SOLVEPNP_IPPE_SQUARE
-        )
-        poses = np.array([np.append(r, t) for r, t in zip(turns, moves, strict=True)], dtype=np.float64)
+        rays_T_plane = np.linalg.solve(camera_matrix, _first_marker(ideal_px))  # noqa: N806
+        # one small marker allows two poses; the second marker decides
+        poses = [np.append(turn.as_rotvec(), move) for turn, move in _two_poses(rays_T_plane)]
         self.starts = [np.append(p, _second_marker(self.image_T_plane(p), ideal_px)) for p in poses]
 
     def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
@@ -53,6 +49,29 @@ class CameraPlane:
     def normal(self, parameters: Array) -> Array | None:
         """(3,) unit vector from the plane towards the camera, camera axes."""
         return Rotation.from_rotvec(parameters[:3]).as_matrix()[:, 2]
+
+
+def _first_marker(ideal_px: Array) -> Array:
+    """(3, 3) homography from the first marker's square alone."""
+    seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
+    return np.asarray(seen, dtype=np.float64)
+
+
+def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803
+    """The pose in a homography, and the one leaning the other way that looks almost the same.
+
+    OpenCV's IPPE_SQUARE gives both too, but not a number for a plane square to the camera.
+    """
+    pose = rays_T_plane / np.linalg.norm(rays_T_plane[:, :2], axis=0).mean()
+    pose = pose * np.sign(pose[2, 2])
+    left, _, right = np.linalg.svd(pose[:, :2], full_matrices=False)
+    axes = left @ right
+    turn = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
+    sight = Rotation.align_vectors([[0.0, 0.0, 1.0]], [pose[:, 2]])[0]
+    mirror = np.diag([1.0, 1.0, -1.0])
+    from_sight = sight.as_matrix()
+    leaning_back = from_sight.T @ mirror @ from_sight @ turn @ mirror
+    return [(Rotation.from_matrix(r), pose[:, 2]) for r in (turn, leaning_back)]
 
 
 def _second_marker(image_T_plane: Array, ideal_px: Array) -> Array:  # noqa: N803

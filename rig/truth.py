@@ -61,9 +61,9 @@ class MarkerTruth:
     """Measures the object's angle while a lift runs, or again from its stored pictures.
 
     ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
-    base_T_camera: from the hand-eye calibration. intrinsics: of the external camera; without them the markers'
-    tilt is unknown, lens distortion stays, and the wrist is taken off about the camera's axis
-    instead of the markers' normal.
+    base_T_camera: from the hand-eye calibration. intrinsics: of the external camera; without
+    them the markers' tilt is unknown, lens distortion stays, and the wrist is taken off about
+    the camera's axis instead of the markers' normal.
     """
 
     def __init__(

@@ -81,7 +81,7 @@ class FakeArm(Arm):
         start = self._world.tool.pose_at(now)
         self.check_running()
         travel = Travel(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
-        self._world.tool = ToolPath(start, base_T_tcp, travel)
+        self._world.tool = ToolPath.between(start, base_T_tcp, travel)
         return ArmMotion(self, self._world, self._clock)
 
     def stop(self) -> None:

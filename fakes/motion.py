@@ -17,11 +17,17 @@ class ToolPath:
     start: Pose
     end: Pose
     travel: Travel
+    _tilts_rad: tuple[float, float]
+
+    @classmethod
+    def between(cls, start: Pose, end: Pose, travel: Travel) -> "ToolPath":
+        """A motion from one pose to another."""
+        return cls(start, end, travel, (tool_tilt(start), tool_tilt(end)))
 
     @classmethod
     def resting(cls, pose: Pose) -> "ToolPath":
         """A path that stays where it is."""
-        return cls(pose, pose, Travel(0, 0.0, 1.0, 1.0))
+        return cls.between(pose, pose, Travel(0, 0.0, 1.0, 1.0))
 
     def position_at(self, time_ns: int) -> tuple[float, float, float]:
         """Position in base, m."""
@@ -40,7 +46,7 @@ class ToolPath:
     def tilt_at(self, time_ns: int) -> float:
         """The tool's turn about the base's -y axis, rad: counter-clockwise as the camera sees it."""
         f = self.travel.fraction_at(time_ns)
-        start, end = tool_tilt(self.start), tool_tilt(self.end)
+        start, end = self._tilts_rad
         return start + f * (end - start)
 
     def cut_at(self, time_ns: int) -> "ToolPath":

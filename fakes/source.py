@@ -49,6 +49,7 @@ class FakeSource:
         self._seed = seed
         self._next: int | None = None
         self._frozen: Frame | None = None
+        self._wobble = np.random.default_rng(seed).uniform(-1.0, 1.0, 509).tolist()
 
     @property
     def serial(self) -> str:
@@ -107,8 +108,8 @@ class FakeSource:
         return int(np.floor(elapsed_s * self._shutter.rate_hz - 0.5))
 
     def _captured_ns(self, index: int) -> int:
-        wobble = np.random.default_rng((self._seed, index, 1)).uniform(-1.0, 1.0) * self._shutter.jitter_s
-        return seconds(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble)
+        wobble_s = self._wobble[index % len(self._wobble)] * self._shutter.jitter_s
+        return seconds(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble_s)
 
     def _active(self, kind: str, index: int) -> bool:
         return self._faults.active(kind, self._captured_ns(index), *self._names)

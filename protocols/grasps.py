@@ -43,9 +43,9 @@ class GraspFile(_Strict):
 
 @dataclass(frozen=True, slots=True)
 class GraspPose:
-    """One of an object's fifteen poses, numbered from 0: position-major, as in the file."""
+    """One of an object's fifteen poses, numbered from 1: position by position, as in the file."""
 
-    index: int
+    number: int
     position: Position
     orientation_deg: float
 
@@ -80,7 +80,7 @@ def find_grasp_file(text: str) -> GraspFile:
 def grasp_poses(grasp_file: GraspFile) -> list[GraspPose]:
     """Return the fifteen poses of an object."""
     pairs = [(p, o) for p in grasp_file.position for o in grasp_file.orientations_deg]
-    return [GraspPose(i, position, orientation) for i, (position, orientation) in enumerate(pairs)]
+    return [GraspPose(n, position, orientation) for n, (position, orientation) in enumerate(pairs, 1)]
 
 
 def _order(grasp_file: GraspFile) -> tuple[bool, int]:

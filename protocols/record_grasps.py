@@ -31,7 +31,7 @@ class PosePlan:
 
     object_id: str
     object_name: str
-    pose_index: int
+    pose_number: int
     base_T_grasp: Pose  # noqa: N815 - frame names keep their case
     width_m: float
     grips: tuple[tuple[int, int], ...]

@@ -90,7 +90,7 @@ def record_operator(settings: RecordSettings, ask: Callable[[str], bool]) -> Ope
         plan = plan_pose(settings, pose, images, table)
         x, y, z = plan.base_T_grasp.position_m
         lines.append(
-            f"  {pose.index + 1:>2} {pose.position.name} at {pose.orientation_deg:+.0f} deg: "
+            f"  {pose.number:>2} {pose.position.name} at {pose.orientation_deg:+.0f} deg: "
             f"({x:.3f}, {y:.3f}, {z:.3f}) m, up to {plan.grips[-1][0]} counts past contact"
         )
     operator = ConsoleOperator(ask)
@@ -128,7 +128,7 @@ def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_tab
     return PosePlan(
         object_id=settings.grasps.id,
         object_name=settings.grasps.name,
-        pose_index=pose.index,
+        pose_number=pose.number,
         base_T_grasp=grasp_pose(base_T_table, pose.position.offset_m, pose.orientation_deg),
         width_m=pose.position.width_m,
         grips=tuple((int(level), count) for level, count in zip(levels, share, strict=True)),
@@ -178,10 +178,10 @@ def _record_poses(
     done = {row["pose"] for row in session.rows if row["accepted"]}
     faults = 0
     for pose, images in zip(grasp_poses(settings.grasps), quotas, strict=False):
-        while pose.index not in done:
+        while pose.number not in done:
             row = _attempt(session, settings, finders, pose, images, operator)
             if row["accepted"]:
-                done.add(pose.index)
+                done.add(pose.number)
                 faults = 0
             else:
                 faults += 1
@@ -203,10 +203,10 @@ def _attempt(
 ) -> dict[str, Any]:
     """Record one pose; images first, line last. A device's failure is a row that is not accepted."""
     began = time.perf_counter()
-    attempt = sum(row["pose"] == pose.index for row in session.rows)
-    name = f"{settings.grasps.id}/{pose.index + 1}"
+    attempt = sum(row["pose"] == pose.number for row in session.rows)
+    name = f"{settings.grasps.id}/{pose.number}"
     seed = derived_seed(
-        settings.seed, settings.grasps.id, "pose", pose.index, *([attempt] if attempt else [])
+        settings.seed, settings.grasps.id, "pose", pose.number, *([attempt] if attempt else [])
     )
     bench, own_operator = build_bench(settings.bench, seed, name, attempt)
     plan = plan_pose(settings, pose, images, bench.base_T_table)
@@ -214,7 +214,7 @@ def _attempt(
     fault = _carry_out(bench, operator or own_operator, plan, watch)
     files = [] if fault else _keep_images(session, settings.grasps, pose, watch)
     row = {
-        "pose": pose.index,
+        "pose": pose.number,
         "attempt": attempt,
         "position": pose.position.name,
         "orientation_deg": pose.orientation_deg,
@@ -226,7 +226,7 @@ def _attempt(
         "simulated": bench.simulated,
         "force_n": None,
     }
-    session.add(row, {"pose": pose.index, "attempt": attempt, "wall_s": time.perf_counter() - began})
+    session.add(row, {"pose": pose.number, "attempt": attempt, "wall_s": time.perf_counter() - began})
     return row
 
 
@@ -238,7 +238,7 @@ def _carry_out(bench: Bench, operator: Operator, plan: PosePlan, watch: PoseCapt
             operator.place(plan.object_id, plan.object_name)
             record_pose(bench, plan, watch)
     except DeviceError as error:
-        _log.warning("pose %d: %s", plan.pose_index, error)
+        _log.warning("pose %d: %s", plan.pose_number, error)
         return f"{type(error).__name__}: {error}"
     return None
 
@@ -248,9 +248,7 @@ def _keep_images(
 ) -> list[dict[str, Any]]:
     files = []
     for number, (frame, grip_counts, area) in enumerate(watch.taken):
-        name = (
-            f"{object_folder(grasps)}/image_label/p{pose.index + 1:02d}_{number + 1:02d}_{frame.serial}.png"
-        )
+        name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
         session.write(name, png(frame.image))
         files.append(
             {

@@ -19,9 +19,7 @@ from rig.trial import run_trial, trial_settings
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, resume: bool = False, **bench: object) -> object:
     config = BenchConfig.model_validate({**load_bench("fake").model_dump(), **bench})
-    return run_trial(
-        folder, trial_settings(config, 0, None, 2), ["t1"], lifts, jobs=jobs, resume=resume
-    )
+    return run_trial(folder, trial_settings(config, 0, None, 2), ["t1"], lifts, jobs=jobs, resume=resume)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

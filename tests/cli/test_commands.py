@@ -1,0 +1,160 @@
+"""The commands as a user types them: help, exit codes, one-line errors, one JSON object."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {"cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap"}
+
+
+def rig(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rig", *arguments],
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, **environment},
+        timeout=100,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cli") / "session"
+    done = rig(
+        "trial", "--lifts", "1", "--object", "toothbrush", "--out", str(folder), "--jobs", "1", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
+    code = "import sys, rig.cli.main; print(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not HEAVY & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("command", ["record", "trial", "replay", "estimate"])
+def test_every_command_has_help_with_examples(command: str) -> None:
+    done = rig(command, "--help")
+    assert done.returncode == 0
+    assert "Examples" in done.stdout
+    assert f"rig {command}" in done.stdout
+
+
+def test_a_trial_prints_one_json_object_and_says_simulated(session: Path) -> None:
+    done = rig("trial", "--lifts", "1", "--object", "t2", "--out", str(session), "--resume", "--json")
+    figures = json.loads(done.stdout)
+    assert set(figures) == {
+        "session", "lifts_accepted", "mare_deg", "mare_std_deg", "mare_b_deg", "mare_held_deg",
+        "answered", "wall_s", "bench_s",
+    }  # fmt: skip
+    assert figures["lifts_accepted"] == 1
+    assert done.stderr.startswith("SIMULATED")
+    assert "SIMULATED" in done.stderr.splitlines()[-3]
+    assert json.loads((session / "session.json").read_text())["simulated"] is True
+
+
+def test_a_missed_limit_is_exit_4_with_the_session_kept(session: Path) -> None:
+    base = ["trial", "--lifts", "1", "--object", "t2", "--out", str(session), "--resume"]
+    assert rig(*base, "--max-mare", "0.0001").returncode == 4
+    assert rig(*base, "--max-mare", "60").returncode == 0
+
+
+def test_replay_says_how_many_lifts_are_identical(session: Path) -> None:
+    done = rig("replay", str(session), "--jobs", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["identical"] == 1
+
+
+def one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    """The last line explains, nothing is a traceback."""
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("rig: ")
+    for word in words:
+        assert word in last
+
+
+def test_unknown_things_are_refused_with_what_exists(tmp_path: Path) -> None:
+    out = str(tmp_path / "s")
+    one_line(rig("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
+    one_line(rig("record", "--object", "99", "--out", out), 2, "spam")
+    one_line(rig("trial", "--estimator", "magic", "--out", out), 2, "skeleton")
+    one_line(rig("trial", "--bench", "nowhere.toml", "--out", out), 2, "fake")
+    one_line(rig("trial", "--object", "t1", "--object", "wrench", "--out", out), 2, "twice")
+    assert not (tmp_path / "s").exists()
+
+
+def test_sessions_that_cannot_be_used_are_refused(session: Path, tmp_path: Path) -> None:
+    one_line(rig("replay", str(tmp_path / "nothing")), 2, "no such session")
+    one_line(rig("replay", str(tmp_path)), 2, "session.json")
+    one_line(rig("trial", "--lifts", "1", "--object", "t2", "--out", str(session)), 2, "--resume")
+    one_line(
+        rig("trial", "--lifts", "2", "--object", "t2", "--out", str(session), "--resume"),
+        2,
+        "lifts_per_object",
+    )
+    damaged = tmp_path / "damaged"
+    damaged.mkdir()
+    (damaged / "session.json").write_text('{"schema_version": 1, "kind"')
+    one_line(rig("replay", str(damaged)), 2, "damaged")
+
+
+def test_a_recording_cut_short_is_named(session: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "cut"
+    shutil.copytree(session, copy)
+    recording = copy / "lifts" / "001.mcap"
+    recording.write_bytes(recording.read_bytes()[:200_000])
+    one_line(rig("replay", str(copy), "--jobs", "1"), 2, "001.mcap", "damaged")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_an_unwritable_place_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    one_line(rig("trial", "--out", str(tmp_path / "s")), 2, "--out")
+
+
+def test_a_place_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    one_line(rig("trial", "--lifts", "1", "--out", str(tmp_path / "file" / "s")), 2, "--out")
+    one_line(rig("trial", "--lifts", "1", "--out", str(tmp_path / "file")), 2, "--out")
+
+
+def test_a_bench_file_with_a_slip_of_the_pen_names_the_key(tmp_path: Path) -> None:
+    from rig.config import BENCHES
+
+    text = (BENCHES / "fake.toml").read_text()
+    wrong = tmp_path / "bench.toml"
+    wrong.write_text(text.replace("rate_hz = 30.0", "rate_hz = -30.0"))
+    one_line(rig("trial", "--bench", str(wrong)), 2, "camera.rate_hz")
+    wrong.write_text(text.replace("home_m", "hom_m"))
+    one_line(rig("trial", "--bench", str(wrong)), 2, "hom_m")
+    wrong.write_text(text.replace('driver = "fake"                      # fake | ur5e', 'driver = "ur5e"'))
+    one_line(rig("trial", "--bench", str(wrong), "--yes"), 2, "ur5e", "not part of this version")
+
+
+def test_recording_resumes_and_fills_the_data_sets_layout(tmp_path: Path) -> None:
+    out = tmp_path / "s"
+    command = ["record", "--object", "7", "--poses", "2", "--images", "12", "--out", str(out), "--json"]
+    done = rig(*command)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert (figures["poses_accepted"], figures["images_accepted"]) == (2, 12)
+    images = sorted((out / "07_spam" / "image_label").glob("*.png"))
+    assert len(images) == 12
+    rows = (out / "images.csv").read_text().splitlines()
+    assert rows[0].split(",")[:4] == ["file", "pose", "position", "orientation_deg"]
+    assert len(rows) == 13
+    assert len(list((out / "reference").glob("*.png"))) == 2
+    again = rig(*command, "--resume")
+    assert json.loads(again.stdout)["images_accepted"] == 12
+    one_line(rig("record", "--object", "7", "--images", "10", "--out", str(tmp_path / "t")), 2, "--images")

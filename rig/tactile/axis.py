@@ -57,8 +57,7 @@ def largest_contour(mask: Image) -> NDArray[np.int32] | None:
 def pca_axis(contour: Contour) -> Axis | None:
     """Return the direction in which the contour's points spread most (paper: PCA).
 
-    contour: (N, 1, 2) or (N, 2), px. None for fewer than five points, a point or a line. The
-    elongation is the ratio of the standard deviations along and across.
+    contour: (N, 1, 2) or (N, 2), px. None for fewer than five points, a point or a line.
     """
     points = _points(contour)
     if points is None:
@@ -68,7 +67,7 @@ def pca_axis(contour: Contour) -> Axis | None:
     if middle - half < MIN_SPREAD_PX**2:
         return None
     angle = -0.5 * math.degrees(math.atan2(2 * xy, xx - yy))
-    return Axis(wrapped(angle), math.sqrt((middle + half) / (middle - half)))
+    return Axis(wrapped(angle), _elongation(points))
 
 
 def fit_ellipse(contour: Contour) -> Ellipse | None:
@@ -124,6 +123,18 @@ def _drawn(ellipse: Ellipse) -> Image:
     box = (center, (2 * ellipse.long_px, 2 * ellipse.short_px), -ellipse.angle_deg)
     cv2.ellipse(picture, box, 255, -1)
     return picture
+
+
+def _elongation(points: NDArray[np.float64]) -> float:
+    """Return the axis ratio of the ellipse with the enclosed area's second moments.
+
+    Not that of the points, which for one ellipse is nearer to 1 than the ratio of its axes.
+    """
+    moments = cv2.moments(points.astype(np.float32).reshape(-1, 1, 2))
+    middle = (moments["mu20"] + moments["mu02"]) / 2
+    half = math.hypot((moments["mu20"] - moments["mu02"]) / 2, moments["mu11"])
+    # An outline that crosses itself encloses areas of both signs: nothing to take a ratio of.
+    return math.sqrt((middle + half) / (middle - half)) if middle > half else 1.0
 
 
 def _points(contour: Contour) -> NDArray[np.float64] | None:

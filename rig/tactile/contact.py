@@ -22,9 +22,12 @@ DARK_OFFSET = 20.0
 # Gaussian blur of the signed difference (averages noise) and of its magnitude (closes the gap
 # between the lit and the shaded flank of a contact), in work pixels.
 NOISE_BLUR_PX = 1.0
-SHAPE_BLUR_PX = 1.5
+SHAPE_BLUR_PX = 2.0
 # Opening and closing with an ellipse of this size: removes light streaks, fills rims.
 MORPH_PX = 7
+# A flat face shows by its edges alone: parts of this share of the largest one's area belong to the
+# same contact. Smaller ones are mostly streaks of light.
+PART_SHARE = 0.3
 # A contact begins when inside and outside differ by this share of the background's light, and
 # ends below the lower one; drift that a gain per channel cannot follow stays below both.
 CONTRAST_ENTER, CONTRAST_LEAVE = 0.035, 0.025
@@ -112,7 +115,7 @@ class ContactFinder:
         return np.asarray(cv2.GaussianBlur(cv2.sqrt(squares), (0, 0), SHAPE_BLUR_PX), np.float32), noise
 
     def _outline(self, energy: NDArray[np.float32]) -> NDArray[np.int32] | None:
-        """Return the convex outline of the largest part above the threshold, in work pixels."""
+        """Return the convex outline of the large parts above the threshold, in work pixels."""
         peak = float(energy.max())
         if peak <= 0.0:
             return None
@@ -124,7 +127,9 @@ class ContactFinder:
         parts, _ = cv2.findContours(split, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if not parts:
             return None
-        return np.asarray(cv2.convexHull(max(parts, key=cv2.contourArea)), np.int32)
+        least = PART_SHARE * max(map(cv2.contourArea, parts))
+        large = np.concatenate([part for part in parts if cv2.contourArea(part) >= least])
+        return np.asarray(cv2.convexHull(large), np.int32)
 
     def _passes(self, outline: NDArray[np.int32], energy: NDArray[np.float32], noise: float) -> bool:
         """Whether the split shows a contact: enough area, enough contrast for light and for noise."""

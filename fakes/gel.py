@@ -72,7 +72,7 @@ class GelPad:
         near = cv2.blur(cv2.blur(dragged, (_NEAR_SKIRT_PX,) * 2), (_NEAR_SKIRT_PX,) * 2)
         far = cv2.blur(cv2.blur(dragged, (_FAR_SKIRT_PX,) * 2), (_FAR_SKIRT_PX,) * 2)
         membrane = cv2.max(near * np.float32(_NEAR_SHARE), far * np.float32(_FAR_SHARE))
-        return np.asarray(cv2.blur(cv2.max(pressed, membrane), (3, 3)), np.float32)
+        return np.asarray(cv2.blur(cv2.max(pressed, membrane), (5, 5)), np.float32)
 
     def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
         """Return where object and gel touch, (H, W): the geometric contact."""

@@ -19,8 +19,10 @@ Planes = NDArray[np.floating]
 _LED_AZIMUTH_DEG = (205.0, -28.0, 92.0)
 """Where red, green and blue stand, counter-clockwise from the image's right."""
 _LED_DISTANCE_MM = 17.0
-_BASE_GAIN = (26.0, 16.0, 34.0)
-_GAIN_PER_GLOW = (0.62, 0.34, 0.80)
+_BASE_GAIN = (74.0, 14.0, 64.0)
+_GAIN_PER_GLOW = (0.58, 0.30, 0.70)
+_WHITE = 248.0
+"""Grey level that the brightest glow approaches, as a camera with a soft shoulder does."""
 _DRIFT_PERIODS_S = (23.0, 61.0)
 
 
@@ -64,7 +66,7 @@ def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
 def _directions(pad: GelPad, rng: np.random.Generator) -> tuple[Planes, Planes]:
     """Unit vectors from each LED to each pixel: near LEDs do not light all places from one side."""
     x_mm, y_mm = pixel_grid_mm(pad.shape, pad.mm_per_px, 2)
-    azimuth = np.deg2rad(np.array(_LED_AZIMUTH_DEG) + rng.normal(0.0, 6.0, 3))[:, None, None]
+    azimuth = np.deg2rad(np.array(_LED_AZIMUTH_DEG) + rng.normal(0.0, 7.0, 3))[:, None, None]
     distance = _LED_DISTANCE_MM * rng.uniform(0.9, 1.2, (3, 1, 1))
     from_x = x_mm[None, None, :] - distance * np.cos(azimuth)
     from_y = y_mm[None, :, None] + distance * np.sin(azimuth)
@@ -76,44 +78,55 @@ def _background(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
     rows, columns = shape
     v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
     u, v = (u + 0.5) / columns, (v + 0.5) / rows
-    u, v = u + np.float32(rng.normal(0.0, 0.03)), v + np.float32(rng.normal(0.0, 0.02))
+    turn = rng.normal(0.0, 0.06)
+    u, v = u + turn * (v - 0.5) + rng.normal(0.0, 0.03), v - turn * (u - 0.5) + rng.normal(0.0, 0.025)
     planes = [_red(u, v, rng), _green(u, v, rng), _blue(u, v, rng)]
-    image = np.stack(planes, axis=-1) * rng.uniform(0.88, 1.12, 3) * rng.uniform(0.92, 1.08)
-    image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0) * _blemishes(shape, rng)[..., None]
-    return np.clip(image, 6.0, 235.0).astype(np.float32)
+    image = np.stack(planes, axis=-1) * rng.uniform(0.85, 1.17, 3) * rng.uniform(0.94, 1.08)
+    image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.5) * _blemishes(shape, rng)[..., None]
+    image = np.maximum(image, 6.0)
+    return (image / (1.0 + (image / _WHITE) ** 4) ** 0.25).astype(np.float32)
 
 
 def _red(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
-    below_ridge = _step(v - 0.165 + 0.10 * (u - 0.42) ** 2, 0.028)
-    from_left = 150.0 * _hill(u, v, (0.02, 0.37), (0.36, 0.26))
-    ridge = 95.0 * _hill(u, v, (0.47, 0.24), (0.26, 0.085)) + 45.0 * _hill(u, v, (0.72, 0.32), (0.10, 0.09))
-    tail = 75.0 * _hill(u, v, (0.05, 0.72), (0.34, 0.26))
-    lit = below_ridge * (from_left + ridge + tail) * _streaks(u, v, rng)
-    return 24.0 + 26.0 * _hill(u, v, (0.45, 0.05), (0.4, 0.3)) + lit
+    arch = 0.13 + rng.uniform(0.3, 0.7) * (u - 0.36 + rng.normal(0.0, 0.05)) ** 2
+    below = 0.12 + 0.88 * _step(v - arch, 0.045)
+    left = 135.0 * _hill(u, v, (0.16, 0.42), (0.27, 0.30))
+    corner = 84.0 * _hill(u, v, (-0.08, 0.54), (0.60, 0.52))
+    right = rng.uniform(55.0, 95.0) * _hill(u, v, (0.62, 0.26), (0.24, 0.26))
+    spot = rng.uniform(10.0, 55.0) * _hill(u, v, (0.72, 0.33), (0.07, 0.06))
+    return (
+        24.0
+        + 20.0 * _hill(u, v, (0.4, 0.1), (0.5, 0.5))
+        + below * (left + corner + right) * _streaks(u, v, rng)
+        + spot
+    )
 
 
 def _green(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
-    edge = 0.35 + 0.65 * _step(v - 0.24, 0.035)
-    right = 74.0 * edge * _hill(u, v, (0.68 + rng.normal(0.0, 0.02), 0.45), (0.30, 0.30))
-    beam = 42.0 * _step(u - 0.50 - 0.25 * (v - 0.45), 0.03) * _hill(u, v, (0.85, 0.75), (0.30, 0.34))
-    return 46.0 + 28.0 * _hill(u, v, (0.1, 0.2), (0.5, 0.5)) + right + beam
+    lid = 0.55 + 0.45 * _step(v - 0.22 - 0.06 * (0.9 - u), 0.05)
+    right = 72.0 * lid * _hill(u, v, (0.72 + rng.normal(0.0, 0.04), 0.48), (0.37, 0.33))
+    beam_edge = u - 0.52 - 0.22 * (v - 0.45) - rng.normal(0.0, 0.03)
+    beam = rng.uniform(22.0, 44.0) * _step(beam_edge, 0.06) * _hill(u, v, (0.85, 0.72), (0.32, 0.36))
+    return 56.0 + 30.0 * _hill(u, v, (0.1, 0.30), (0.7, 0.60)) + right + beam
 
 
 def _blue(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
-    top = 56.0 * _hill(u, v, (0.45 + rng.normal(0.0, 0.05), 0.02), (0.42, 0.22))
-    patch = 72.0 * _hill(u, v, (0.27, 0.52), (0.26, 0.17))
-    return 40.0 + 28.0 * _hill(u, v, (0.1, 0.5), (0.5, 0.5)) + top + patch
+    top = 52.0 * _hill(u, v, (0.45 + rng.normal(0.0, 0.06), 0.02), (0.50, 0.30))
+    patch = 66.0 * _hill(u, v, (0.33 + rng.normal(0.0, 0.03), 0.61), (0.32, 0.22))
+    return 45.0 + 42.0 * _hill(u, v, (0.05, 0.42), (0.50, 0.42)) + top + patch
 
 
 def _streaks(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
     """Rays that fan out to the left and down, brighter and darker than the glow they lie in."""
-    angle = np.arctan2(v - 0.17, 0.75 * (0.62 - u))
-    rays = cv2.GaussianBlur(rng.standard_normal((1, 720)).astype(np.float32), (0, 0), 5.0)
-    rays = rays / rays.std()
+    angle = np.arctan2(v - 0.18, 0.75 * (0.66 - u))
+    rays = np.zeros((1, 720), np.float32)
+    for width, share in ((4.0, 0.7), (12.0, 1.0)):
+        ray = cv2.GaussianBlur(rng.standard_normal((1, 720)).astype(np.float32), (0, 0), width)
+        rays += share * ray / ray.std()
     column = ((angle / np.pi + 1.0) * 359.0).astype(np.float32)
     pattern = cv2.remap(rays, column, np.zeros_like(column), cv2.INTER_LINEAR)
-    reach = _hill(u, v, (0.12, 0.50), (0.32, 0.32))
-    return np.clip(1.0 + rng.uniform(0.13, 0.24) * reach * pattern, 0.4, 1.7).astype(np.float32)
+    reach = _hill(u, v, (0.14, 0.50), (0.26, 0.32))
+    return np.clip(1.0 + rng.uniform(0.14, 0.26) * reach * pattern, 0.4, 1.6)
 
 
 def _blemishes(shape: tuple[int, int], rng: np.random.Generator) -> Planes:

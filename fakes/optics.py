@@ -19,7 +19,7 @@ _MM_PER_PX = 0.060
 _UNITS = 16
 """Grey levels are added as int16 in sixteenths: fine enough for noise, fast enough for 60 Hz."""
 _DRIFT_STEP_S = 0.1
-_SLOPE_AT_KNEE = 0.30
+_SLOPE_AT_KNEE = 0.24
 _SHADOW_SHIFT_PX = 5
 _SHADOW_PER_MM = 0.55
 _RIM_PER_MM = 3.0

@@ -17,6 +17,8 @@ from drivers.types import Image
 
 # cv2.ximgproc.thinning divides its input by 255 and rounds: from here up a pixel counts as set.
 SET_FROM = 128
+# Steps between two crops: each crop costs about as much as one step of a wide contact.
+STEPS_PER_CROP = 10
 
 
 def thin(mask: Image) -> Image:
@@ -28,16 +30,18 @@ def thin(mask: Image) -> Image:
     if mask.ndim != 2 or mask.dtype != np.uint8:
         raise InputError(f"thinning takes a (H, W) uint8 mask, got {mask.shape} {mask.dtype}")
     binary = np.asarray(mask >= SET_FROM, dtype=np.uint8)
-    thinned = np.zeros_like(binary)
     if not binary.any():
-        return thinned
-    x, y, width, height = cv2.boundingRect(binary)
-    window = np.s_[y : y + height, x : x + width]
-    grid = _Grid(height, width)
-    border = _border(binary.shape)[window]
-    bits = _thin_bits(grid.pack(binary[window]), grid.pack(border), grid.stride)
-    thinned[window] = grid.unpack(bits) * np.uint8(255)
-    return thinned
+        return binary
+    border = _border(binary.shape)
+    changed = True
+    while changed:
+        # What is left shrinks from step to step; cropping anew halves the work of a wide contact.
+        x, y, width, height = cv2.boundingRect(binary)
+        window = np.s_[y : y + height, x : x + width]
+        grid = _Grid(height, width)
+        bits, changed = _thin_bits(grid.pack(binary[window]), grid.pack(border[window]), grid.stride)
+        binary[window] = grid.unpack(bits)
+    return binary * np.uint8(255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +75,16 @@ def _border(shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return border
 
 
-def _thin_bits(image: int, keep: int, stride: int) -> int:
-    """Repeat the two half steps until a whole step removes nothing."""
-    while True:
+def _thin_bits(image: int, keep: int, stride: int) -> tuple[int, bool]:
+    """Repeat the two half steps a few times; also return whether the last step removed anything."""
+    for _ in range(STEPS_PER_CROP):
         before = image
-        image ^= _removable(image, stride, second=False) & ~keep
-        image ^= _removable(image, stride, second=True) & ~keep
+        for second in (False, True):
+            removable = _removable(image, stride, second)
+            image ^= removable ^ (removable & keep)
         if image == before:
-            return image
+            return image, False
+    return image, True
 
 
 def _removable(image: int, stride: int, second: bool) -> int:

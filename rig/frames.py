@@ -96,14 +96,16 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all
     frames; None, which is `auto` where there are nine frames or more. Raises `InputError`.
     """
-    shape = next(series.images()).shape
+    first = next(series.images(), None)
+    if first is None:
+        raise InputError(f"{series.name}: no frame can be read: copy it anew")
     if spec is None or spec == "auto":
         return _auto(spec, series)
     if spec.startswith("first:"):
         return _first(spec, series)
     background = read_image(Path(spec))
-    if background.shape != shape:
-        seen, wanted = size_text(background.shape), size_text(shape)
+    if background.shape != first.shape:
+        seen, wanted = size_text(background.shape), size_text(first.shape)
         raise InputError(f"{spec}: the background is {seen}, the frames are {wanted}: use one size")
     return background, f"background: {spec}"
 

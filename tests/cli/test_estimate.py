@@ -1,0 +1,219 @@
+"""`rig estimate` on folders, videos and sessions."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from drivers.errors import InputError
+from rig.cli.main import app
+from rig.frame_times import FrameTime
+from rig.frames import FrameSeries, TimedFrame
+from rig.records import reading
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+# Contact comes on frame 2, is full from frame 4 on and turns from frame 10 on.
+GROWTH = {2: 0.5, 3: 0.8}
+TURN_DEG = [*[0.0] * 10, *np.arange(2.0, 22.0, 2.0)]
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended: its one-line error (None: well), what it printed, what it said."""
+
+    error: str | None
+    out: str
+    said: str
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        return list(csv.DictReader(io.StringIO(self.out)))
+
+
+def estimate(*arguments: object) -> Done:
+    result = CliRunner().invoke(app, ["estimate", *map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, InputError):
+        raise result.exception
+    error = None if result.exception is None else str(result.exception)
+    return Done(error, result.stdout, result.stderr)
+
+
+def drawn_frames(press: Draw) -> list[Image]:
+    sizes = [None, None] + [(90 * GROWTH.get(i, 1.0), 24 * GROWTH.get(i, 1.0)) for i in range(2, 20)]
+    return [
+        press(None, seed=i) if size is None else press(15 + turn, size, seed=i)
+        for i, (size, turn) in enumerate(zip(sizes, TURN_DEG, strict=True))
+    ]
+
+
+@pytest.fixture(scope="module")
+def lift(press: Draw, blank: Image, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with 20 frames, a background and a table of times beside it."""
+    base = tmp_path_factory.mktemp("lift")
+    (base / "frames").mkdir()
+    cv2.imwrite(str(base / "bare.png"), blank[..., ::-1])
+    lines = ["frame,t_s"]
+    for i, image in enumerate(drawn_frames(press)):
+        cv2.imwrite(str(base / "frames" / f"f{i}.png"), image[..., ::-1])
+        lines.append(f"f{i}.png,{100 + i / 60:.4f}")
+    (base / "times.csv").write_text("\n".join(lines))
+    return base
+
+
+def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
+    done = estimate(
+        lift / "frames", "--background", lift / "bare.png", "--timestamps", lift / "times.csv",
+        "--estimator", "ellipse",
+    )  # fmt: skip
+    assert done.error is None
+    assert done.out.splitlines()[0] == "t_s,angle_deg,sigma_deg,state"
+    assert [row["t_s"] for row in done.rows] == [f"{100 + i / 60:.4f}" for i in range(20)]
+    assert [row["state"] for row in done.rows][:3] == ["no_contact", "no_contact", "tracking"]
+    assert [row["angle_deg"] for row in done.rows][:2] == ["", ""]
+    assert float(done.rows[-1]["angle_deg"]) == pytest.approx(19, abs=1.5), "mean of 18 and 20"
+    assert "20 frames, 18 answered, refused: 2 no_contact" in done.said
+    assert "first frame of stable full contact" in done.said
+
+
+def test_the_zero_is_at_the_first_stable_full_contact(lift: Path) -> None:
+    done = estimate(lift / "frames", "--background", "first:2", "--json")
+    figures = json.loads(done.out)
+    assert figures["reference_time_s"] == pytest.approx(4 / 60, abs=1e-5)
+    assert figures["samples"][4]["angle_deg"] == 0
+    assert (figures["frames"], figures["answered"]) == (20, 18)
+
+
+def test_the_zero_can_be_chosen(lift: Path) -> None:
+    done = estimate(
+        lift / "frames", "--background", "first:2", "--estimator", "pca", "--fps", 10,
+        "--reference-time", 1.9, "--window", 1,
+    )  # fmt: skip
+    assert float(done.rows[-1]["angle_deg"]) == 0
+    assert float(done.rows[5]["angle_deg"]) == pytest.approx(-20, abs=1.5)
+
+
+def test_the_background_is_made_from_the_frames_when_none_is_given(lift: Path) -> None:
+    done = estimate(lift / "frames", "--estimator", "ellipse")
+    assert done.error is None
+    assert "made from the frames themselves (auto)" in done.said
+    assert float(done.rows[-1]["angle_deg"]) == pytest.approx(19, abs=3)
+
+
+def test_json_is_one_object_and_the_table_goes_to_the_file(lift: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "lift.csv"
+    done = estimate(lift / "frames", "--background", lift / "bare.png", "--out", out, "--json")
+    figures = json.loads(done.out)
+    assert figures["out"] == str(out)
+    assert "samples" not in figures
+    assert len(out.read_text().splitlines()) == 21
+
+
+def test_an_unreadable_frame_is_lost_and_the_rest_answered(lift: Path, tmp_path: Path) -> None:
+    for file in (lift / "frames").iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "f12.png").write_bytes((tmp_path / "f12.png").read_bytes()[:2000])
+    done = estimate(tmp_path, "--background", lift / "bare.png")
+    assert done.error is None
+    assert (done.rows[12]["state"], done.rows[12]["angle_deg"]) == ("lost", "")
+    assert done.rows[13]["state"] == "tracking"
+    assert "warning: 1 frames could not be read" in done.said
+
+
+def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
+    done = estimate(lift / "frames", "--background", "first:2", "--estimator", "pca-published")
+    angles = [float(row["angle_deg"]) for row in done.rows]
+    assert angles[:3] == [0, 0, 0]
+    assert min(angles) >= 0
+    assert "the script's own" in done.said
+    refused = estimate(lift / "frames", "--estimator", "pca-published", "--reference-time", 0.1)
+    assert refused.error is not None
+    assert "leave --reference-time out" in refused.error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--estimator", "nonsense"), "choose one of skeleton"),
+        (("--background", "nowhere.png"), "nowhere.png"),
+        (("--reference-time", "soon"), "'soon' is not a time"),
+        (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.316667"),
+        (("--background", "first:2", "--reference-time", "0"), r"no angle there \(no_contact\)"),
+        (("--timestamps", "nowhere.csv"), "nowhere.csv"),
+        (("--timestamps", "a.csv", "--fps", "30"), "give one of them"),
+        (("--fps", "0"), "no frame rate"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(lift: Path, arguments: tuple[str, ...], message: str) -> None:
+    done = estimate(lift / "frames", *arguments)
+    assert done.error is not None
+    assert "\n" not in done.error
+    assert re.search(message, done.error)
+    assert done.out == ""
+
+
+def test_an_output_that_cannot_be_written_is_an_input_error(lift: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = estimate(lift / "frames", "--background", "first:2", "--out", tmp_path / "file" / "x.csv")
+    assert done.error is not None
+    assert "cannot be written" in done.error
+
+
+@pytest.fixture
+def session(press: Draw, blank: Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A session of one lift seen by two fingertips, the second from behind."""
+    (tmp_path / "session.json").write_text("{}")
+    frames = [
+        TimedFrame(str(i), FrameTime(f"{i / 60:.6f}", round(i / 60 * 1e9)), image)
+        for i, image in enumerate(drawn_frames(press))
+    ]
+    series = [
+        ("001", serial, sign, blank, FrameSeries(serial, lambda: iter(frames)))
+        for serial, sign in (("D1", 1), ("D2", -1))
+    ]
+    monkeypatch.setattr(reading, "tactile_series", lambda path: series, raising=False)
+    return tmp_path
+
+
+def test_a_session_gives_a_table_per_lift_and_sensor_of_the_objects_angle(session: Path) -> None:
+    out = session / "angles"
+    done = estimate(session, "--estimator", "ellipse", "--out", out, "--json")
+    figures = json.loads(done.out)
+    assert [lift["serial"] for lift in figures["lifts"]] == ["D1", "D2"]
+    lines = [(out / f"001_{serial}.csv").read_text().splitlines()[-1] for serial in ("D1", "D2")]
+    ends = [line.split(",")[1] for line in lines]
+    assert float(ends[0]) == pytest.approx(19, abs=1.5)
+    assert float(ends[1]) == -float(ends[0])
+
+
+def test_a_session_needs_a_folder_and_has_its_own_times(session: Path) -> None:
+    assert "give --out FOLDER" in (estimate(session).error or "")
+    assert "has its own times" in (estimate(session, "--fps", 60, "--out", session / "x").error or "")
+
+
+def test_real_contacts_are_estimated_with_an_automatic_background(real_data: Path, tmp_path: Path) -> None:
+    for file in (real_data / "aurova_figures" / "panels").glob("*_raw.png"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    done = estimate(tmp_path, "--background", "auto", "--estimator", "ellipse", "--window", 1)
+    by_name = dict(zip("123456789", done.rows, strict=True))
+    assert len(done.rows) == 9
+    assert all(by_name[n]["state"] == "tracking" for n in "1249"), "plainly long contacts"
+    assert [n for n in "678" if by_name[n]["angle_deg"]] == [], "nearly round contacts"
+
+
+def test_a_real_clip_runs_through(real_data: Path) -> None:
+    clip = real_data / "marker_slip_clips" / "cheese_tube_exp_num_1_camera_0.avi"
+    done = estimate(clip, "--background", "first:3", "--json")
+    figures = json.loads(done.out)
+    assert figures["frames"] == len(figures["samples"]) == 68
+    assert figures["answered"] + sum(figures["refused"].values()) == 68

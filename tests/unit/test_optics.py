@@ -158,6 +158,22 @@ def test_typical_grip_covers_a_share_of_the_image_as_in_real_labels() -> None:
             assert 0.05 < share < 0.45, (model.name, share)
 
 
+@pytest.mark.parametrize("key", ["t1", "t2", "t3", "t4", "t6", "t7"])
+def test_elongated_objects_make_contacts_with_a_long_axis(key: str) -> None:
+    for site in load_catalogue()[key].sites:
+        rows, columns = np.nonzero(SENSOR.contact_mask(pressed(build_surface(site, 1, 0), 10.0)))
+        short, long = np.sqrt(np.linalg.eigvalsh(np.cov(columns, rows)))
+        assert long / short > 1.5
+
+
+def test_smooth_round_sites_make_contacts_without_one() -> None:
+    round_sites = [s for m in load_catalogue().values() for s in m.sites if s.contact.smooth_round]
+    for site in round_sites:
+        rows, columns = np.nonzero(SENSOR.contact_mask(pressed(build_surface(site, 1, 0), 10.0)))
+        short, long = np.sqrt(np.linalg.eigvalsh(np.cov(columns, rows)))
+        assert long / short < 1.1
+
+
 def test_tilt_moves_the_contact_towards_the_side_that_leans_in() -> None:
     pad = build_surface(Contact((Pad(length_mm=60.0, width_mm=60.0),)), 1, 0)
     level, tilted = pressed(pad), replace(pressed(pad), tilt=(0.03, 0.0))

@@ -24,7 +24,6 @@ STALL_FORCE_N = 15.0
 """The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
 ACTIVATION_NEEDED = 0x05
 ACTIVATION_FAULT = 0x0D
-MIN_COUNTS = 6
 MAX_COUNTS = 255
 
 
@@ -40,9 +39,9 @@ class FakeGripper(Gripper):
 
     @property
     def limits(self) -> GripperLimits:
-        """Software limits: opening reads 6, not 0 (reference on the 3-Finger gripper, units)."""
+        """Range of the simulated fingers."""
         layout = self._world.layout
-        return GripperLimits(MIN_COUNTS, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m)
+        return GripperLimits(layout.open_counts, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m)
 
     def connect(self) -> None:
         """Reach the gripper."""
@@ -57,7 +56,7 @@ class FakeGripper(Gripper):
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + seconds(ACTIVATION_S))
         self._activated = True
-        self.move_to(MIN_COUNTS).wait(timeout_s=5.0)
+        self.move_to(self._world.layout.open_counts).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         """State now."""
@@ -81,9 +80,10 @@ class FakeGripper(Gripper):
                 "gripper: not activated; ask for activation first (the fingers will sweep their range)",
                 ACTIVATION_NEEDED,
             )
-        if not MIN_COUNTS <= position_counts <= MAX_COUNTS:
+        lowest = self._world.layout.open_counts
+        if not lowest <= position_counts <= MAX_COUNTS:
             raise OutOfLimitsError(
-                f"gripper: position {position_counts} is outside {MIN_COUNTS} to {MAX_COUNTS} counts"
+                f"gripper: position {position_counts} is outside {lowest} to {MAX_COUNTS} counts"
             )
         now = self._clock.now_ns()
         start = self._world.fingers.position_at(now)

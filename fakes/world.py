@@ -32,9 +32,11 @@ class Layout:
 
     base_T_table: Pose  # noqa: N815
     home: Pose
-    max_opening_m: float = 0.155
-    opening_per_count_m: float = 0.155 / 255.0
-    """Nominal stroke; the manual gives no figure, see the reference on the 3-Finger gripper."""
+    open_counts: int = 6
+    """What the position reads when fully open: a software limit, not 0 (manual, gPO)."""
+    max_opening_m: float = 0.120
+    """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
+    opening_per_count_m: float = 0.155 / 249.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,8 @@ class World:
         self._rng = np.random.default_rng(self.seed)
         self.draw = Draw.from_rng(self._rng)
         self.tool = ToolPath.resting(self.layout.home)
-        self.fingers = FingerPath(0.0, 0.0, Travel(0, 0.0, 1.0, 1.0))
+        opened = float(self.layout.open_counts)
+        self.fingers = FingerPath(opened, opened, Travel(0, 0.0, 1.0, 1.0))
         first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
@@ -114,7 +117,8 @@ class World:
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""
-        return self.layout.max_opening_m - self.fingers.position_at(time_ns) * self.layout.opening_per_count_m
+        closed = self.fingers.position_at(time_ns) - self.layout.open_counts
+        return self.layout.max_opening_m - closed * self.layout.opening_per_count_m
 
     def squeeze_at(self, time_ns: int) -> float:
         """How far the fingers are closed beyond the object's surface, m (0 without contact)."""

@@ -42,13 +42,13 @@ def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
     Raises `GraspError` when the fingers meet nothing.
     """
     counts = bench.gripper.state().position_counts
-    for _ in range(MAX_STEPS):
+    for _ in range(min(MAX_STEPS, bench.gripper.limits.max_counts - counts)):
         if all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
             return counts
         counts += 1
         step_fingers(bench, pump, watch, counts)
     raise GraspError(
-        f"gripper: no contact on both fingertips after {MAX_STEPS} steps (at {counts} counts); "
+        f"gripper: no contact on both fingertips, closed step by step to {counts} counts; "
         "check that the object lies in its place and that its width in the object file is right"
     )
 

@@ -112,7 +112,7 @@ def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | N
     plan = plan_lift(settings, task, bench.base_T_table)
     stream = io.BytesIO()
     recorder = LiftRecorder(stream)
-    watched = new_measurement(settings, bench, recorder)
+    watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, bench.simulated)
     with bench.connected():
         error = _carry_out(bench, operator or own_operator, plan, watched)
@@ -133,13 +133,13 @@ def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | N
     return Attempt(row, timing, stream.getvalue())
 
 
-def new_measurement(
-    settings: TrialSettings, bench: Bench, recorder: LiftRecorder | None = None
-) -> LiftMeasurement:
-    """Make the watch of one lift for a bench."""
+def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:
+    """Make the watch of one lift, the same for a lift as it happens and for its replay."""
     camera = settings.bench.camera
-    truth = MarkerTruth(camera.marker_ids, camera.marker_dictionary, bench.base_T_camera)
-    signs = {tip.sensor.serial: tip.sign for tip in bench.fingertips}
+    truth = MarkerTruth(
+        camera.marker_ids, camera.marker_dictionary, camera.base_T_camera(), camera.intrinsics()
+    )
+    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
     return LiftMeasurement(signs, settings.estimator, settings.window, truth, recorder)
 
 

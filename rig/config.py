@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
+from calibration.planar import Intrinsics
 from drivers.errors import InputError
 from drivers.types import Pose
 
@@ -66,6 +67,16 @@ class CameraConfig(_Strict):
         right = right / np.linalg.norm(right)
         axes = np.column_stack([right, np.cross(forward, right), forward])
         return Pose.from_rotation(self.position_m, Rotation.from_matrix(axes))
+
+    def intrinsics(self) -> Intrinsics:
+        """Return the pinhole of this file: focal length, centre in the middle, no distortion."""
+        width, height = self.size_px
+        matrix = [
+            [self.focal_px, 0.0, (width - 1) / 2],
+            [0.0, self.focal_px, (height - 1) / 2],
+            [0.0, 0.0, 1.0],
+        ]
+        return Intrinsics(np.array(matrix), np.zeros(5))
 
 
 class TableConfig(_Strict):

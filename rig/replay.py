@@ -10,16 +10,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivers.errors import InputError, SessionError
-from rig.attempt import TrialSettings
+from rig.attempt import TrialSettings, new_measurement
 from rig.config import BenchConfig
-from rig.lift import LiftMeasurement
 from rig.records.files import read_lines
 from rig.records.reading import show_again
 from rig.records.session import read_manifest
 from rig.result import lift_result
 from rig.summary import TrialSummary, summarize_trial
 from rig.trial import RESULTS, trial_settings
-from rig.truth import MarkerTruth
 from rig.workers import run_tasks
 
 
@@ -60,10 +58,7 @@ def run_replay(
 
 def replay_lift(folder: Path, settings: TrialSettings, row: dict[str, Any]) -> dict[str, Any]:
     """Watch one recorded lift again; return its row with the measured part made anew."""
-    camera = settings.bench.camera
-    truth = MarkerTruth(camera.marker_ids, camera.marker_dictionary, camera.base_T_camera())
-    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    watched = LiftMeasurement(signs, settings.estimator, settings.window, truth)
+    watched = new_measurement(settings)
     show_again(folder / row["recording"], watched)
     measured, _ = lift_result(watched)
     return {**row, **measured}

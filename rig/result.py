@@ -38,7 +38,8 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
     in_b = np.array([s.time_ns < hold_ns for s in fused], bool)
     errors = _errors([s.angle_deg for s in fused], true_deg)
     held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
-    onset = slip_onset_ns(series.time_ns, series.angle_deg)
+    since_zero = watched.truth.series_since_zero()
+    onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     row = {
         "outcome": _outcome(watched, onset, end_ns).value,
         "re_b": _summary(errors[in_b]),

@@ -36,26 +36,26 @@ def show_again(path: Path, watch: Watch) -> None:
 
 def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
     """Yield one source's frames in order. Raises `SessionError`."""
-    for topic, time_ns, sequence, data in _messages(path):
-        if topic == image_topic(serial):
-            yield _frame(data, time_ns, sequence)
+    for _, time_ns, sequence, data in _messages(path, image_topic(serial)):
+        yield _frame(data, time_ns, sequence)
+
+
+def phase_times(path: Path) -> dict[Phase, int]:
+    """Return when each phase of a recorded lift began, ns. Raises `SessionError`."""
+    return {Phase(value["phase"]): value["time_ns"] for value in recorded_values(path, PHASE_TOPIC)}
 
 
 def recorded_values(path: Path, topic: str) -> list[dict[str, Any]]:
     """Return the JSON values of a topic, each with its `time_ns`. Raises `SessionError`."""
-    return [
-        {"time_ns": time_ns, **json.loads(data)}
-        for found, time_ns, _, data in _messages(path)
-        if found == topic
-    ]
+    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in _messages(path, topic)]
 
 
-def _messages(path: Path) -> Iterator[tuple[str, int, int, bytes]]:
-    """Yield (topic, time_ns, sequence, data) in the order they were written."""
+def _messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
+    """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics."""
     try:
         with path.open("rb") as stream:
             reader = make_reader(stream)
-            for _, channel, message in reader.iter_messages(log_time_order=False):
+            for _, channel, message in reader.iter_messages(topics or None, log_time_order=False):
                 yield channel.topic, message.log_time, message.sequence, message.data
     except FileNotFoundError as error:
         raise SessionError(f"{path}: the recording is missing") from error

@@ -106,7 +106,7 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
     config = settings()
     bench, operator = build_bench(config.bench, seed=3)
     plan = plan_lift(config, TASK, bench.base_T_table)
-    watched = new_measurement(config, bench)
+    watched = new_measurement(config)
 
     class Stopping(LiftMeasurement):
         def phase(self, phase: Phase, time_ns: int) -> None:
@@ -138,8 +138,7 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> Non
     path = tmp_path / "lift.mcap"
     path.write_bytes(good.recording)
     config = settings()
-    bench, _ = build_bench(config.bench)
-    watched = new_measurement(config, bench)
+    watched = new_measurement(config)
 
     class Noise(LiftMeasurement):
         def frame(self, frame: Frame) -> None:

@@ -108,7 +108,7 @@ def _run_until(folder: Path, delay_s: float, how: signal.Signals, jobs: str) -> 
 
 def test_killed_at_random_moments_it_loses_only_what_was_in_progress(tmp_path: Path) -> None:
     folder = tmp_path / "killed"
-    chance = random.Random(11)  # noqa: S311
+    chance = random.Random(11)
     kept: list[int] = []
     for _ in range(5):
         _run_until(folder, chance.uniform(0.3, 5.0), signal.SIGKILL, jobs=chance.choice("12"))

@@ -1,6 +1,7 @@
 """Trapezoidal travel: starts at rest, never runs back, ends exactly, stays within its limits."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,14 +24,14 @@ def test_runs_from_nothing_to_all_without_turning_back(travel: Travel) -> None:
     fractions = [travel.fraction_at(t) for t in steps]
     assert fractions[0] == 0.0
     assert fractions[-1] == 1.0
-    assert all(a <= b + 1e-12 for a, b in zip(fractions, fractions[1:], strict=False))
+    assert all(a <= b + 1e-12 for a, b in pairwise(fractions))
 
 
 @given(travels)
 def test_speed_stays_within_its_limit(travel: Travel) -> None:
     dt_ns = max(round(travel.duration_s * NS_PER_S / 200), 1)
     fractions = [travel.fraction_at(travel.start_ns + i * dt_ns) for i in range(201)]
-    fastest = max(b - a for a, b in zip(fractions, fractions[1:], strict=False))
+    fastest = max(b - a for a, b in pairwise(fractions))
     assert fastest * travel.distance / (dt_ns / NS_PER_S) <= travel.speed * 1.001
 
 

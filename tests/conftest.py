@@ -8,10 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 Press = Callable[..., Image]
+
+# How long an example takes says nothing about it: machines are shared.
+settings.register_profile("rig", deadline=None)
+settings.load_profile("rig")
 
 ROOT = Path(__file__).parent.parent
 

@@ -21,8 +21,11 @@ Contour = NDArray[np.float32] | NDArray[np.int32]
 MIN_POINTS = 5
 # Points that stray less than this from a line (standard deviation) enclose nothing.
 MIN_SPREAD_PX = 0.3
-# An ellipse longer than this share of its points' extent is a fit gone wrong.
-MAX_OVERSHOOT = 4.0
+# An ellipse whose half axis exceeds this multiple of its points' extent is a fit gone wrong.
+MAX_OVERSHOOT = 2.0
+# Larger ellipses are drawn at this half axis: half the height of the paper's picture, which bounds
+# the time that thinning takes on the frames of larger cameras.
+MAX_DRAWN_PX = 160.0
 # Room around the drawn ellipse: thinning never removes a picture's outermost pixels.
 MARGIN_PX = 2
 
@@ -117,11 +120,12 @@ def wrapped(angle_deg: float) -> float:
 
 def _drawn(ellipse: Ellipse) -> Image:
     """Draw the filled ellipse in a picture that just holds it, (H, W) uint8."""
-    radius = math.ceil(ellipse.long_px) + MARGIN_PX
+    scale = min(1.0, MAX_DRAWN_PX / ellipse.long_px)
+    long_px, short_px = ellipse.long_px * scale, ellipse.short_px * scale
+    radius = math.ceil(long_px) + MARGIN_PX
     center = tuple(value % 1.0 + radius for value in ellipse.center_px)
     picture = np.zeros((2 * radius + 2, 2 * radius + 2), np.uint8)
-    box = (center, (2 * ellipse.long_px, 2 * ellipse.short_px), -ellipse.angle_deg)
-    cv2.ellipse(picture, box, 255, -1)
+    cv2.ellipse(picture, (center, (2 * long_px, 2 * short_px), -ellipse.angle_deg), 255, -1)
     return picture
 
 

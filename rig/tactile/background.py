@@ -15,6 +15,10 @@ MAX_FRAMES = 60
 MIN_FRAMES = 3
 # Rounds of "mask the contacts, take the median of the rest"; later ones change nothing.
 PASSES = 4
+# The plainest frame is preferred as a start only where its result is plainer by this factor: it may
+# be plain because it is dark. Faint contacts left in the median raise the slopes by 2 %, large ones
+# by 5 to 20 %.
+PLAINER = 0.985
 # Rows whose median is taken at once, which bounds the memory of the sort.
 ROWS_AT_ONCE = 32
 MASKED = np.iinfo(np.int16).max
@@ -34,16 +38,18 @@ def auto_background(frames: Sequence[Image]) -> Image:
 
     Every pixel has to be free of contact in some frames, so contacts must move about, or be absent
     in some frames. Two first guesses (the median of all frames; the plainest frame) are refined by
-    taking the median of what lies outside the contacts; the plainer result is returned, as a
-    contact left in a background adds edges to it. At most 60 frames, evenly spread, are used.
+    taking the median of what lies outside the contacts; the second is returned where it is plainer,
+    as a contact left in a background adds edges to it. At most 60 frames, evenly spread, are used.
     Raises `InputError` for fewer than 3 frames or mixed sizes.
     """
     check_frames(frames, MIN_FRAMES)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int))
     stack = np.stack([frames[i] for i in chosen])
     work = _reduced(stack)
-    guesses = (_median(work, None, work[0]), min(work, key=structure))
-    masks, rough = min((_refined(work, guess) for guess in guesses), key=lambda result: structure(result[1]))
+    masks, rough = _refined(work, _median(work, None, work[0]))
+    other_masks, other = _refined(work, min(work, key=structure))
+    if structure(other) < PLAINER * structure(rough):
+        masks, rough = other_masks, other
     height, width = stack.shape[1:3]
     full = np.stack([cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST) for mask in masks])
     fallback = np.asarray(cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)

@@ -27,7 +27,7 @@ SHAPE_BLUR_PX = 2.0
 MORPH_PX = 7
 # A flat face shows by its edges alone: parts of this share of the largest one's area belong to the
 # same contact. Smaller ones are mostly streaks of light.
-PART_SHARE = 0.3
+PART_SHARE = 0.5
 # A contact begins when inside and outside differ by this share of the background's light, and
 # ends below the lower one; drift that a gain per channel cannot follow stays below both.
 CONTRAST_ENTER, CONTRAST_LEAVE = 0.035, 0.025

@@ -1,4 +1,4 @@
-"""Anyone's tactile frames: a folder of images, a single image, a video or a session.
+"""Anyone's tactile frames: a folder of images, a single image or a video.
 
 Frames are read one at a time, in order, each with its time. A frame that cannot be read is kept
 as a gap; the reader of the series decides what to say about it.
@@ -60,9 +60,6 @@ class FrameSeries:
         return (frame.image for frame in self if frame.image is not None)
 
 
-SessionSeries = tuple[str, str, int, Image | None, FrameSeries]
-
-
 def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = None) -> FrameSeries:
     """Open a folder of images (sorted by name, numbers by value), an image or a video file.
 
@@ -79,15 +76,8 @@ def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = 
 
 
 def is_session(path: Path) -> bool:
-    """Whether a folder is a recorded session."""
+    """Whether a folder is a recorded session; `rig.session_frames` reads its frames."""
     return (path / "session.json").exists()
-
-
-def session_frames(path: Path) -> list[SessionSeries]:
-    """Return (lift, sensor serial, sign, background or None, frames) per lift and sensor of a session."""
-    from rig.records import reading
-
-    return reading.tactile_series(path)
 
 
 def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:

@@ -131,20 +131,20 @@ def _session(
 ) -> None:
     """Estimate each lift and sensor of a session into a file of its own."""
     from drivers.errors import InputError
-    from rig.frames import session_frames
     from rig.offline import table
+    from rig.session_frames import session_frames
 
     if timestamps is not None or fps is not None:
         raise InputError(f"{path} is a session, which has its own times: leave --timestamps and --fps out")
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
-    for lift, serial, sign, own, series in session_frames(path):
-        result, note = run.apply(series, own, sign)
-        file = out / f"{lift}_{serial}.csv"
+    for tip in session_frames(path):
+        result, note = run.apply(tip.frames, tip.background, tip.sign)
+        file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(result))
-        figures = _report(f"lift {lift}, {serial}", result, note, run)
-        lifts.append({"lift": lift, "serial": serial, "sign": sign, **figures, "out": str(file)})
+        figures = _report(f"lift {tip.lift}, {tip.serial}", result, note, run)
+        lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if json:
         common.emit_json({"session": str(path), "out": str(out), "lifts": lifts})
 

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
+from rig import session_frames
 from rig.cli.main import app
 from rig.frame_times import FrameTime
 from rig.frames import FrameSeries, TimedFrame
-from rig.records import reading
+from rig.session_frames import SessionSeries
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -178,10 +179,10 @@ def session(press: Draw, blank: Image, tmp_path: Path, monkeypatch: pytest.Monke
         for i, image in enumerate(drawn_frames(press))
     ]
     series = [
-        ("001", serial, sign, blank, FrameSeries(serial, lambda: iter(frames)))
+        SessionSeries("001", serial, sign, blank, FrameSeries(serial, lambda: iter(frames)))
         for serial, sign in (("D1", 1), ("D2", -1))
     ]
-    monkeypatch.setattr(reading, "tactile_series", lambda path: series, raising=False)
+    monkeypatch.setattr(session_frames, "session_frames", lambda path: series)
     return tmp_path
 
 

@@ -41,6 +41,7 @@ class FakeArm(Arm):
         self._faults = faults
         self._connected = False
         self._joints: Vector6 = kinematics.ELBOW_UP
+        self._pose: Pose | None = None
 
     @property
     def limits(self) -> ArmLimits:
@@ -62,7 +63,8 @@ class FakeArm(Arm):
         self._require_connected()
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
-        self._joints = self._reach(pose)
+        if pose != self._pose:
+            self._pose, self._joints = pose, self._reach(pose)
         stopped = self._faults.active("protective_stop", now, "arm")
         return ArmState(
             now,

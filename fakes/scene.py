@@ -19,6 +19,7 @@ from fakes.texture import QUIET_ZONE, Canvas
 _TEXELS_PER_PX = 4.0
 _SCALE_STEP = 1.05
 _PIXEL_VARIANCE = 1.0 / 12.0
+_NOISE_BLUR_PX = 0.6
 _NOISE_SHIFTS = 128
 
 
@@ -215,7 +216,10 @@ def _draw_bench(light: Image, rng: np.random.Generator) -> Image:
 def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Generator) -> tuple[Image, Image]:
     """Two (H + n, W + n, 3) uint8 fields, to add and to subtract, equal in the three channels."""
     width, height = size
-    noise = np.rint(rng.normal(0.0, sigma_grey, (height + _NOISE_SHIFTS, width + _NOISE_SHIFTS)))
+    white = rng.normal(0.0, 1.0, (height + _NOISE_SHIFTS, width + _NOISE_SHIFTS))
+    # A colour camera interpolates its mosaic: neighbours share some of their noise.
+    shared = cv2.GaussianBlur(white, (0, 0), _NOISE_BLUR_PX)
+    noise = np.rint(shared * (sigma_grey / shared.std()))
     signs = (np.clip(noise, 0, 255), np.clip(-noise, 0, 255))
     plus, minus = (np.repeat(field.astype(np.uint8)[..., None], 3, axis=2) for field in signs)
     return plus, minus

@@ -1,6 +1,7 @@
 """A simulated DIGIT on a finger: what its gel shows of the object the world holds."""
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -14,6 +15,12 @@ from fakes.surfaces import Surface, build_surface, depth_for_force
 from fakes.world import Moment, World
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
+
+
+@cache
+def _gel(unit_seed: int) -> GelSensor:
+    """A unit is the same on every bench, and costs fifty frames to make."""
+    return GelSensor(unit_seed)
 
 
 class FakeDigit(FakeSource, TactileSensor):
@@ -32,7 +39,7 @@ class FakeDigit(FakeSource, TactileSensor):
         super().__init__((serial, "tactile"), shutter, self._draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
-        self._gel = GelSensor(unit_seed)
+        self._gel = _gel(unit_seed)
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
+from functools import cache
 
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +20,7 @@ from fakes.source import Shutter
 from fakes.tactile import FakeDigit
 from fakes.world import Layout, World
 from protocols.watch import Operator
-from rig.config import BenchConfig, TactileConfig
+from rig.config import BenchConfig, CameraConfig, TactileConfig
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
@@ -121,7 +122,15 @@ def _digit(
 
 def _camera(world: World, clock: SimulatedClock, faults: FaultScript, config: BenchConfig) -> FakeCamera:
     camera = config.camera
-    scene = MarkerScene(
+    nominal = camera.base_T_camera()
+    true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
+    shutter = Shutter(camera.rate_hz, phase_s=0.009, latency_s=0.006)
+    return FakeCamera(world, clock, faults, camera.serial, shutter, _scene(camera), true_pose)
+
+
+@cache
+def _scene(camera: CameraConfig) -> MarkerScene:
+    return MarkerScene(
         size=camera.size_px,
         focal_px=camera.focal_px,
         marker_ids=camera.marker_ids,
@@ -129,7 +138,3 @@ def _camera(world: World, clock: SimulatedClock, faults: FaultScript, config: Be
         dictionary=camera.marker_dictionary,
         unit_seed=_unit_seed(camera.serial),
     )
-    nominal = camera.base_T_camera()
-    true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
-    shutter = Shutter(camera.rate_hz, phase_s=0.009, latency_s=0.006)
-    return FakeCamera(world, clock, faults, camera.serial, shutter, scene, true_pose)

@@ -63,23 +63,22 @@ def pca_axis(contour: Contour) -> Axis | None:
     contour: (N, 1, 2) or (N, 2), px. None for fewer than five points, a point or a line.
     """
     points = _points(contour)
-    if points is None:
+    spread = None if points is None else _spread(points)
+    if points is None or spread is None:
         return None
-    (xx, xy), (_, yy) = np.cov(points, rowvar=False)
-    middle, half = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
-    if middle - half < MIN_SPREAD_PX**2:
-        return None
+    xx, xy, yy = spread
     angle = -0.5 * math.degrees(math.atan2(2 * xy, xx - yy))
     return Axis(wrapped(angle), _elongation(points))
 
 
 def fit_ellipse(contour: Contour) -> Ellipse | None:
     """Fit an ellipse to a contour's points; None where the points fix none (few, in line)."""
-    if pca_axis(contour) is None:
+    found = _points(contour)
+    if found is None or _spread(found) is None:
         return None
-    points = np.ascontiguousarray(contour, np.float32).reshape(-1, 1, 2)
+    points = found.astype(np.float32).reshape(-1, 1, 2)
     (x, y), (width, height), turn = cv2.fitEllipse(points)
-    extent = float(np.ptp(points, axis=0).max())
+    extent = float((found.max(axis=0) - found.min(axis=0)).max())
     sides = sorted((float(width) / 2, float(height) / 2))
     sound = (
         all(map(math.isfinite, (x, y, *sides, turn))) and 0 < sides[0] <= sides[1] < MAX_OVERSHOOT * extent
@@ -127,6 +126,14 @@ def _drawn(ellipse: Ellipse) -> Image:
     picture = np.zeros((2 * radius + 2, 2 * radius + 2), np.uint8)
     cv2.ellipse(picture, (center, (2 * long_px, 2 * short_px), -ellipse.angle_deg), 255, -1)
     return picture
+
+
+def _spread(points: NDArray[np.float64]) -> tuple[float, float, float] | None:
+    """Return the points' covariance xx, xy, yy; None where they lie in a point or on a line."""
+    x, y = (points - points.mean(axis=0)).T
+    xx, xy, yy = (float(u @ v) / (len(points) - 1) for u, v in ((x, x), (x, y), (y, y)))
+    middle, half = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    return (xx, xy, yy) if middle - half >= MIN_SPREAD_PX**2 else None
 
 
 def _elongation(points: NDArray[np.float64]) -> float:

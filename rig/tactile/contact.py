@@ -35,9 +35,9 @@ CONTRAST_ENTER, CONTRAST_LEAVE = 0.035, 0.025
 NOISE_ENTER, NOISE_LEAVE = 2.0, 1.5
 # Share of the frame a contact covers at least: 1 % of a DIGIT is a 4 mm long edge contact.
 AREA_ENTER, AREA_LEAVE = 0.01, 0.006
-# The gain looks at every fourth pixel each way and trusts the two fifths that fit it best, as a
+# The gain looks at every sixth pixel each way and trusts the two fifths that fit it best, as a
 # wide contact can cover more than half of a fingertip.
-GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 4, 0.4, 2
+GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
 # A frame darker than this share of the background is black: nothing to scale up.
 DARKEST_GAIN = 0.02
 MIN_SIDE_PX = 8
@@ -107,10 +107,11 @@ class ContactFinder:
 
     def _energy(self, work: Image) -> tuple[NDArray[np.float32], float]:
         """Return the smoothed magnitude of the relative difference, and the pixel noise in its unit."""
-        light = np.multiply(work, self._gain.correction(work), dtype=np.float32)
+        correction = (*self._gain.correction(work).tolist(), 1.0)
+        light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
         raw = np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
-        noise = 1.4826 * float(np.median(np.abs(raw[::4, ::4] - smooth[::4, ::4])))
+        noise = 1.4826 * float(_median(np.abs(raw[::8, ::8] - smooth[::8, ::8]).reshape(-1, 1))[0])
         squares = cv2.transform(cv2.multiply(smooth, smooth), np.ones((1, 3), np.float32))
         return np.asarray(cv2.GaussianBlur(cv2.sqrt(squares), (0, 0), SHAPE_BLUR_PX), np.float32), noise
 
@@ -164,12 +165,18 @@ class _Gain:
     def correction(self, work: Image) -> NDArray[np.float32]:
         """Return the three factors that bring a frame to the background's light."""
         seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3) + np.float32(1.0)
-        gain = np.median(seen / self._light, axis=0)
+        gain = _median(seen / self._light)
         for _ in range(GAIN_ROUNDS):
             misfit = (np.abs(seen - gain * self._light) * self._weight).sum(axis=1)
             best = np.argpartition(misfit, self._trusted - 1)[: self._trusted]
             gain = seen[best].sum(axis=0) / self._light[best].sum(axis=0)
         return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
+
+
+def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the upper median of each column of (N, K); np.median costs several times as much."""
+    middle = len(values) // 2
+    return np.partition(values, middle, axis=0)[middle]
 
 
 def _dense(corners: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -97,17 +97,18 @@ def _removable(image: int, stride: int, second: bool) -> int:
     p2, p3, p4, p5 = north, north >> 1, image >> 1, south >> 1
     p6, p7, p8, p9 = south, south << 1, image << 1, north << 1
     p34, p56, p78, p92 = p3 | p4, p5 | p6, p7 | p8, p9 | p2
-    # m, and the condition that at least one neighbour of the deciding side is empty.
-    m = ((p6 | p7 | image ^ (image & p9)) & p8) if not second else ((p2 | p3 | image ^ (image & p5)) & p4)
-    candidates = (image | m) ^ m
+    p23, p45, p67, p89 = p2 | p3, p4 | p5, p6 | p7, p8 | p9
+    m = ((p67 | image ^ (image & p9)) & p8) if not second else ((p23 | image ^ (image & p5)) & p4)
     a, b = (p34 | p2) ^ p2, (p56 | p4) ^ p4
     c, d = (p78 | p6) ^ p6, (p92 | p8) ^ p8
-    ab, cd = a | b, c | d
-    # Exactly one of four: an odd number of them, yet no two of them.
-    candidates &= (a ^ b ^ c ^ d) & (image ^ (image & ((a & b) | (c & d) | (ab & cd))))
-    p23, p45, p67, p89 = p2 | p3, p4 | p5, p6 | p7, p8 | p9
-    n1_two = (p92 & p34) | (p56 & p78) | ((p92 | p34) & (p56 | p78))
-    n2_two = (p23 & p45) | (p67 & p89) | ((p23 | p45) & (p67 | p89))
-    all_four = p92 & p34 & p56 & p78 & p23 & p45 & p67 & p89
-    candidates &= n1_two & n2_two
-    return (candidates | all_four) ^ all_four
+    # Exactly one of four: an odd number, but not three, which would fill one of the two pairs.
+    paired = (a & b) | (c & d) | m
+    n1_low, n1_high, n2_low, n2_high = p92 & p34, p56 & p78, p23 & p45, p67 & p89
+    candidates = (
+        image
+        & (a ^ b ^ c ^ d)
+        & (n1_low | n1_high | ((p92 | p34) & (p56 | p78)))
+        & (n2_low | n2_high | ((p23 | p45) & (p67 | p89)))
+    )
+    excluded = paired | (n1_low & n1_high & n2_low & n2_high)
+    return candidates ^ (candidates & excluded)

@@ -57,8 +57,12 @@ def load_grasp_files() -> dict[str, GraspFile]:
     for path in sorted(OBJECTS_FOLDER.glob("*.toml")):
         try:
             grasp_file = GraspFile.model_validate(tomllib.loads(path.read_text()))
-        except (ValidationError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: {error}") from error
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{path}: not valid TOML: {error}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise InputError(f"{path}: {where}: {first['msg']}") from error
         files[grasp_file.id] = grasp_file
     return files
 

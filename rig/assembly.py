@@ -20,11 +20,14 @@ from fakes.source import Shutter
 from fakes.tactile import FakeDigit
 from fakes.world import Layout, World
 from protocols.watch import Operator
-from rig.config import BenchConfig, CameraConfig, TactileConfig
+from rig.config import BenchConfig, TactileConfig
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
 """The simulated camera does not stand exactly where the bench file says; no real one does."""
+
+_scene = cache(MarkerScene)
+"""A scene is the same on every bench, and costs a hundred frames to make."""
 
 
 def build_bench(
@@ -125,12 +128,7 @@ def _camera(world: World, clock: SimulatedClock, faults: FaultScript, config: Be
     nominal = camera.base_T_camera()
     true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
     shutter = Shutter(camera.rate_hz, phase_s=0.009, latency_s=0.006)
-    return FakeCamera(world, clock, faults, camera.serial, shutter, _scene(camera), true_pose)
-
-
-@cache
-def _scene(camera: CameraConfig) -> MarkerScene:
-    return MarkerScene(
+    scene = _scene(
         size=camera.size_px,
         focal_px=camera.focal_px,
         marker_ids=camera.marker_ids,
@@ -138,3 +136,4 @@ def _scene(camera: CameraConfig) -> MarkerScene:
         dictionary=camera.marker_dictionary,
         unit_seed=_unit_seed(camera.serial),
     )
+    return FakeCamera(world, clock, faults, camera.serial, shutter, scene, true_pose)

@@ -139,6 +139,10 @@ def load_bench(name_or_path: str) -> BenchConfig:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InputError(f"{path}: {where}: {first['msg']}") from error
+        raise InputError(f"{path}: {validation_text(error)}") from error
+
+
+def validation_text(error: ValidationError) -> str:
+    """Say in one line which keys are wrong and why."""
+    faults = [(".".join(map(str, fault["loc"])) or "file", fault["msg"]) for fault in error.errors()]
+    return "; ".join(f"{where}: {why}" for where, why in faults[:4])

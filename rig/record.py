@@ -33,7 +33,7 @@ from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
 
 RESULTS = "poses.jsonl"
-MANIFEST_COLUMNS = (
+MANIFEST_COLUMNS: tuple[str, ...] = (
     "file",
     "pose",
     "position",
@@ -265,7 +265,7 @@ def _keep_images(
 def _manifest_csv(rows: list[dict[str, Any]]) -> str:
     """Return the manifest of images: pose, grip, sensor and time of each."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, MANIFEST_COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, list(MANIFEST_COLUMNS), lineterminator="\n")
     writer.writeheader()
     for row in rows:
         pose = {key: row[key] for key in ("pose", "position", "orientation_deg")}

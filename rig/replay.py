@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from drivers.errors import InputError, SessionError
 from rig.attempt import TrialSettings, new_measurement
-from rig.config import BenchConfig
+from rig.config import BenchConfig, validation_text
 from rig.records.files import read_lines
 from rig.records.reading import show_again
 from rig.records.session import read_manifest
@@ -78,8 +78,10 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
         return trial_settings(
             bench, manifest["seed"], estimator or manifest["estimator"], window or manifest["window"]
         )
-    except (KeyError, ValidationError) as error:
-        raise SessionError(f"{folder}/session.json: incomplete or damaged ({error})") from error
+    except KeyError as error:
+        raise SessionError(f"{folder}/session.json: {error} is missing; the session is damaged") from error
+    except ValidationError as error:
+        raise SessionError(f"{folder}/session.json: config: {validation_text(error)}") from error
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

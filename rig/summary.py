@@ -39,7 +39,7 @@ class TrialSummary:
     mare_held: Mare | None
     answered: float
     bench_s: float
-    turned_5_deg: int
+    turns_deg: tuple[float, ...]
 
 
 def summarize_trial(rows: list[dict[str, Any]]) -> TrialSummary:
@@ -54,7 +54,7 @@ def summarize_trial(rows: list[dict[str, Any]]) -> TrialSummary:
         mare_held=_mare(accepted, "re_held"),
         answered=_mean([row["answered"] for row in accepted]),
         bench_s=sum(row["bench_s"] for row in rows),
-        turned_5_deg=sum(abs(row["final_truth_deg"] or 0.0) >= 5.0 for row in accepted),
+        turns_deg=_turns(accepted),
     )
 
 
@@ -79,7 +79,7 @@ def _object_summary(rows: list[dict[str, Any]]) -> ObjectSummary:
     outcomes: dict[str, int] = {}
     for row in rows:
         outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
-    turns = [row["final_truth_deg"] for row in rows if row["final_truth_deg"] is not None]
+    turns = _turns(rows)
     return ObjectSummary(
         object_id=rows[0]["object"],
         name=rows[0]["name"],
@@ -95,6 +95,11 @@ def _object_summary(rows: list[dict[str, Any]]) -> ObjectSummary:
 def _mare(rows: list[dict[str, Any]], part: str) -> Mare | None:
     known = [row[part] for row in rows if row.get(part)]
     return mare([k["mean_deg"] for k in known], [k["std_deg"] for k in known])
+
+
+def _turns(rows: list[dict[str, Any]]) -> tuple[float, ...]:
+    """Final true angles of the lifts that have one, deg."""
+    return tuple(row["final_truth_deg"] for row in rows if row["final_truth_deg"] is not None)
 
 
 def _mean(values: list[float]) -> float:

@@ -1,7 +1,7 @@
 """Progress and tables for people."""
 
 import sys
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -28,7 +28,7 @@ class WorkProgress:
         )
         self._task = self._bar.add_task(what, total=total, note="")
 
-    def __enter__(self) -> "WorkProgress":
+    def __enter__(self) -> Self:
         self._bar.start()
         return self
 
@@ -68,7 +68,7 @@ def lift_note(row: dict[str, Any]) -> str:
 
 def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
     """Print the paper's table per object and the trial's figures."""
-    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 120)
+    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 120, soft_wrap=True)
     table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
         table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
@@ -76,7 +76,7 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
         table.add_row(*_object_cells(row))
     table.add_section()
     table.add_row(
-        "all", str(summary.lifts_accepted), "", f"{summary.turned_5_deg} turned >= 5",
+        "all", str(summary.lifts_accepted), "", "",
         _mare_text(summary.mare_b), _mare_text(summary.mare), f"{summary.answered:.1%}",
     )  # fmt: skip
     console.print(table)
@@ -84,7 +84,22 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
         f"{simulated}MARE over phase B {_mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
         f"refused frames held {_mare_text(summary.mare_held)}"
     )
+    console.print(turn_distribution(summary))
     console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+
+
+def turn_distribution(summary: TrialSummary) -> str:
+    """Say how far the lifts turned, in steps of 5 degrees of the true angle, and which way."""
+    sizes = [abs(turn) for turn in summary.turns_deg]
+    top = max(int(max(sizes, default=0.0) // 5) + 1, 1)
+    counts = [sum(5 * i <= size < 5 * (i + 1) for size in sizes) for i in range(top)]
+    steps = ", ".join(f"{5 * i}-{5 * i + 5}: {count}" for i, count in enumerate(counts))
+    left = sum(turn > 0 for turn in summary.turns_deg)
+    at_least_5 = sum(size >= 5.0 for size in sizes)
+    return (
+        f"lifts by true turn, degrees: {steps} ({at_least_5} of {len(sizes)} turned by 5 or more; "
+        f"{left} counter-clockwise, {len(sizes) - left} clockwise)"
+    )
 
 
 def summary_json(summary: TrialSummary) -> dict[str, Any]:

@@ -99,6 +99,8 @@ def open_session(folder: Path, request: dict[str, Any], results_name: str, resum
         manifest = read_manifest(folder)
         _require_same(folder, manifest, request)
         return Session(folder, manifest, results_name)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: give another --out")
     if folder.exists() and any(folder.iterdir()) and not _left_by_a_crash(folder):
         raise InputError(f"{folder} is not empty and holds no session: give another --out")
     _make_folder(folder)

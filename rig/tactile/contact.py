@@ -7,6 +7,7 @@ decides whether the split shows a contact or only noise.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -107,7 +108,7 @@ class ContactFinder:
 
     def _energy(self, work: Image) -> tuple[NDArray[np.float32], float]:
         """Return the smoothed magnitude of the relative difference, and the pixel noise in its unit."""
-        correction = (*self._gain.correction(work).tolist(), 1.0)
+        correction = np.append(self._gain.correction(work), 1.0)  # four values are a scalar to OpenCV
         light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
         raw = np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
@@ -173,7 +174,7 @@ class _Gain:
         return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
 
 
-def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def _median(values: NDArray[Any]) -> NDArray[Any]:
     """Return the upper median of each column of (N, K); np.median costs several times as much."""
     middle = len(values) // 2
     return np.partition(values, middle, axis=0)[middle]

@@ -1,0 +1,80 @@
+"""What holds the product together beside its behaviour: layers, style, packing."""
+
+import importlib
+import subprocess
+import sys
+from importlib.metadata import files, version
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
+
+
+def tool(*command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_ruff_finds_nothing() -> None:
+    tool("ruff", "check", ".")
+    tool("ruff", "format", "--check", ".")
+
+
+def test_imports_keep_the_layers() -> None:
+    code = "import sys; from importlinter.cli import lint_imports_command; lint_imports_command()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "4 kept, 0 broken" in done.stdout
+
+
+def test_all_packages_come_from_one_place() -> None:
+    """A foreign `calibration` or `drivers` in the environment would shadow ours."""
+    parents = {Path(importlib.import_module(name).__file__ or "").parents[1] for name in PACKAGES}
+    assert parents == {ROOT}
+
+
+def test_exactly_one_distribution_provides_cv2() -> None:
+    import cv2
+
+    folder = Path(cv2.__file__).parent
+    owners = [
+        name
+        for name in (
+            "opencv-python",
+            "opencv-python-headless",
+            "opencv-contrib-python",
+            "opencv-contrib-python-headless",
+        )
+        if _installed(name)
+    ]
+    assert owners == ["opencv-contrib-python-headless"]
+    assert folder.exists()
+
+
+def _installed(name: str) -> bool:
+    try:
+        return bool(version(name) and files(name))
+    except importlib.metadata.PackageNotFoundError:
+        return False
+
+
+def test_the_arm_library_is_imported_by_nothing_here() -> None:
+    """Everything but the arm works where ur-rtde has no wheel."""
+    code = (
+        "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"
+        "import rig.trial, rig.record, rig.replay, rig.cli.main; print('fine')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "fine", done.stderr
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_package_says_what_it_is_and_is_typed(package: str) -> None:
+    assert (importlib.import_module(package).__doc__ or "").strip()
+    assert (ROOT / package / "py.typed").exists()

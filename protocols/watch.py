@@ -48,5 +48,12 @@ class Operator(Protocol):
         ...
 
     def place(self, object_id: str, name: str) -> None:
-        """Have an object laid on its place; returns when it lies there. Raises `OperatorStopError`."""
+        """See that an object lies in its place: has it laid there unless it was set down there.
+
+        Raises `OperatorStopError`.
+        """
+        ...
+
+    def displaced(self) -> None:
+        """Take note that the object is no longer in its place: it fell, or a fault left it anywhere."""
         ...

@@ -72,12 +72,16 @@ class SimulatedOperator:
         """Lay the object on its place."""
         self._world.place(find_object(object_id))
 
+    def displaced(self) -> None:
+        """Nothing to note: each lift begins with a world of its own."""
+
 
 class ConsoleOperator:
     """A person at a terminal; `ask` puts a question and returns whether they agree."""
 
     def __init__(self, ask: Callable[[str], bool]) -> None:
         self._ask = ask
+        self._in_place: str | None = None
 
     def confirm(self, question: str) -> None:
         """Ask, and stop unless agreed."""
@@ -85,8 +89,14 @@ class ConsoleOperator:
             raise OperatorStopError("stopped: the operator did not agree; nothing was moved")
 
     def place(self, object_id: str, name: str) -> None:
-        """Have the object placed."""
-        self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
+        """Ask for the object unless the last lift set it down in its place."""
+        if self._in_place != object_id:
+            self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
+        self._in_place = object_id
+
+    def displaced(self) -> None:
+        """Ask again before the next lift."""
+        self._in_place = None
 
 
 def _require_simulated(config: BenchConfig) -> None:

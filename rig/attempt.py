@@ -114,13 +114,16 @@ def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | N
     recorder = LiftRecorder(stream)
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, bench.simulated)
+    operator = operator or own_operator
     with bench.connected():
-        error = _carry_out(bench, operator or own_operator, plan, watched)
+        error = _carry_out(bench, operator, plan, watched)
     if error is None:
         row, series = lift_result(watched)
         watched.record_results(series)
     else:
         row = {"outcome": Outcome.FAULT.value, "fault": _describe(error)}
+    if row["outcome"] in (Outcome.FALLEN, Outcome.FAULT):
+        operator.displaced()
     recorder.close()
     bench_s = bench.clock.now_ns() / NS_PER_S
     row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}

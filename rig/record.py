@@ -239,6 +239,7 @@ def _carry_out(bench: Bench, operator: Operator, plan: PosePlan, watch: PoseCapt
             record_pose(bench, plan, watch)
     except DeviceError as error:
         _log.warning("pose %d: %s", plan.pose_number, error)
+        operator.displaced()
         return f"{type(error).__name__}: {error}"
     return None
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, seconds
 from protocols.watch import Phase
-from rig.lift import LiftMeasurement
+from rig.lift import ZERO_S, LiftMeasurement
 from rig.metrics import Floats, hold_last, summarize
 from rig.tactile.sample import State
 from rig.truth import TruthSeries, interpolate, slip_onset_ns
@@ -45,6 +45,7 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
         "re_b": _summary(errors[in_b]),
         "re": _summary(errors),
         "re_held": _summary(held_errors),
+        "contact_area_px": _contact_areas(watched, lift_ns),
         "answered": float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
         "final_estimate_deg": _final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
         "final_truth_deg": _final(
@@ -104,6 +105,16 @@ def _final(values: list[tuple[int, float | None]], end_ns: int) -> float | None:
 
 def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
+
+
+def _contact_areas(watched: LiftMeasurement, lift_ns: int) -> dict[str, float]:
+    """Mean contact area of each fingertip over the last moments of phase A: how firm the grip is."""
+    since = lift_ns - seconds(ZERO_S)
+    areas = {
+        serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]
+        for serial, tip in watched.tips.items()
+    }
+    return {serial: float(np.mean(values)) if values else 0.0 for serial, values in areas.items()}
 
 
 def _counts(watched: LiftMeasurement) -> dict[str, Any]:

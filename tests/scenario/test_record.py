@@ -1,0 +1,63 @@
+"""Recording grasp poses: what is kept, what is rejected, and going on after a kill."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.types import Frame
+from rig.capture import FRAMES_APART, PoseCapture
+from rig.records.files import read_lines
+from rig.tactile.contact import ContactFinder
+
+COMMAND = [sys.executable, "-m", "rig", "record", "--object", "mug", "--poses", "4", "--images", "24"]
+
+
+def test_frames_without_contact_are_rejected_and_counted() -> None:
+    rng = np.random.default_rng(0)
+    empty = np.full((320, 240, 3), 100, np.uint8)
+    pressed = empty.copy()
+    cv2.ellipse(pressed, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
+    watch = PoseCapture({"L": ContactFinder(empty), "R": ContactFinder(empty)})
+    watch.want(4, grip_counts=2)
+    for number in range(8 * FRAMES_APART):
+        for serial in ("L", "R"):
+            picture = pressed if number >= 2 * FRAMES_APART else empty
+            noisy = (picture + rng.normal(0, 1.5, picture.shape)).clip(0, 255).astype(np.uint8)
+            watch.frame(Frame(noisy, number, number, serial))
+    assert watch.satisfied()
+    assert watch.rejected == 4
+    assert sorted(frame.serial for frame, _, _ in watch.taken) == ["L", "L", "R", "R"]
+    assert all(area > 0 and grip == 2 for _, grip, area in watch.taken)
+
+
+def test_killed_recordings_are_completed_without_doing_anything_twice(tmp_path: Path) -> None:
+    chance = random.Random(5)
+    out = ["--out", str(tmp_path / "s"), "--resume"]
+    done: list[int] = []
+    for _ in range(3):
+        process = subprocess.Popen([*COMMAND, *out], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        time.sleep(chance.uniform(1.0, 3.5))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        rows = read_lines(tmp_path / "s" / "poses.jsonl")
+        assert [row["pose"] for row in rows][: len(done)] == done
+        done = [row["pose"] for row in rows]
+    finished = subprocess.run([*COMMAND, *out, "--json"], capture_output=True, text=True, check=True)
+    figures = json.loads(finished.stdout)
+    assert (figures["poses_accepted"], figures["images_accepted"]) == (4, 24)
+    whole = subprocess.run(
+        [*COMMAND, "--out", str(tmp_path / "t"), "--json"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(whole.stdout)["images_accepted"] == 24
+    for path in sorted((tmp_path / "t").rglob("*.png")):
+        assert path.read_bytes() == (tmp_path / "s" / path.relative_to(tmp_path / "t")).read_bytes()
+    kept = (tmp_path / "s" / "poses.jsonl").read_text()
+    assert kept == (tmp_path / "t" / "poses.jsonl").read_text()
+    assert (tmp_path / "s" / "images.csv").read_text() == (tmp_path / "t" / "images.csv").read_text()

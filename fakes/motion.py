@@ -38,7 +38,7 @@ class ToolPath:
     def pose_at(self, time_ns: int) -> Pose:
         """`base_T_tcp`, orientation interpolated on the great circle."""
         f = self.travel.fraction_at(time_ns)
-        if self.start.quaternion_xyzw == self.end.quaternion_xyzw:
+        if f >= 1.0 or self.start.quaternion_xyzw == self.end.quaternion_xyzw:
             return Pose(self.position_at(time_ns), self.end.quaternion_xyzw)
         turn = Slerp([0.0, 1.0], Rotation.concatenate([self.start.rotation, self.end.rotation]))
         return Pose.from_rotation(self.position_at(time_ns), turn(f))

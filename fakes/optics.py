@@ -43,6 +43,7 @@ class GelSensor:
         self._noise = _noise_fields(shape, float(rng.uniform(1.3, 1.9)), rng)
         self._glow = _planes_at_half(self._light.background)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
+        self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
 
     @property
     def mm_per_px(self) -> tuple[float, float]:
@@ -56,7 +57,7 @@ class GelSensor:
         """
         frame = self._lit_background(time_s).copy()
         if imprint is not None:
-            cv2.add(frame, self._change(imprint), dst=frame)
+            cv2.add(frame, self._change_by(imprint), dst=frame)
         self._add_noise(frame, rng)
         np.right_shift(frame, 4, out=frame)
         np.clip(frame, 0, 255, out=frame)
@@ -70,6 +71,12 @@ class GelSensor:
         padded = cv2.copyMakeBorder(touching, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
         return np.asarray(closed[reach:-reach, reach:-reach], np.uint8)
+
+    def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
+        """What an imprint changes; a still object makes the same imprint frame after frame."""
+        if self._changed is None or self._changed[0] != imprint:
+            self._changed = (imprint, self._change(imprint))
+        return self._changed[1]
 
     def _change(self, imprint: Imprint) -> NDArray[np.int16]:
         """What a dent adds to the background, in sixteenths of a grey level."""

@@ -56,7 +56,7 @@ class MarkerScene:
     bar_m: tuple[float, float] = (0.24, 0.024)
     object_rgb: tuple[int, int, int] = (150, 110, 70)
     blur_px: float = 0.8
-    noise_grey: float = 2.5
+    noise_grey: float = 1.5
     k1: float = 0.0
     _bench: Image = field(init=False)
     _light: Image = field(init=False)

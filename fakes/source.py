@@ -121,7 +121,8 @@ class FakeSource:
         if self._active("freeze", index) and self._frozen is not None:
             old = self._frozen
             return Frame(old.image, time_ns, index, self.serial, old.jpeg)
-        image = self._render(time_ns, np.random.default_rng((self._seed, index, 0)))
+        rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
+        image = self._render(time_ns, rng)
         self._frozen = _compressed(image, time_ns, index, self.serial)
         return self._frozen
 

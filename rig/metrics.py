@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
 Floats = NDArray[np.float64]
 BOOTSTRAP_RESAMPLES = 4000
@@ -68,6 +67,8 @@ def _interval(values: Floats, seed: int) -> tuple[float | None, float | None]:
         return None, None
     if np.ptp(values) == 0.0:
         return float(values[0]), float(values[0])
+    from scipy.stats import bootstrap  # a quarter of a second that worker processes need not spend
+
     result = bootstrap(
         (values,),
         np.mean,

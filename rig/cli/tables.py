@@ -68,10 +68,12 @@ def lift_note(row: dict[str, Any]) -> str:
 
 def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
     """Print the paper's table per object and the trial's figures."""
-    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 120, soft_wrap=True)
+    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 140)
     table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
-        table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
+        table.add_column(
+            heading, justify="left" if heading in ("object", "outcomes") else "right", no_wrap=True
+        )
     for row in summary.objects:
         table.add_row(*_object_cells(row))
     table.add_section()

@@ -116,6 +116,8 @@ def run_record(
             finders = _references(session, settings)
             _record_poses(session, settings, finders, quotas, operator, progress)
             session.finish(order=("pose", "attempt"))
+            for row in session.rows:
+                _log.info("pose %s: %d images", row["pose"], len(row["images"]))
         session.write("images.csv", _manifest_csv(session.rows).encode())
         return session.rows
 

@@ -117,6 +117,8 @@ def run_trial(
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             _carry_on(session, settings, tasks, jobs, operator, progress)
             session.finish(order=("number", "attempt"))
+            for row in session.rows:
+                _log.info("lift %s/%s: %s", row["object"], row["lift"], row["outcome"])
         summary = summarize_trial(session.rows)
         session.write("lifts.csv", lifts_csv(session.rows).encode())
         return summary

@@ -34,7 +34,9 @@ class Session:
         self.rows = read_lines(self._results)
         self._log = logging.FileHandler(folder / "log.txt")
         self._log.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-        logging.getLogger("rig").addHandler(self._log)
+        logger = logging.getLogger("rig")
+        logger.setLevel(logging.INFO)
+        logger.addHandler(self._log)
 
     @property
     def complete(self) -> bool:

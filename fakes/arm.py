@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock
 from drivers.errors import (
     DeviceError,
-    DeviceTimeoutError,
     NotConnectedError,
     OutOfLimitsError,
     ProtectiveStopError,
@@ -14,6 +13,7 @@ from drivers.interfaces import Arm
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes import kinematics
 from fakes.faults import FaultScript
+from fakes.handle import FakeMotion
 from fakes.motion import ToolPath, distance
 from fakes.slip import GRAVITY
 from fakes.travel import Travel
@@ -21,7 +21,6 @@ from fakes.world import World
 
 TOOL_LENGTH_M = 0.28
 """Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
-POLL_S = 0.008
 
 LIMITS = ArmLimits(
     workspace_min_m=(0.15, -0.35, 0.01),
@@ -74,23 +73,27 @@ class FakeArm(Arm):
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 
-    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> "ArmMotion":  # noqa: N803
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> FakeMotion:  # noqa: N803
         """Start a straight motion."""
         self._require_connected()
         self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
         self._reach(base_T_tcp)
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
-        self.check_running()
+        self._check_running()
         travel = Travel(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, travel)
-        return ArmMotion(self, self._world, self._clock)
+        return FakeMotion("arm", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         """Stop where it is."""
         self._world.tool = self._world.tool.cut_at(self._clock.now_ns())
 
-    def check_running(self) -> None:
+    def _arrived(self) -> bool:
+        self._check_running()
+        return self._world.tool.travel.done_at(self._clock.now_ns())
+
+    def _check_running(self) -> None:
         """Raise `ProtectiveStopError` (after stopping) or `DeviceError` when the arm cannot move."""
         now = self._clock.now_ns()
         if self._faults.active("disconnect", now, "arm"):
@@ -136,26 +139,3 @@ class FakeArm(Arm):
         fx, fy, fz = (float(v) for v in force)
         tx, ty, tz = (float(v) for v in noise[3:] * 0.02)
         return fx, fy, fz, tx, ty, tz
-
-
-class ArmMotion:
-    """Handle of a simulated straight motion."""
-
-    def __init__(self, arm: FakeArm, world: World, clock: Clock) -> None:
-        self._arm = arm
-        self._world = world
-        self._clock = clock
-
-    def done(self) -> bool:
-        """Whether the tool has arrived."""
-        self._arm.check_running()
-        return self._world.tool.travel.done_at(self._clock.now_ns())
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until arrival."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
-        while not self.done():
-            if self._clock.now_ns() >= deadline:
-                self._arm.stop()
-                raise DeviceTimeoutError(f"arm: motion not finished after {timeout_s:.1f} s; stopped it")
-            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))

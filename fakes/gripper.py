@@ -3,7 +3,6 @@
 from drivers.clock import Clock, seconds
 from drivers.errors import (
     DeviceError,
-    DeviceTimeoutError,
     GripperFaultError,
     NotConnectedError,
     OutOfLimitsError,
@@ -11,6 +10,7 @@ from drivers.errors import (
 from drivers.interfaces import Gripper
 from drivers.types import GripperLimits, GripperState
 from fakes.faults import FaultScript
+from fakes.handle import FakeMotion
 from fakes.motion import FingerPath
 from fakes.travel import Travel
 from fakes.world import FINGER_STIFFNESS_N_M, World
@@ -19,7 +19,6 @@ SPEED_COUNTS_S = 100.0
 """About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
 ACCELERATION_COUNTS_S2 = 2000.0
 ACTIVATION_S = 3.0
-POLL_S = 0.01
 STALL_FORCE_N = 15.0
 """The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
 ACTIVATION_NEEDED = 0x05
@@ -72,7 +71,7 @@ class FakeGripper(Gripper):
             fault_code=0,
         )
 
-    def move_to(self, position_counts: int) -> "FingerMotion":
+    def move_to(self, position_counts: int) -> FakeMotion:
         """Start moving the fingers; they stall where an object resists with 15 N."""
         self._require_usable()
         if not self._activated:
@@ -92,15 +91,15 @@ class FakeGripper(Gripper):
             end = start
         travel = Travel(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, travel)
-        return FingerMotion(self, self._world, self._clock)
+        return FakeMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns())
 
-    def check_usable(self) -> None:
-        """Raise what the gripper's state says is wrong."""
+    def _arrived(self) -> bool:
         self._require_usable()
+        return self._world.fingers.travel.done_at(self._clock.now_ns())
 
     def _stall_counts(self, time_ns: int) -> float:
         squeeze = self._world.squeeze_at(time_ns)
@@ -121,26 +120,3 @@ class FakeGripper(Gripper):
                 "gripper: fault 0x0D (activation fault); free the fingers, then activate again",
                 ACTIVATION_FAULT,
             )
-
-
-class FingerMotion:
-    """Handle of a simulated finger motion."""
-
-    def __init__(self, gripper: FakeGripper, world: World, clock: Clock) -> None:
-        self._gripper = gripper
-        self._world = world
-        self._clock = clock
-
-    def done(self) -> bool:
-        """Whether the fingers have arrived or stalled."""
-        self._gripper.check_usable()
-        return self._world.fingers.travel.done_at(self._clock.now_ns())
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until done."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
-        while not self.done():
-            if self._clock.now_ns() >= deadline:
-                self._gripper.stop()
-                raise DeviceTimeoutError(f"gripper: motion not finished after {timeout_s:.1f} s; stopped it")
-            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))

@@ -5,6 +5,7 @@ and grows away from the gel, in mm. Every shape has a place, and an axis along w
 bend and taper.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +18,7 @@ FLANK = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
+class Shape(ABC):
     """One part of a contact, and where it lies.
 
     x_mm, z_mm: its middle. axis_deg: counter-clockwise as seen. drop_mm: how far it lies behind
@@ -41,9 +42,9 @@ class Shape:
         across = across - np.float32(0.5 * self.bend_per_mm) * along * along
         return along, across / np.clip(1.0 + np.float32(self.taper_per_mm) * along, 0.4, 2.5)
 
+    @abstractmethod
     def height(self, x_mm: Field, z_mm: Field) -> Field:
         """Height in mm away from the gel at object coordinates in mm."""
-        raise NotImplementedError
 
 
 def _arc(distance: Field, radius_mm: float) -> Field:

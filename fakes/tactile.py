@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
+from drivers.errors import DeviceError
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.faults import FaultScript
@@ -58,7 +59,7 @@ class FakeDigit(FakeSource, TactileSensor):
         """The touched surface, and the depth it is pressed to over a grid of forces."""
         site = self._world.site
         if site is None:
-            raise ValueError("no object is held")
+            raise DeviceError("simulated fingertip: asked for a surface while nothing is held")
         if self._pressed is None or self._pressed[0] is not site:
             surface = build_surface(site, self._side, self._world.seed)
             depths = np.array([depth_for_force(surface, float(f), (0.0, 0.0)) for f in _FORCE_GRID_N])

@@ -27,7 +27,7 @@ from rig.assembly import ConsoleOperator, build_bench
 from rig.attempt import grasp_pose
 from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
-from rig.records.session import Session, open_session
+from rig.records.session import Session, open_session, session_request
 from rig.seeds import derived_seed
 from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
@@ -61,20 +61,14 @@ class RecordSettings:
 
 def record_request(settings: RecordSettings) -> dict[str, Any]:
     """Return what identifies a recording in its manifest."""
-    bench = settings.bench
-    return {
-        "kind": "record",
-        "bench": bench.name,
-        "simulated": bench.simulated,
-        "seed": settings.seed,
-        "objects": [settings.grasps.id],
-        "poses": settings.poses,
-        "images": settings.images,
-        "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
-        "signs": {t.serial: t.sign for t in bench.tactile},
-        "calibration": {},
-        "config": bench.model_dump(mode="json"),
-    }
+    return session_request(
+        "record",
+        settings.bench,
+        settings.seed,
+        objects=[settings.grasps.id],
+        poses=settings.poses,
+        images=settings.images,
+    )
 
 
 def record_operator(settings: RecordSettings, ask: Callable[[str], bool]) -> Operator | None:

@@ -16,7 +16,7 @@ from protocols.watch import Operator
 from rig.assembly import ConsoleOperator
 from rig.attempt import Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.config import BenchConfig
-from rig.records.session import Session, open_session
+from rig.records.session import Session, open_session, session_request
 from rig.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.tactile.estimator import DEFAULT_ESTIMATOR, ESTIMATORS
 from rig.workers import run_tasks
@@ -38,21 +38,15 @@ def trial_settings(
 
 def trial_request(settings: TrialSettings, objects: list[str], lifts: int) -> dict[str, Any]:
     """Return what identifies a trial in its manifest, and must be the same to continue it."""
-    bench = settings.bench
-    return {
-        "kind": "trial",
-        "bench": bench.name,
-        "simulated": bench.simulated,
-        "seed": settings.seed,
-        "objects": objects,
-        "lifts_per_object": lifts,
-        "estimator": settings.estimator,
-        "window": settings.window,
-        "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
-        "signs": {t.serial: t.sign for t in bench.tactile},
-        "calibration": {},
-        "config": bench.model_dump(mode="json"),
-    }
+    return session_request(
+        "trial",
+        settings.bench,
+        settings.seed,
+        objects=objects,
+        lifts_per_object=lifts,
+        estimator=settings.estimator,
+        window=settings.window,
+    )
 
 
 def resolve_objects(names: list[str] | None) -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError, RecordingError, SessionError
+from rig.config import BenchConfig
 from rig.records.files import append_line, drop_torn_line, read_json, read_lines, write_file, write_json
 
 SCHEMA_VERSION = 1
@@ -83,6 +84,21 @@ def default_folder(kind: str, object_id: str | None = None) -> Path:
     stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%dT%H%M%S")
     middle = f"_obj{object_id}" if object_id else ""
     return Path("sessions") / f"{stamp}{middle}_{kind}"
+
+
+def session_request(kind: str, bench: BenchConfig, seed: int, **more: Any) -> dict[str, Any]:
+    """Return what identifies a session in its manifest, and must be the same to continue it."""
+    return {
+        "kind": kind,
+        "bench": bench.name,
+        "simulated": bench.simulated,
+        "seed": seed,
+        "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
+        "signs": {t.serial: t.sign for t in bench.tactile},
+        "calibration": {},
+        "config": bench.model_dump(mode="json"),
+        **more,
+    }
 
 
 def open_session(folder: Path, request: dict[str, Any], results_name: str, resume: bool) -> Session:

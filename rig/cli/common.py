@@ -68,6 +68,15 @@ def stop_on_signals() -> None:
     signal.signal(signal.SIGTERM, stop)
 
 
+def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | None = None) -> Path:
+    """Return where a session goes. Raises `InputError` for --resume without saying what to resume."""
+    from rig.records.session import default_folder
+
+    if resume and out is None:
+        raise InputError("--resume continues the session in --out: give its folder")
+    return out or default_folder(kind, object_id)
+
+
 def default_jobs(simulated: bool, realtime: bool) -> int:
     """Return how many lifts run side by side: one per core when simulated, one on a bench."""
     return max(1, os.cpu_count() or 1) if simulated and not realtime else 1

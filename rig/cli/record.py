@@ -14,6 +14,7 @@ from rig.cli.common import (
     ask,
     emit_json,
     say,
+    session_folder,
 )
 
 
@@ -44,13 +45,12 @@ def record(
     from rig.cli.tables import WorkProgress
     from rig.config import load_bench
     from rig.record import RecordSettings, record_operator, run_record
-    from rig.records.session import default_folder
 
     began = time.perf_counter()
     config = load_bench(bench)
     grasps = find_grasp_file(object_name)
     settings = RecordSettings(config, seed, grasps, poses, images)
-    folder = out or default_folder("record", grasps.id)
+    folder = session_folder(out, resume, "record", grasps.id)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
     operator = record_operator(settings, (lambda _: True) if yes else ask)

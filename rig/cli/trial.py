@@ -16,6 +16,7 @@ from rig.cli.common import (
     default_jobs,
     emit_json,
     say,
+    session_folder,
 )
 
 
@@ -64,14 +65,13 @@ def trial(
 
     from rig.cli.tables import TrialProgress, summary_json, trial_table
     from rig.config import load_bench
-    from rig.records.session import default_folder
     from rig.trial import bench_operator, resolve_objects, run_trial, trial_settings
 
     began = time.perf_counter()
     config = load_bench(bench)
     settings = trial_settings(config, seed, estimator, window, realtime)
     ids = resolve_objects(objects)
-    folder = out or default_folder("trial")
+    folder = session_folder(out, resume, "trial")
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {settings.estimator}, session {folder}")
     del no_skip  # nothing is skipped yet that a scene could need

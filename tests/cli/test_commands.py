@@ -89,6 +89,7 @@ def test_unknown_things_are_refused_with_what_exists(tmp_path: Path) -> None:
     one_line(rig("trial", "--estimator", "magic", "--out", out), 2, "skeleton")
     one_line(rig("trial", "--bench", "nowhere.toml", "--out", out), 2, "fake")
     one_line(rig("trial", "--object", "t1", "--object", "wrench", "--out", out), 2, "twice")
+    one_line(rig("trial", "--resume"), 2, "--out")
     assert not (tmp_path / "s").exists()
 
 

@@ -9,7 +9,6 @@ from drivers.types import Pose, Vector6
 _A_M = (0.0, -0.425, -0.3922, 0.0, 0.0, 0.0)
 _D_M = (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996)
 _ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
-JOINT_LIMIT_RAD = 2 * np.pi
 ELBOW_UP: Vector6 = (0.0, -1.75, -1.9, -1.05, 1.57, 0.0)
 _REACHED = 1e-6
 

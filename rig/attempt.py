@@ -28,6 +28,8 @@ from rig.truth import MarkerTruth
 LEAST_LIFT = 0.4
 """A lift rises to a random share of the object file's height, from this share to all of it."""
 MAX_TRIAL_TURN_DEG = 15.0
+MAX_FAULTS_IN_A_ROW = 3
+"""Rig faults in a row that end a trial or a recording: by then a person has to look."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +117,12 @@ def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | N
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, bench.simulated)
     operator = operator or own_operator
-    with bench.connected():
-        error = _carry_out(bench, operator, plan, watched)
+    error = _carry_out(bench, operator, plan, watched)
     if error is None:
         row, series = lift_result(watched)
         watched.record_results(series)
     else:
-        row = {"outcome": Outcome.FAULT.value, "fault": _describe(error)}
+        row = {"outcome": Outcome.FAULT.value, "fault": fault_text(error)}
     if row["outcome"] in (Outcome.FALLEN, Outcome.FAULT):
         operator.displaced()
     recorder.close()
@@ -150,15 +151,17 @@ def _carry_out(
     bench: Bench, operator: Operator, plan: LiftPlan, watched: LiftMeasurement
 ) -> DeviceError | CalibrationError | None:
     try:
-        make_ready(bench, operator)
-        operator.place(plan.object_id, plan.object_name)
-        run_lift(bench, plan, watched)
+        with bench.connected():
+            make_ready(bench, operator)
+            operator.place(plan.object_id, plan.object_name)
+            run_lift(bench, plan, watched)
     except (DeviceError, CalibrationError) as error:
         return error
     return None
 
 
-def _describe(error: Exception) -> str:
+def fault_text(error: Exception) -> str:
+    """Say what failed, and how the bench was left."""
     notes = "; ".join(getattr(error, "__notes__", []))
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
 

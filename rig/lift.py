@@ -16,6 +16,7 @@ from protocols.watch import Phase
 from rig.fusion import FusedSample, TipAnswer, fuse
 from rig.records.encoding import stored
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.tactile.background import mean_background
 from rig.tactile.estimator import make_estimator
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.truth import MarkerTruth, TruthSeries
@@ -164,7 +165,7 @@ class LiftMeasurement:
         for serial, tip in self.tips.items():
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
-            background = np.mean(tip.reference, axis=0).round().astype(np.uint8)
+            background = mean_background(tip.reference)
             tip.estimator = make_estimator(self._estimator_name, background, self._window)
             tip.reference = []
 

@@ -24,7 +24,7 @@ from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, make_ready
 from protocols.watch import Operator
 from rig.assembly import ConsoleOperator, build_bench
-from rig.attempt import grasp_pose
+from rig.attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose
 from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
 from rig.records.session import Session, open_session, session_request
@@ -44,7 +44,6 @@ MANIFEST_COLUMNS: tuple[str, ...] = (
     "contact_area_px",
 )
 GRIPS_PER_POSE = 5
-MAX_FAULTS_IN_A_ROW = 3
 _log = logging.getLogger("rig.record")
 
 
@@ -236,7 +235,7 @@ def _carry_out(bench: Bench, operator: Operator, plan: PosePlan, watch: PoseCapt
     except DeviceError as error:
         _log.warning("pose %d: %s", plan.pose_number, error)
         operator.displaced()
-        return f"{type(error).__name__}: {error}"
+        return fault_text(error)
     return None
 
 

@@ -14,7 +14,7 @@ from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
 from protocols.watch import Operator
 from rig.assembly import ConsoleOperator
-from rig.attempt import Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.attempt import MAX_FAULTS_IN_A_ROW, Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.config import BenchConfig
 from rig.records.session import Session, open_session, session_request
 from rig.summary import TrialSummary, lifts_csv, summarize_trial
@@ -22,7 +22,6 @@ from rig.tactile.estimator import DEFAULT_ESTIMATOR, ESTIMATORS
 from rig.workers import run_tasks
 
 RESULTS = "lifts.jsonl"
-MAX_FAULTS_IN_A_ROW = 3
 _log = logging.getLogger("rig.trial")
 
 

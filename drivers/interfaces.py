@@ -4,6 +4,7 @@ Implementations name these protocols as bases, so they can be found by search an
 checker reports a missing member. Verbs act, nouns read. Motions return at once with a handle.
 """
 
+from collections.abc import Callable
 from typing import Protocol
 
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
@@ -50,6 +51,14 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Stop as fast as the arm can, from any thread, at any time, without an error."""
+        ...
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Release a protective stop, once a person who has looked at the arm agrees; nothing moves.
+
+        confirm: puts a question to that person and raises unless they agree. Does nothing
+        when the arm is running; raises `DeviceError` when it cannot be made to run.
+        """
         ...
 
 

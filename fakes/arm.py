@@ -1,5 +1,7 @@
 """A simulated UR5e: straight motions with trapezoidal speed, limits, and protective stops."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from drivers.clock import Clock
@@ -41,6 +43,7 @@ class FakeArm(Arm):
         self._connected = False
         self._joints: Vector6 = kinematics.ELBOW_UP
         self._pose: Pose | None = None
+        self._released = False
 
     @property
     def limits(self) -> ArmLimits:
@@ -64,7 +67,7 @@ class FakeArm(Arm):
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
             self._pose, self._joints = pose, self._reach(pose)
-        stopped = self._faults.active("protective_stop", now, "arm")
+        stopped = self._protective_stop(now)
         return ArmState(
             now,
             pose,
@@ -89,6 +92,19 @@ class FakeArm(Arm):
         """Stop where it is."""
         self._world.tool = self._world.tool.cut_at(self._clock.now_ns())
 
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Release a protective stop after a look at the arm."""
+        self._require_connected()
+        if self._protective_stop(self._clock.now_ns()):
+            confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")
+            self._released = True
+
+    def _protective_stop(self, time_ns: int) -> bool:
+        """Whether a stop is on: from the fault's begin until it is released or the fault ends."""
+        active = self._faults.active("protective_stop", time_ns, "arm")
+        self._released = self._released and active
+        return active and not self._released
+
     def _arrived(self) -> bool:
         self._check_running()
         return self._world.tool.travel.done_at(self._clock.now_ns())
@@ -99,7 +115,7 @@ class FakeArm(Arm):
         if self._faults.active("disconnect", now, "arm"):
             self.stop()
             raise DeviceError("arm: connection lost; check the network, then start again")
-        if self._faults.active("protective_stop", now, "arm"):
+        if self._protective_stop(now):
             self.stop()
             raise ProtectiveStopError(
                 "arm: protective stop; look at the arm, clear the cause, release it on the pendant"

@@ -24,10 +24,11 @@ class FakeCamera(FakeSource, Camera):
         scene: MarkerScene,
         base_T_camera: Pose,  # noqa: N803
     ) -> None:
-        super().__init__((serial, "camera"), shutter, self._draw, clock, faults, world.seed * 8)
+        super().__init__((serial, "camera"), shutter, self.draw, clock, faults, world.seed * 8)
         self._world = world
         self._scene = scene
         self._camera_T_base = base_T_camera.inverse()
 
-    def _draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+    def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+        """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
         return self._scene.render(self._camera_T_base @ self._world.object_pose_at(time_ns), rng)

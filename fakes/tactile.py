@@ -37,7 +37,7 @@ class FakeDigit(FakeSource, TactileSensor):
         side: int,
         shutter: Shutter,
     ) -> None:
-        super().__init__((serial, "tactile"), shutter, self._draw, clock, faults, world.seed * 8 + 4 + side)
+        super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
         self._gel = _gel(unit_seed)
@@ -48,7 +48,8 @@ class FakeDigit(FakeSource, TactileSensor):
         """Scale the LEDs together; the simulated unit has one supply."""
         self._light = (red + green + blue) / 3.0
 
-    def _draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+    def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+        """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
         moment = self._world.moment_at(time_ns)
         image = self._gel.render(self._imprint(moment), time_ns / NS_PER_S, rng)
         if self._light == 1.0:
@@ -60,10 +61,11 @@ class FakeDigit(FakeSource, TactileSensor):
         site = self._world.site
         if site is None:
             raise DeviceError("simulated fingertip: asked for a surface while nothing is held")
-        if self._pressed is None or self._pressed[0] is not site:
+        key = (id(site), self._world.seed)
+        if self._pressed is None or self._pressed[0] != key:
             surface = build_surface(site, self._side, self._world.seed)
             depths = np.array([depth_for_force(surface, float(f), (0.0, 0.0)) for f in _FORCE_GRID_N])
-            self._pressed = (site, surface, depths)
+            self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
 
     def _imprint(self, moment: Moment) -> Imprint | None:

@@ -5,6 +5,7 @@ protocols, drivers and estimators see what a sensor would show.
 """
 
 import math
+import threading
 from collections import deque
 from dataclasses import dataclass, field, replace
 
@@ -87,7 +88,10 @@ class Draw:
 
 @dataclass(slots=True)
 class World:
-    """Tool, fingers, object and contact, stepped every 2 ms of simulated time."""
+    """Tool, fingers, object and contact, stepped every 2 ms of simulated time.
+
+    Several threads may use one world. `tool` and `fingers` are replaced whole, never changed.
+    """
 
     layout: Layout
     seed: int
@@ -101,6 +105,7 @@ class World:
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
     _history: deque[Moment] = field(init=False)
+    _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
@@ -111,9 +116,17 @@ class World:
         first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
-    def place(self, model: ObjectModel) -> None:
-        """An operator puts an object on the table, where the bench file says."""
-        self.model, self.site, self._slip = model, None, None
+    def place(self, model: ObjectModel, seed: int | None = None) -> None:
+        """An operator puts an object on the table, where the bench file says.
+
+        seed: draws how this object lies, slips and tilts; as before when None.
+        """
+        with self._lock:
+            if seed is not None:
+                self.seed = seed
+                self._rng = np.random.default_rng(seed)
+                self.draw = Draw.from_rng(self._rng)
+            self.model, self.site, self._slip = model, None, None
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""
@@ -130,6 +143,15 @@ class World:
 
     def moment_at(self, time_ns: int) -> Moment:
         """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
+        with self._lock:
+            return self._moment_at(time_ns)
+
+    def object_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_object`: origin at the centre of mass, x along the object, z up."""
+        with self._lock:
+            return self._object_pose(time_ns)
+
+    def _moment_at(self, time_ns: int) -> Moment:
         while self._history[-1].time_ns < time_ns:
             self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
         newest = self._history[-1].time_ns
@@ -140,9 +162,8 @@ class World:
             return self._history[-1]
         return _between(self._history[index], self._history[index + 1], time_ns)
 
-    def object_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_object`: origin at the centre of mass, x along the object, z up."""
-        moment = self.moment_at(time_ns)
+    def _object_pose(self, time_ns: int) -> Pose:
+        moment = self._moment_at(time_ns)
         right, down = self.draw.misplacement_m
         if not moment.held or self.site is None:
             return self.layout.base_T_table.translated(x_m=right, z_m=-down)

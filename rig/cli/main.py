@@ -5,6 +5,7 @@ import sys
 import typer
 
 from drivers.errors import RigError
+from rig.cli.bench import bench
 from rig.cli.common import exit_code, say, stop_on_signals
 from rig.cli.estimate import estimate
 from rig.cli.record import record
@@ -22,6 +23,7 @@ app = typer.Typer(
 )
 for command in (record, trial, replay, estimate):
     app.command()(command)
+app.add_typer(bench, name="bench")
 
 
 def main() -> None:

@@ -139,7 +139,7 @@ def test_a_bench_file_with_a_slip_of_the_pen_names_the_key(tmp_path: Path) -> No
     wrong.write_text(text.replace("home_m", "hom_m"))
     one_line(rig("trial", "--bench", str(wrong)), 2, "hom_m")
     wrong.write_text(text.replace('driver = "fake"                      # fake | ur5e', 'driver = "ur5e"'))
-    one_line(rig("trial", "--bench", str(wrong), "--yes"), 2, "ur5e", "not part of this version")
+    one_line(rig("trial", "--bench", str(wrong), "--yes"), 2, "line 7", "needs host")
 
 
 def test_recording_resumes_and_fills_the_data_sets_layout(tmp_path: Path) -> None:

@@ -1,0 +1,32 @@
+"""`rig bench`: bench files."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.common import say
+
+bench = typer.Typer(no_args_is_help=True, help="Bench files: what a bench is made of.")
+
+
+@bench.callback()
+def _bench() -> None:
+    """Bench files: what a bench is made of."""
+
+
+@bench.command("new")
+def new(file: Annotated[Path, typer.Argument(help="The file to write, as my_bench.toml.")]) -> None:
+    """Write a bench file that explains each of its keys; fill in yours.
+
+    Examples:
+      rig bench new my_bench.toml
+
+      rig doctor --bench my_bench.toml
+
+    """
+    from rig.config.load import new_bench_file
+
+    new_bench_file(file)
+    say(f"put in your addresses, serials and positions, then run: rig doctor --bench {file}")
+    print(file)

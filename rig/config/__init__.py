@@ -1,0 +1,25 @@
+"""Bench files: read, checked key by key, refused with the line that is wrong."""
+
+from rig.config.load import BENCHES, load_bench, validation_text
+from rig.config.models import (
+    ArmConfig,
+    BenchConfig,
+    CameraConfig,
+    FakesConfig,
+    FaultConfig,
+    GripperConfig,
+    TactileConfig,
+)
+
+__all__ = [
+    "BENCHES",
+    "ArmConfig",
+    "BenchConfig",
+    "CameraConfig",
+    "FakesConfig",
+    "FaultConfig",
+    "GripperConfig",
+    "TactileConfig",
+    "load_bench",
+    "validation_text",
+]

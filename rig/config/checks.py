@@ -1,0 +1,111 @@
+"""What no bench can be, although each of its keys taken alone is possible."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rig.config.lines import Loc
+from rig.config.models import (
+    ArmConfig,
+    BenchConfig,
+    CameraConfig,
+    GripperConfig,
+    TactileConfig,
+)
+
+DIGIT_MODES = {(240, 320): (60.0, 30.0), (480, 640): (30.0, 15.0)}
+"""Upright size in pixels, and the rates at which a DIGIT streams it (digit-interface's tables)."""
+Misfit = tuple[Loc, str]
+
+
+def misfits(config: BenchConfig) -> Iterator[Misfit]:
+    """Yield the key and the reason of everything that cannot be."""
+    yield from _arm(config.arm)
+    yield from _gripper(config.gripper)
+    for number, tactile in enumerate(config.tactile):
+        yield from _tactile(tactile, number)
+    yield from _camera(config.camera)
+    yield from _together(config)
+    if config.fakes is None or config.fakes.control is not None:
+        yield from _addresses(config)
+
+
+def _arm(arm: ArmConfig) -> Iterator[Misfit]:
+    limits = arm.limits
+    if any(np.less_equal(limits.workspace_max_m, limits.workspace_min_m)):
+        yield ("arm", "limits", "workspace_max_m"), "is not above workspace_min_m on every axis"
+    elif not _inside(arm.home_m, limits.workspace_min_m, limits.workspace_max_m):
+        yield ("arm", "home_m"), "is outside the workspace of [arm.limits]"
+    if any(np.less_equal(limits.joint_max_deg, limits.joint_min_deg)):
+        yield ("arm", "limits", "joint_max_deg"), "is not above joint_min_deg for every joint"
+    if arm.payload_kg > limits.max_payload_kg:
+        yield ("arm", "payload_kg"), f"is above max_payload_kg, {limits.max_payload_kg:g}"
+
+
+def _gripper(gripper: GripperConfig) -> Iterator[Misfit]:
+    if gripper.fingers[0] == gripper.fingers[1]:
+        yield ("gripper", "fingers"), "names one finger twice"
+    if gripper.limits.max_counts <= gripper.limits.min_counts:
+        yield ("gripper", "limits", "max_counts"), "is not above min_counts"
+    if gripper.preset is not None and (gripper.preset == "rtu") != (gripper.transport == "rtu"):
+        yield ("gripper", "preset"), f"'{gripper.preset}' is not a map of transport '{gripper.transport}'"
+
+
+def _tactile(tactile: TactileConfig, number: int) -> Iterator[Misfit]:
+    if tactile.driver != "digit":
+        return
+    rates = DIGIT_MODES.get(tactile.size_px)
+    if rates is None:
+        known = " or ".join(f"[{w}, {h}]" for w, h in DIGIT_MODES)
+        yield ("tactile", number, "size_px"), f"is no size of a DIGIT, upright {known}"
+    elif tactile.rate_hz not in rates:
+        listed = " or ".join(f"{rate:g}" for rate in rates)
+        yield ("tactile", number, "rate_hz"), f"a DIGIT streams this size at {listed} Hz"
+
+
+def _camera(camera: CameraConfig) -> Iterator[Misfit]:
+    import cv2
+
+    if not camera.marker_dictionary.startswith("DICT_") or not hasattr(cv2.aruco, camera.marker_dictionary):
+        yield ("camera", "marker_dictionary"), "is no ArUco dictionary, as DICT_4X4_50"
+    if camera.marker_ids[0] == camera.marker_ids[1]:
+        yield ("camera", "marker_ids"), "names one marker twice"
+    sight = np.subtract(camera.look_at_m, camera.position_m)
+    if np.linalg.norm(sight[:2]) < 1e-6:
+        yield ("camera", "look_at_m"), "is straight above or below position_m: the picture has no upright"
+
+
+def _addresses(config: BenchConfig) -> Iterator[Misfit]:
+    """Real devices are somewhere; fakes that are started for the session fill in where."""
+    arm, gripper, camera = config.arm, config.gripper, config.camera
+    if arm.driver == "ur5e" and not arm.host:
+        yield ("arm",), "driver 'ur5e' needs host, the controller's address"
+    if gripper.driver == "robotiq_3f" and gripper.transport == "tcp" and not gripper.host:
+        yield ("gripper",), "transport 'tcp' needs host, the gripper's address"
+    if gripper.driver == "robotiq_3f" and gripper.transport == "rtu" and not gripper.device:
+        yield ("gripper",), "transport 'rtu' needs device, the serial port, as /dev/ttyUSB0"
+    if camera.driver == "camera" and not camera.address:
+        yield ("camera",), "driver 'camera' needs address: /dev/videoN, a URL, a video file or a folder"
+
+
+def _together(config: BenchConfig) -> Iterator[Misfit]:
+    if sorted(t.finger for t in config.tactile) != sorted(config.gripper.fingers):
+        yield ("tactile",), "each grasping finger of [gripper] needs exactly one [[tactile]] with its name"
+    if config.tactile[0].sign == config.tactile[1].sign:
+        yield ("tactile", 1, "sign"), "opposing fingertips see the object from two sides: signs differ"
+    serials = [*(t.serial for t in config.tactile), config.camera.serial]
+    for number, serial in enumerate(serials):
+        if serial in serials[:number]:
+            where: Loc = ("camera", "serial") if number == 2 else ("tactile", number, "serial")
+            yield where, f"'{serial}' is another sensor's serial; each has its own"
+    low, high = config.arm.limits.workspace_min_m, config.arm.limits.workspace_max_m
+    if not _inside(config.table.position_m, low, high):
+        yield ("table", "position_m"), "is outside the workspace of [arm.limits]: it cannot be reached"
+    if "fake" in config.drivers and config.drivers != {"fake"}:
+        yield ("arm", "driver"), "some drivers are 'fake' and some are not: make all of them one or the other"
+    if config.faults and "fake" not in config.drivers:
+        yield ("faults",), "are for simulated devices in this process; this bench has none"
+
+
+def _inside(point: tuple[float, ...], low: tuple[float, ...], high: tuple[float, ...]) -> bool:
+    return all(lo <= value <= hi for lo, value, hi in zip(low, point, high, strict=True))

@@ -1,0 +1,84 @@
+"""Reading a bench file, and saying where it is wrong."""
+
+import tomllib
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from drivers.errors import InputError
+from rig.config.checks import misfits
+from rig.config.lines import Loc, line_of
+from rig.config.models import BenchConfig, known_keys
+
+BENCHES = Path(__file__).parent.parent / "benches"
+MOST_FAULTS = 4
+
+
+def load_bench(name_or_path: str) -> BenchConfig:
+    """Read a bench by name (`fake`, `wire`) or from a file.
+
+    Raises `InputError` naming the file and, for each key that is wrong, its line.
+    """
+    path = BENCHES / f"{name_or_path}.toml"
+    if not path.exists():
+        path = Path(name_or_path)
+    if not path.is_file():
+        raise InputError(
+            f"no bench '{name_or_path}': use 'fake', 'wire' or the path of a bench file "
+            "(rig bench new FILE writes one)"
+        )
+    try:
+        return parse_bench(path.read_text(), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from error
+
+
+def parse_bench(text: str, name: str) -> BenchConfig:
+    """Read a bench file's text; `name` is what messages call it. Raises `InputError`."""
+    try:
+        config = BenchConfig.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: not valid TOML: {error}") from error
+    except ValidationError as error:
+        raise InputError(f"{name}: {validation_text(error, text)}") from error
+    wrong = list(misfits(config))
+    if wrong:
+        raise InputError(f"{name}: {_text(wrong, text)}")
+    return config
+
+
+def validation_text(error: ValidationError, source: str | None = None) -> str:
+    """Say in one line which keys are wrong and why, with their lines in `source` where given."""
+    return _text([(details["loc"], _reason(details)) for details in error.errors()], source)
+
+
+def _text(faults: Sequence[tuple[Loc, str]], source: str | None) -> str:
+    parts = []
+    for loc, why in faults[:MOST_FAULTS]:
+        line = f"line {line_of(source, loc)}: " if source is not None else ""
+        parts.append(f"{line}{'.'.join(map(str, loc)) or 'file'}: {why}")
+    more = len(faults) - MOST_FAULTS
+    return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
+
+
+def _reason(details: Any) -> str:
+    if details["type"] == "extra_forbidden":
+        near = get_close_matches(str(details["loc"][-1]), known_keys(), n=1)
+        return "unknown key" + (f", did you mean '{near[0]}'?" if near else "")
+    found = "" if details["type"] == "missing" else f", found {details['input']!r}"
+    return f"{details['msg']}{found}"
+
+
+def new_bench_file(path: Path) -> None:
+    """Write a bench file that explains each key. Raises `InputError`; never overwrites."""
+    text = Path(__file__).with_name("new_bench.toml").read_text()
+    try:
+        with path.open("x") as stream:
+            stream.write(text)
+    except FileExistsError as error:
+        raise InputError(f"{path} exists already: give another name, or move it aside") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error

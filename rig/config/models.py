@@ -1,0 +1,199 @@
+"""What a bench file holds, key by key."""
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import Rotation
+
+from calibration.planar import Intrinsics
+from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
+
+Point = tuple[float, float, float]
+JointAngles = tuple[float, float, float, float, float, float]
+Finger = Literal["A", "B", "C"]
+Rate = Annotated[float, Field(gt=0, le=240)]
+Pixels = Annotated[int, Field(gt=0, le=8192)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class ArmLimitsConfig(_Strict):
+    """What the arm is not to exceed. The defaults are those of the simulated cell."""
+
+    workspace_min_m: Point = (0.15, -0.35, 0.01)
+    workspace_max_m: Point = (0.75, 0.35, 0.60)
+    max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
+    max_acceleration_m_s2: float = Field(default=1.5, gt=0, le=2.5)
+    max_payload_kg: float = Field(default=5.0, gt=0, le=5.0)
+    joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
+    joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
+
+    def arm_limits(self) -> ArmLimits:
+        """Return the limits as the arm takes them."""
+        return ArmLimits(
+            self.workspace_min_m,
+            self.workspace_max_m,
+            self.max_speed_m_s,
+            self.max_acceleration_m_s2,
+            self.max_payload_kg,
+        )
+
+    def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
+        """Return lowest and highest joint angles, rad."""
+        return _radians(self.joint_min_deg), _radians(self.joint_max_deg)
+
+
+class ArmConfig(_Strict):
+    """The arm: which driver, where it is reached, what it carries, where it waits."""
+
+    driver: Literal["fake", "ur5e"]
+    host: str | None = None
+    frequency_hz: float = Field(default=500.0, ge=10, le=500)
+    home_m: Point
+    tcp_m: Point = (0.0, 0.0, 0.28)
+    tcp_rotation_vector_rad: Point = (0.0, 0.0, 0.0)
+    payload_kg: float = Field(default=2.5, ge=0)
+    payload_cog_m: Point = (0.0, 0.0, 0.08)
+    limits: ArmLimitsConfig = ArmLimitsConfig()
+
+    def flange_T_tcp(self) -> Pose:  # noqa: N802 - frame names keep their case
+        """Pose of the tool centre point on the arm's flange."""
+        return Pose.from_rotation(self.tcp_m, Rotation.from_rotvec(self.tcp_rotation_vector_rad))
+
+
+class GripperLimitsConfig(_Strict):
+    """Range of the fingers in counts, and the opening between the fingertips they stand for."""
+
+    min_counts: int = Field(default=6, ge=0, le=255)
+    max_counts: int = Field(default=255, ge=0, le=255)
+    max_opening_m: float = Field(default=0.120, gt=0, le=0.155)
+    opening_per_count_m: float = Field(default=0.155 / 249.0, gt=0, le=0.005)
+
+    def gripper_limits(self) -> GripperLimits:
+        """Return the limits as the gripper takes them."""
+        return GripperLimits(self.min_counts, self.max_counts, self.max_opening_m, self.opening_per_count_m)
+
+
+class GripperConfig(_Strict):
+    """The gripper: which driver, how it is reached, and which two fingers grasp."""
+
+    driver: Literal["fake", "robotiq_3f"]
+    transport: Literal["tcp", "rtu"] = "tcp"
+    host: str | None = None
+    port: int = Field(default=502, ge=1, le=65535)
+    device: str | None = None
+    preset: Literal["tcp", "tcp-2014", "rtu"] | None = None
+    fingers: tuple[Finger, Finger]
+    limits: GripperLimitsConfig = GripperLimitsConfig()
+
+
+class TactileConfig(_Strict):
+    """A tactile sensor on a grasping finger; without an address it is found by its serial."""
+
+    driver: Literal["fake", "digit"]
+    serial: str = Field(min_length=1)
+    address: str | None = None
+    finger: Finger
+    sign: Literal[1, -1]
+    rate_hz: Rate
+    size_px: tuple[Pixels, Pixels] = (240, 320)
+
+
+class CameraConfig(_Strict):
+    """The external camera and the markers it watches."""
+
+    driver: Literal["fake", "camera"]
+    serial: str = Field(min_length=1)
+    address: str | None = None
+    rate_hz: Rate
+    size_px: tuple[Pixels, Pixels]
+    focal_px: float = Field(gt=0)
+    position_m: Point
+    look_at_m: Point
+    marker_dictionary: str
+    marker_ids: tuple[int, int]
+    marker_side_m: float = Field(gt=0, lt=0.5)
+
+    def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
+        """Pose of the camera in the arm's base: z towards `look_at_m`, x level to the right."""
+        forward = np.subtract(self.look_at_m, self.position_m)
+        forward = forward / np.linalg.norm(forward)
+        right = np.cross(forward, (0.0, 0.0, 1.0))
+        right = right / np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(forward, right), forward])
+        return Pose.from_rotation(self.position_m, Rotation.from_matrix(axes))
+
+    def intrinsics(self) -> Intrinsics:
+        """Return the pinhole of this file: focal length, centre in the middle, no distortion."""
+        width, height = self.size_px
+        matrix = [
+            [self.focal_px, 0.0, (width - 1) / 2],
+            [0.0, self.focal_px, (height - 1) / 2],
+            [0.0, 0.0, 1.0],
+        ]
+        return Intrinsics(np.array(matrix), np.zeros(5))
+
+
+class TableConfig(_Strict):
+    """Where the operator places objects."""
+
+    position_m: Point
+
+
+class FakesConfig(_Strict):
+    """Says that the real drivers of this bench talk to simulated devices.
+
+    control: "host:port" of the running fakes' side channel; without it they are started for the
+    session, and the file's own addresses do not count.
+    """
+
+    control: str | None = None
+
+
+class FaultConfig(_Strict):
+    """A scripted failure of a simulated device, see `fakes.faults.Fault`."""
+
+    device: str
+    kind: str
+    at_s: float = Field(ge=0)
+    duration_s: float = 3600.0
+    lift: str | None = None
+    attempt: int | None = 0
+
+
+class BenchConfig(_Strict):
+    """One bench file."""
+
+    name: str
+    arm: ArmConfig
+    gripper: GripperConfig
+    tactile: tuple[TactileConfig, TactileConfig]
+    camera: CameraConfig
+    table: TableConfig
+    fakes: FakesConfig | None = None
+    faults: tuple[FaultConfig, ...] = ()
+
+    @property
+    def drivers(self) -> frozenset[str]:
+        """The drivers of all devices."""
+        tactile = (t.driver for t in self.tactile)
+        return frozenset({self.arm.driver, self.gripper.driver, self.camera.driver, *tactile})
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any device of this bench is simulated, in this process or behind a wire."""
+        return "fake" in self.drivers or self.fakes is not None
+
+
+def _radians(angles_deg: JointAngles) -> Vector6:
+    a, b, c, d, e, f = (math.radians(angle) for angle in angles_deg)
+    return a, b, c, d, e, f
+
+
+def known_keys() -> set[str]:
+    """All keys that a bench file can have, of all its tables."""
+    return {key for model in _Strict.__subclasses__() for key in model.model_fields}

@@ -1,0 +1,110 @@
+"""Bench files: whatever is wrong is refused, with the line it is on."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import InputError
+from rig.config import BENCHES, load_bench
+from rig.config.lines import line_of
+from rig.config.load import new_bench_file, parse_bench
+
+REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(InputError) as raised:
+        parse_bench(text, "b.toml")
+    return str(raised.value)
+
+
+def line_with(text: str, part: str) -> int:
+    return next(n for n, line in enumerate(text.splitlines(), 1) if part in line)
+
+
+@pytest.mark.parametrize("name", ["fake", "wire"])
+def test_the_benches_that_come_with_the_product_are_simulated(name: str) -> None:
+    assert load_bench(name).simulated
+
+
+def test_the_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    new_bench_file(path)
+    config = load_bench(str(path))
+    assert not config.simulated
+    assert config.arm.driver == "ur5e"
+    with pytest.raises(InputError, match="exists already"):
+        new_bench_file(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("home_m", "hom_m", "did you mean 'home_m'"),
+        ("[table]", "[tabel]", "did you mean 'table'"),
+        ("focal_px = 640.0", "focal_px = 0", "greater than 0, found 0"),
+        ("frequency_hz = 500", "frequency_hz = nan", "finite"),
+        ("max_speed_m_s = 0.5", "max_speed_m_s = 20", "less than or equal to 1"),
+        ('preset = "tcp"  ', 'preset = "rtu"  ', "not a map of transport 'tcp'"),
+        ('transport = "tcp"', 'transport = "rtu"', "needs device"),
+        ('host = "192.168.1.10"', "", "needs host"),
+        ("sign = -1", "sign = 1", "signs differ"),
+        ("sign = -1", "sign = 0", "1 or -1, found 0"),
+        ('serial = "D20002"', 'serial = "D20001"', "another sensor's serial"),
+        ('["B", "C"]', '["B", "B"]', "twice"),
+        ('["B", "C"]', '["A", "C"]', "exactly one"),
+        ("home_m = [0.45, 0.0, 0.30]", "home_m = [4.5, 0.0, 0.30]", "outside the workspace"),
+        ("workspace_max_m = [0.75,", "workspace_max_m = [0.05,", "not above workspace_min_m"),
+        ('"DICT_4X4_50"', '"DICT_9X9"', "no ArUco dictionary"),
+        ("look_at_m = [0.45, 0.0, 0.10]", "look_at_m = [0.45, -0.62, 0.0]", "straight above"),
+        ("payload_kg = 2.5", "payload_kg = 5.5", "max_payload_kg"),
+        ('driver = "camera"', 'driver = "fake"', "one or the other"),
+    ],
+)
+def test_impossible_values_and_unknown_keys_are_refused(old: str, new: str, said: str) -> None:
+    assert old in REAL
+    message = refusal(REAL.replace(old, new, 1))
+    assert said in message
+    assert message.startswith("b.toml: line ")
+
+
+def test_the_line_is_the_keys_own() -> None:
+    head, _, tail = REAL.rpartition("rate_hz = 60")
+    second = f"{head}rate_hz = 59{tail}"
+    assert f"line {line_with(second, 'rate_hz = 59')}: tactile.1.rate_hz" in refusal(second)
+    of_many = REAL.replace("size_px = [640, 480]", "size_px = [\n  640,  # wide\n  -1,\n]")
+    assert f"line {line_with(of_many, 'wide') - 1}: camera.size_px.1" in refusal(of_many)
+    missing = REAL.replace('serial = "C0001"', "# none")
+    assert f"line {line_with(missing, '[camera]')}: camera.serial" in refusal(missing)
+
+
+def test_text_that_is_no_toml_is_refused_with_its_line() -> None:
+    assert "line 3" in refusal("a = 1\n\nb = = 2\n")
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_bench(str(path))
+
+
+KEYS = st.from_regex(r"[a-z]{1,6}", fullmatch=True)
+VALUES = st.sampled_from(["1", '"x"', "[\n 1,\n 2,\n]", '"""a\nb = 3\n"""', "{ k = 1 }", "true # k = 2"])
+
+
+@given(st.dictionaries(KEYS, st.dictionaries(KEYS, VALUES, min_size=1, max_size=4), min_size=1, max_size=4))
+def test_every_key_is_found_on_the_line_it_was_written_on(tables: dict[str, dict[str, str]]) -> None:
+    lines: list[str] = []
+    where: dict[tuple[str, str], int] = {}
+    for table, keys in tables.items():
+        lines += ["# comment", f"[{table}]"]
+        for key, value in keys.items():
+            where[table, key] = len(lines) + 1
+            lines += f"{key} = {value}".splitlines()
+    text = "\n".join(lines)
+    tomllib.loads(text)
+    assert {path: line_of(text, path) for path in where} == where

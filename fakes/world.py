@@ -7,15 +7,15 @@ protocols, drivers and estimators see what a sensor would show.
 import math
 import threading
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.types import Pose
 from fakes.catalogue import GraspSite, ObjectModel
+from fakes.moment import Draw, Layout, Moment, between, object_pose
 from fakes.motion import FingerPath, ToolPath, tool_tilt
 from fakes.slip import GRAVITY, GripLoad, SlipDynamics
 from fakes.travel import Travel
@@ -25,65 +25,6 @@ HISTORY_STEPS = 1500
 FINGER_STIFFNESS_N_M = 420.0
 """Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
 REACH_OF_GRASP_M = 0.03
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Where things are on the simulated bench (base frame, m) and how wide the fingers open."""
-
-    base_T_table: Pose  # noqa: N815
-    home: Pose
-    open_counts: int = 6
-    """What the position reads when fully open: a software limit, not 0 (manual, gPO)."""
-    max_opening_m: float = 0.120
-    """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
-    opening_per_count_m: float = 0.155 / 249.0
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """The world at one instant. Angles in rad, counter-clockwise as the camera sees them."""
-
-    time_ns: int
-    force_n: float
-    object_turn_rad: float
-    wrist_rad: float
-    torsion_rad: float
-    slide_m: float
-    loaded: float
-    held: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Draw:
-    """What differs from lift to lift, drawn from the world's seed."""
-
-    misplacement_m: tuple[float, float]
-    width_error_m: float
-    friction_factor: float
-    pivot_mm: tuple[float, float]
-    tilt_at_rest: tuple[float, float]
-    tilt_under_load: tuple[float, float]
-    force_shift: float
-    sway_phase: float
-
-    @classmethod
-    def from_rng(cls, rng: np.random.Generator) -> "Draw":
-        """Draw one lift's peculiarities."""
-
-        def pair(spread: float) -> tuple[float, float]:
-            return float(rng.normal(0.0, spread)), float(rng.normal(0.0, spread))
-
-        return cls(
-            misplacement_m=pair(0.0008),
-            width_error_m=float(rng.normal(0.0, 0.0004)),
-            friction_factor=float(rng.uniform(0.8, 1.2)),
-            pivot_mm=pair(1.2),
-            tilt_at_rest=pair(0.008),
-            tilt_under_load=pair(0.012),
-            force_shift=float(rng.normal(0.0, 0.12)),
-            sway_phase=float(rng.uniform(0.0, 2 * math.pi)),
-        )
 
 
 @dataclass(slots=True)
@@ -160,16 +101,11 @@ class World:
             raise DeviceError("simulated world: asked for a moment more than 3 s in the past")
         if newest == time_ns or index + 1 >= len(self._history):
             return self._history[-1]
-        return _between(self._history[index], self._history[index + 1], time_ns)
+        return between(self._history[index], self._history[index + 1], time_ns)
 
     def _object_pose(self, time_ns: int) -> Pose:
         moment = self._moment_at(time_ns)
-        right, down = self.draw.misplacement_m
-        if not moment.held or self.site is None:
-            return self.layout.base_T_table.translated(x_m=right, z_m=-down)
-        turn = Rotation.from_euler("y", -moment.object_turn_rad)
-        grasp = np.add(self.tool.position_at(time_ns), (right, 0.0, -down - moment.slide_m))
-        return Pose.from_rotation(grasp - turn.apply((self.site.offset_m, 0.0, 0.0)), turn)
+        return object_pose(self.layout, self.draw, self.site, moment, self.tool.position_at(time_ns))
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:
         """The grasp site of the placed object that the fingers stand around, if any."""
@@ -224,23 +160,3 @@ class World:
             lever_m=site.offset_m,
             reach_m=max(left_end if site.offset_m > 0 else right_end, 0.02),
         )
-
-
-def _between(before: Moment, after: Moment, time_ns: int) -> Moment:
-    f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
-    if before.held != after.held:
-        return replace(after, time_ns=time_ns)
-
-    def mixed(a: float, b: float) -> float:
-        return a + f * (b - a)
-
-    return Moment(
-        time_ns,
-        mixed(before.force_n, after.force_n),
-        mixed(before.object_turn_rad, after.object_turn_rad),
-        mixed(before.wrist_rad, after.wrist_rad),
-        mixed(before.torsion_rad, after.torsion_rad),
-        mixed(before.slide_m, after.slide_m),
-        mixed(before.loaded, after.loaded),
-        after.held,
-    )

@@ -1,8 +1,6 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
-import hashlib
 from collections.abc import Callable
-from functools import cache
 
 from scipy.spatial.transform import Rotation
 
@@ -10,24 +8,17 @@ from drivers.bench import Bench, Fingertip
 from drivers.errors import InputError, OperatorStopError
 from drivers.types import Pose
 from fakes.arm import FakeArm
-from fakes.camera import FakeCamera
 from fakes.catalogue import find_object
 from fakes.clock import SimulatedClock
 from fakes.faults import Fault, FaultScript
 from fakes.gripper import FakeGripper
-from fakes.scene import MarkerScene
-from fakes.source import Shutter
-from fakes.tactile import FakeDigit
-from fakes.world import Layout, World
+from fakes.moment import Layout
+from fakes.plan import BenchPlan, CameraPlan, DigitPlan
+from fakes.world import World
 from protocols.watch import Operator
-from rig.config import BenchConfig, TactileConfig
+from rig.config import BenchConfig
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
-CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
-"""The simulated camera does not stand exactly where the bench file says; no real one does."""
-
-_scene = cache(MarkerScene)
-"""A scene is the same on every bench, and costs a hundred frames to make."""
 
 
 def build_bench(
@@ -39,7 +30,8 @@ def build_bench(
     Raises `InputError` for drivers that are not part of this version.
     """
     _require_simulated(config)
-    world = World(_layout(config), seed)
+    plan = _plan(config)
+    world = World(plan.layout, seed)
     clock = SimulatedClock(realtime)
     faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
     bench = Bench(
@@ -49,10 +41,10 @@ def build_bench(
         arm=FakeArm(world, clock, faults),
         gripper=FakeGripper(world, clock, faults),
         fingertips=tuple(
-            Fingertip(_digit(world, clock, faults, tactile, number), tactile.finger, tactile.sign)
-            for number, tactile in enumerate(config.tactile)
+            Fingertip(digit.make(world, clock, faults), tactile.finger, tactile.sign)
+            for digit, tactile in zip(plan.digits, config.tactile, strict=True)
         ),
-        camera=_camera(world, clock, faults, config),
+        camera=plan.camera.make(world, clock, faults),
         base_T_camera=config.camera.base_T_camera(),
         base_T_table=world.layout.base_T_table,
     )
@@ -110,40 +102,24 @@ def _require_simulated(config: BenchConfig) -> None:
         )
 
 
-def _layout(config: BenchConfig) -> Layout:
-    return Layout(
-        base_T_table=Pose(config.table.position_m),
-        home=Pose.from_rotation(config.arm.home_m, TOOL_DOWN),
+def _plan(config: BenchConfig) -> BenchPlan:
+    """What the simulated bench of a bench file is made of."""
+    camera = config.camera
+    return BenchPlan(
+        Layout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
+        tuple(DigitPlan(t.serial, t.sign, t.rate_hz, number) for number, t in enumerate(config.tactile)),
+        CameraPlan(
+            camera.serial,
+            camera.rate_hz,
+            camera.size_px,
+            camera.focal_px,
+            camera.marker_ids,
+            camera.marker_side_m,
+            camera.marker_dictionary,
+            camera.base_T_camera(),
+        ),
     )
 
 
 def _fault(fault: object) -> Fault:
     return Fault(**fault.model_dump())  # type: ignore[attr-defined]
-
-
-def _unit_seed(serial: str) -> int:
-    """A sensor unit's peculiarities belong to its serial, on every bench."""
-    return int.from_bytes(hashlib.sha256(serial.encode()).digest()[:4], "big")
-
-
-def _digit(
-    world: World, clock: SimulatedClock, faults: FaultScript, tactile: TactileConfig, number: int
-) -> FakeDigit:
-    shutter = Shutter(tactile.rate_hz, phase_s=0.002 + 0.005 * number)
-    return FakeDigit(world, clock, faults, tactile.serial, _unit_seed(tactile.serial), tactile.sign, shutter)
-
-
-def _camera(world: World, clock: SimulatedClock, faults: FaultScript, config: BenchConfig) -> FakeCamera:
-    camera = config.camera
-    nominal = camera.base_T_camera()
-    true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
-    shutter = Shutter(camera.rate_hz, phase_s=0.009, latency_s=0.006)
-    scene = _scene(
-        size=camera.size_px,
-        focal_px=camera.focal_px,
-        marker_ids=camera.marker_ids,
-        marker_side_m=camera.marker_side_m,
-        dictionary=camera.marker_dictionary,
-        unit_seed=_unit_seed(camera.serial),
-    )
-    return FakeCamera(world, clock, faults, camera.serial, shutter, scene, true_pose)

@@ -6,9 +6,9 @@ from drivers.clock import Clock
 from drivers.interfaces import Camera
 from drivers.types import Image, Pose
 from fakes.faults import FaultScript
+from fakes.moment import WorldView
 from fakes.scene import MarkerScene
 from fakes.source import FakeSource, Shutter
-from fakes.world import World
 
 
 class FakeCamera(FakeSource, Camera):
@@ -16,7 +16,7 @@ class FakeCamera(FakeSource, Camera):
 
     def __init__(
         self,
-        world: World,
+        world: WorldView,
         clock: Clock,
         faults: FaultScript,
         serial: str,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -67,6 +68,33 @@ class Draw:
             force_shift=float(rng.normal(0.0, 0.12)),
             sway_phase=float(rng.uniform(0.0, 2 * math.pi)),
         )
+
+
+class WorldView(Protocol):
+    """What the simulated cameras need of the world."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the present lift's peculiarities."""
+        ...
+
+    @property
+    def draw(self) -> Draw:
+        """The present lift's peculiarities."""
+        ...
+
+    @property
+    def site(self) -> GraspSite | None:
+        """The grasp site that is held, if any."""
+        ...
+
+    def moment_at(self, time_ns: int) -> Moment:
+        """The world at `time_ns`."""
+        ...
+
+    def object_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_object` at `time_ns`."""
+        ...
 
 
 def object_pose(layout: Layout, draw: Draw, site: GraspSite | None, moment: Moment, tool_m: Vector3) -> Pose:

@@ -10,11 +10,10 @@ from drivers.clock import Clock
 from drivers.types import Pose
 from fakes.camera import FakeCamera
 from fakes.faults import FaultScript
-from fakes.moment import Layout
+from fakes.moment import Layout, WorldView
 from fakes.scene import MarkerScene
 from fakes.source import Shutter
 from fakes.tactile import FakeDigit
-from fakes.world import World
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
 """The simulated camera does not stand exactly where the bench file says; no real one does."""
@@ -32,7 +31,7 @@ class DigitPlan:
     rate_hz: float
     number: int
 
-    def make(self, world: World, clock: Clock, faults: FaultScript) -> FakeDigit:
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
         """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
         shutter = Shutter(self.rate_hz, phase_s=0.002 + 0.005 * self.number)
         return FakeDigit(world, clock, faults, self.serial, unit_seed(self.serial), self.side, shutter)
@@ -51,7 +50,7 @@ class CameraPlan:
     marker_dictionary: str
     base_T_camera: Pose  # noqa: N815
 
-    def make(self, world: World, clock: Clock, faults: FaultScript) -> FakeCamera:
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeCamera:
         """Make the camera, a degree off from where it is said to stand."""
         nominal = self.base_T_camera
         true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)

@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import DeviceError
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
+from fakes.catalogue import GraspSite
 from fakes.faults import FaultScript
+from fakes.moment import Moment, WorldView
 from fakes.optics import GelSensor, Imprint
 from fakes.source import FakeSource, Shutter
 from fakes.surfaces import Surface, build_surface, depth_for_force
-from fakes.world import Moment, World
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
@@ -29,7 +29,7 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def __init__(
         self,
-        world: World,
+        world: WorldView,
         clock: Clock,
         faults: FaultScript,
         serial: str,
@@ -56,11 +56,8 @@ class FakeDigit(FakeSource, TactileSensor):
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
 
-    def _surface(self) -> tuple[Surface, np.ndarray]:
+    def _surface(self, site: GraspSite) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
-        site = self._world.site
-        if site is None:
-            raise DeviceError("simulated fingertip: asked for a surface while nothing is held")
         key = (id(site), self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
             surface = build_surface(site, self._side, self._world.seed)
@@ -69,9 +66,10 @@ class FakeDigit(FakeSource, TactileSensor):
         return self._pressed[1], self._pressed[2]
 
     def _imprint(self, moment: Moment) -> Imprint | None:
-        if not moment.held or moment.force_n <= 0.0 or self._world.site is None:
+        site = self._world.site
+        if not moment.held or moment.force_n <= 0.0 or site is None:
             return None
-        surface, depths = self._surface()
+        surface, depths = self._surface(site)
         turn = moment.object_turn_rad - moment.wrist_rad
         return Imprint(
             surface=surface,

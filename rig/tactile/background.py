@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.tactile.contact import WORK_LONG_SIDE_PX, ContactFinder, check_frame
+from rig.tactile.contact import WORK_LONG_SIDE_PX, ContactFinder
+from rig.tactile.relative import check_frame
 
 # Frames looked at: more do not help the median and cost memory (60 DIGIT frames are 14 MB).
 MAX_FRAMES = 60

@@ -7,7 +7,6 @@ decides whether the split shows a contact or only noise.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.types import Image
+from rig.tactile.relative import RelativeDifference, check_frame, upper_median
 
 # Long side of the copy that is looked at: half a DIGIT's, fine for outlines smeared by the gel.
 WORK_LONG_SIDE_PX = 160
-# Added to the background before dividing: in the dark corners a grey level of noise is no contact.
-DARK_OFFSET = 20.0
 # Gaussian blur of the signed difference (averages noise) and of its magnitude (closes the gap
 # between the lit and the shaded flank of a contact), in work pixels.
 NOISE_BLUR_PX = 1.0
@@ -36,12 +34,6 @@ CONTRAST_ENTER, CONTRAST_LEAVE = 0.035, 0.025
 NOISE_ENTER, NOISE_LEAVE = 2.0, 1.5
 # Share of the frame a contact covers at least: 1 % of a DIGIT is a 4 mm long edge contact.
 AREA_ENTER, AREA_LEAVE = 0.01, 0.006
-# The gain looks at every sixth pixel each way and trusts the two fifths that fit it best, as a
-# wide contact can cover more than half of a fingertip.
-GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
-# A frame darker than this share of the background is black: nothing to scale up.
-DARKEST_GAIN = 0.02
-MIN_SIDE_PX = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,16 +53,6 @@ class Contact:
 NO_CONTACT = Contact(None, 0.0, np.empty((0, 1, 2), np.float32))
 
 
-def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
-    """Raise `InputError` unless the image is (H, W, 3) uint8, of the given shape if one is given."""
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
-    if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
-        raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
-    if shape is not None and image.shape != shape:
-        raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
-
-
 class ContactFinder:
     """Finds the contact in the frames of one sensor.
 
@@ -88,31 +70,23 @@ class ContactFinder:
         height, width = background.shape[:2]
         scale = min(1.0, WORK_LONG_SIDE_PX / max(height, width))
         self._size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        work = self._reduced(background).astype(np.float32)
-        self._weight = 1.0 / (work + DARK_OFFSET)
-        self._relative = work * self._weight
-        self._gain = _Gain(work)
+        self._light = RelativeDifference(background, self._size)
         self._kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (MORPH_PX, MORPH_PX))
         self._in_contact = False
 
     def find(self, image: Image) -> Contact:
         """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError` for another size."""
         check_frame(image, self._shape)
-        energy, noise = self._energy(self._reduced(image))
+        energy, noise = self._energy(image)
         outline = self._outline(energy)
         self._in_contact = outline is not None and self._passes(outline, energy, noise)
         return self._contact(outline) if outline is not None and self._in_contact else NO_CONTACT
 
-    def _reduced(self, image: Image) -> Image:
-        return np.asarray(cv2.resize(image, self._size, interpolation=cv2.INTER_AREA), np.uint8)
-
-    def _energy(self, work: Image) -> tuple[NDArray[np.float32], float]:
+    def _energy(self, image: Image) -> tuple[NDArray[np.float32], float]:
         """Return the smoothed magnitude of the relative difference, and the pixel noise in its unit."""
-        correction = np.append(self._gain.correction(work), 1.0)  # four values are a scalar to OpenCV
-        light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
-        raw = np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
+        raw = self._light.of(self._light.reduced(image))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
-        noise = 1.4826 * float(_median(np.abs(raw[::8, ::8] - smooth[::8, ::8]).reshape(-1, 1))[0])
+        noise = 1.4826 * float(upper_median(np.abs(raw[::8, ::8] - smooth[::8, ::8]).reshape(-1, 1))[0])
         squares = cv2.transform(cv2.multiply(smooth, smooth), np.ones((1, 3), np.float32))
         return np.asarray(cv2.GaussianBlur(cv2.sqrt(squares), (0, 0), SHAPE_BLUR_PX), np.float32), noise
 
@@ -152,32 +126,6 @@ class ContactFinder:
         # fillConvexPoly reads fixed-point corners: 4 bits are a sixteenth of a pixel.
         cv2.fillConvexPoly(mask, np.rint(corners * 16).astype(np.int32), 255, shift=4)
         return Contact(mask, float(cv2.countNonZero(mask)), _dense(corners))
-
-
-class _Gain:
-    """The light of a frame against the background's, per channel, where they agree best."""
-
-    def __init__(self, work: NDArray[np.float32]) -> None:
-        sample = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3)
-        self._light = sample + 1.0
-        self._weight = 1.0 / (sample + DARK_OFFSET)
-        self._trusted = max(1, int(GAIN_TRUSTED * len(sample)))
-
-    def correction(self, work: Image) -> NDArray[np.float32]:
-        """Return the three factors that bring a frame to the background's light."""
-        seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3) + np.float32(1.0)
-        gain = _median(seen / self._light)
-        for _ in range(GAIN_ROUNDS):
-            misfit = (np.abs(seen - gain * self._light) * self._weight).sum(axis=1)
-            best = np.argpartition(misfit, self._trusted - 1)[: self._trusted]
-            gain = seen[best].sum(axis=0) / self._light[best].sum(axis=0)
-        return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
-
-
-def _median(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the upper median of each column of (N, K); np.median costs several times as much."""
-    middle = len(values) // 2
-    return np.partition(values, middle, axis=0)[middle]
 
 
 def _dense(corners: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -15,8 +15,9 @@ import cv2
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.tactile.axis import METHODS, Axis, AxisMethod
-from rig.tactile.contact import ContactFinder, check_frame
+from rig.tactile.contact import ContactFinder
 from rig.tactile.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
+from rig.tactile.relative import check_frame
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 
 DEFAULT_ESTIMATOR = "skeleton"

@@ -1,0 +1,79 @@
+"""How a frame differs from the frame without contact, whatever the light's strength.
+
+The light of a DIGIT-like sensor multiplies: LEDs dim, white balance drifts, corners are dark. A
+frame is therefore brought to the background's light by a gain per channel and its difference is
+taken relative to the background. Everything happens on a reduced copy.
+"""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.types import Image
+
+# Added to the background before dividing: in the dark corners a grey level of noise is no contact.
+DARK_OFFSET = 20.0
+# The gain looks at every sixth pixel each way and trusts the two fifths that fit it best, as a
+# wide contact can cover more than half of a fingertip.
+GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
+# A frame darker than this share of the background is black: nothing to scale up.
+DARKEST_GAIN = 0.02
+MIN_SIDE_PX = 8
+
+
+def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
+    """Raise `InputError` unless the image is (H, W, 3) uint8, of the given shape if one is given."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+        raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
+    if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
+        raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
+    if shape is not None and image.shape != shape:
+        raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
+
+
+class RelativeDifference:
+    """Compares the frames of one sensor with its background.
+
+    background: (H, W, 3) uint8 RGB, a frame without contact. size: (width, height) in px of the
+    reduced copy.
+    """
+
+    def __init__(self, background: Image, size: tuple[int, int]) -> None:
+        check_frame(background)
+        self.size = size
+        work = self.reduced(background).astype(np.float32)
+        self._weight = 1.0 / (work + DARK_OFFSET)
+        self._relative = work * self._weight
+        sample = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3)
+        self._light = sample + 1.0
+        self._sample_weight = 1.0 / (sample + DARK_OFFSET)
+        self._trusted = max(1, int(GAIN_TRUSTED * len(sample)))
+
+    def reduced(self, image: Image) -> Image:
+        """Return the reduced copy, (h, w, 3) uint8."""
+        return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def of(self, work: Image) -> NDArray[np.float32]:
+        """Return the relative difference of a reduced copy from the background, (h, w, 3) float32."""
+        correction = np.append(self._correction(work), 1.0)  # four values are a scalar to OpenCV
+        light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
+        return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
+
+    def _correction(self, work: Image) -> NDArray[np.float32]:
+        """Return the three factors that bring a reduced copy to the background's light."""
+        seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3) + np.float32(1.0)
+        gain = upper_median(seen / self._light)
+        for _ in range(GAIN_ROUNDS):
+            misfit = (np.abs(seen - gain * self._light) * self._sample_weight).sum(axis=1)
+            best = np.argpartition(misfit, self._trusted - 1)[: self._trusted]
+            gain = seen[best].sum(axis=0) / self._light[best].sum(axis=0)
+        return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
+
+
+def upper_median(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the upper median of each column of (N, K); np.median costs several times as much."""
+    middle = len(values) // 2
+    return np.partition(values, middle, axis=0)[middle]

@@ -31,3 +31,20 @@ class SimulatedClock:
         if self._realtime:
             time.sleep(remaining_ns / NS_PER_S)
         self._now_ns = max(self._now_ns, time_ns)
+
+
+class SharedClock:
+    """Time since `start_ns` of the computer's monotonic clock, the same for all processes told so."""
+
+    def __init__(self, start_ns: int) -> None:
+        self.start_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Time since the start, ns."""
+        return time.monotonic_ns() - self.start_ns
+
+    def sleep_until(self, time_ns: int) -> None:
+        """Sleep until the given time."""
+        remaining_ns = time_ns - self.now_ns()
+        if remaining_ns > 0:
+            time.sleep(remaining_ns / NS_PER_S)

@@ -20,7 +20,12 @@ MAX_STEPS = 24
 
 
 def make_ready(bench: Bench, operator: Operator) -> None:
-    """Activate the gripper if it needs it; asks first, because the fingers sweep their range."""
+    """Release a protective stop and activate the gripper where needed; both are asked for.
+
+    A person looks at the arm before its release, and knows of the activation beforehand: the
+    fingers sweep their range.
+    """
+    bench.arm.recover(operator.look)
     if not bench.gripper.state().activated:
         operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
         bench.gripper.activate()

@@ -47,6 +47,13 @@ class Operator(Protocol):
         """Ask before something moves. Raises `OperatorStopError` unless agreed."""
         ...
 
+    def look(self, question: str) -> None:
+        """Ask what only somebody who looks at the bench can know, so never agreed to beforehand.
+
+        Raises `OperatorStopError` unless agreed.
+        """
+        ...
+
     def place(self, object_id: str, name: str) -> None:
         """See that an object lies in its place: has it laid there unless it was set down there.
 

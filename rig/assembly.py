@@ -1,11 +1,10 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
-from collections.abc import Callable
-
 from scipy.spatial.transform import Rotation
 
 from drivers.bench import Bench, Fingertip
-from drivers.errors import InputError, OperatorStopError
+from drivers.clock import SystemClock
+from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
 from drivers.types import Pose
 from fakes.arm import FakeArm
 from fakes.catalogue import find_object
@@ -16,7 +15,8 @@ from fakes.moment import Layout
 from fakes.plan import BenchPlan, CameraPlan, DigitPlan
 from fakes.world import World
 from protocols.watch import Operator
-from rig.config import BenchConfig
+from rig.config import ArmConfig, BenchConfig, CameraConfig, GripperConfig, TactileConfig
+from rig.operators import SimulatedOperator
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 
@@ -24,13 +24,11 @@ TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 def build_bench(
     config: BenchConfig, seed: int = 0, lift: str = "", attempt: int = 0, realtime: bool = False
 ) -> tuple[Bench, Operator]:
-    """Make the devices of a bench file, and the operator who goes with them.
+    """Make a bench of simulated devices in this process, and the operator who goes with it.
 
     seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
-    Raises `InputError` for drivers that are not part of this version.
     """
-    _require_simulated(config)
-    plan = _plan(config)
+    plan = simulated_bench_plan(config)
     world = World(plan.layout, seed)
     clock = SimulatedClock(realtime)
     faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
@@ -48,61 +46,66 @@ def build_bench(
         base_T_camera=config.camera.base_T_camera(),
         base_T_table=world.layout.base_T_table,
     )
-    return bench, SimulatedOperator(world)
+    return bench, SimulatedOperator(lambda object_id: world.place(find_object(object_id)))
 
 
-class SimulatedOperator:
-    """Agrees to everything and lays objects into the simulated world."""
+def build_real_bench(config: BenchConfig) -> Bench:
+    """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
 
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def confirm(self, question: str) -> None:
-        """Agree."""
-
-    def place(self, object_id: str, name: str) -> None:
-        """Lay the object on its place."""
-        self._world.place(find_object(object_id))
-
-    def displaced(self) -> None:
-        """Nothing to note: each lift begins with a world of its own."""
-
-
-class ConsoleOperator:
-    """A person at a terminal; `ask` puts a question and returns whether they agree."""
-
-    def __init__(self, ask: Callable[[str], bool]) -> None:
-        self._ask = ask
-        self._in_place: str | None = None
-
-    def confirm(self, question: str) -> None:
-        """Ask, and stop unless agreed."""
-        if not self._ask(question):
-            raise OperatorStopError("stopped: the operator did not agree; nothing was moved")
-
-    def place(self, object_id: str, name: str) -> None:
-        """Ask for the object unless the last lift set it down in its place."""
-        if self._in_place != object_id:
-            self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
-        self._in_place = object_id
-
-    def displaced(self) -> None:
-        """Ask again before the next lift."""
-        self._in_place = None
+    The makers' libraries are imported here at the earliest, each by the driver that needs it.
+    """
+    clock = SystemClock()
+    return Bench(
+        name=config.name,
+        simulated=config.simulated,
+        clock=clock,
+        arm=_arm(config.arm, clock),
+        gripper=_gripper(config.gripper, clock),
+        fingertips=tuple(Fingertip(_digit(t, clock), t.finger, t.sign) for t in config.tactile),
+        camera=_camera(config.camera, clock),
+        base_T_camera=config.camera.base_T_camera(),
+        base_T_table=Pose(config.table.position_m),
+    )
 
 
-def _require_simulated(config: BenchConfig) -> None:
-    drivers = [config.arm.driver, config.gripper.driver, config.camera.driver]
-    drivers += [tactile.driver for tactile in config.tactile]
-    real = sorted({driver for driver in drivers if driver != "fake"})
-    if real:
-        raise InputError(
-            f"bench '{config.name}': driver {', '.join(real)} is not part of this version; "
-            "use driver = \"fake\" (see README, 'A real bench')"
-        )
+def _arm(arm: ArmConfig, clock: SystemClock) -> Arm:
+    from drivers.ur5e import UR5e
+
+    return UR5e(
+        host=arm.host or "",
+        limits=arm.limits.arm_limits(),
+        flange_T_tcp=arm.flange_T_tcp(),
+        payload_kg=arm.payload_kg,
+        payload_cog_m=arm.payload_cog_m,
+        joint_limits_rad=arm.limits.joint_limits_rad(),
+        frequency_hz=arm.frequency_hz,
+        clock=clock,
+    )
 
 
-def _plan(config: BenchConfig) -> BenchPlan:
+def _gripper(gripper: GripperConfig, clock: SystemClock) -> Gripper:
+    from drivers.robotiq_3f import Robotiq3F, rtu_link, tcp_link
+
+    if gripper.transport == "rtu":
+        link = rtu_link(gripper.device or "")
+    else:
+        link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
+    return Robotiq3F(link, gripper.fingers, gripper.limits.gripper_limits(), clock)
+
+
+def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:
+    from drivers.digit import Digit
+
+    return Digit(tactile.serial, tactile.rate_hz, tactile.size_px, address=tactile.address, clock=clock)
+
+
+def _camera(camera: CameraConfig, clock: SystemClock) -> Camera:
+    from drivers.camera import ExternalCamera
+
+    return ExternalCamera(camera.serial, camera.address or "", camera.rate_hz, camera.size_px, clock=clock)
+
+
+def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
     """What the simulated bench of a bench file is made of."""
     camera = config.camera
     return BenchPlan(

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.bench import Bench
-from drivers.clock import NS_PER_S
+from drivers.clock import NS_PER_S, Clock
 from drivers.errors import CalibrationError, DeviceError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.slip_trial import LiftPlan, run_lift
 from protocols.steps import make_ready
-from protocols.watch import Operator
-from rig.assembly import TOOL_DOWN, build_bench
+from rig.assembly import TOOL_DOWN
+from rig.bench_source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.lift import LiftMeasurement
 from rig.records.recorder import LiftRecorder
@@ -101,32 +100,30 @@ def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  #
     return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
 
 
-def attempt_lift(settings: TrialSettings, task: LiftTask, operator: Operator | None = None) -> Attempt:
-    """Build the bench, carry out one lift and evaluate it.
+def attempt_lift(settings: TrialSettings, task: LiftTask, benches: BenchSource | None = None) -> Attempt:
+    """Carry out one lift and evaluate it.
 
     A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
-    operator: who is asked at the bench; the bench's own when None.
+    benches: where its bench comes from; a simulated bench of its own when None.
     """
     cv2.setNumThreads(1)
     began = time.perf_counter()
+    benches = benches or FreshBenches(settings.bench, settings.realtime)
     seed = derived_seed(settings.seed, task.object_id, task.lift, *([task.attempt] if task.attempt else []))
-    bench, own_operator = build_bench(settings.bench, seed, task.name, task.attempt, settings.realtime)
-    plan = plan_lift(settings, task, bench.base_T_table)
+    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     stream = io.BytesIO()
     recorder = LiftRecorder(stream)
     watched = new_measurement(settings, recorder)
-    head = _head(task, plan, seed, bench.simulated)
-    operator = operator or own_operator
-    error = _carry_out(bench, operator, plan, watched)
+    head = _head(task, plan, seed, settings.bench.simulated)
+    error, bench_s = _carry_out(benches, task, seed, plan, watched)
     if error is None:
         row, series = lift_result(watched)
         watched.record_results(series)
     else:
         row = {"outcome": Outcome.FAULT.value, "fault": fault_text(error)}
     if row["outcome"] in (Outcome.FALLEN, Outcome.FAULT):
-        operator.displaced()
+        benches.displaced()
     recorder.close()
-    bench_s = bench.clock.now_ns() / NS_PER_S
     row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}
     timing = {
         "number": task.number,
@@ -148,16 +145,21 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 
 def _carry_out(
-    bench: Bench, operator: Operator, plan: LiftPlan, watched: LiftMeasurement
-) -> DeviceError | CalibrationError | None:
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watched: LiftMeasurement
+) -> tuple[DeviceError | CalibrationError | None, float]:
+    """Return the fault, if any, and how long it took by the bench's clock, s."""
+    clock: Clock | None = None
+    began_ns = 0
+    fault: DeviceError | CalibrationError | None = None
     try:
-        with bench.connected():
+        with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
+            clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator)
             operator.place(plan.object_id, plan.object_name)
             run_lift(bench, plan, watched)
     except (DeviceError, CalibrationError) as error:
-        return error
-    return None
+        fault = error
+    return fault, (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
 
 
 def fault_text(error: Exception) -> str:

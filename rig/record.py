@@ -9,6 +9,7 @@ import io
 import logging
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,8 @@ from protocols.grasps import GraspFile, GraspPose, grasp_poses
 from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, make_ready
 from protocols.watch import Operator
-from rig.assembly import ConsoleOperator, build_bench
 from rig.attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose
+from rig.bench_source import BenchSource, FreshBenches
 from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
 from rig.records.session import Session, open_session, session_request
@@ -70,13 +71,8 @@ def record_request(settings: RecordSettings) -> dict[str, Any]:
     )
 
 
-def record_operator(settings: RecordSettings, ask: Callable[[str], bool]) -> Operator | None:
-    """Return who is asked on a real bench, after asking to begin; None on a simulated one.
-
-    Raises `OperatorStopError` when refused.
-    """
-    if settings.bench.simulated:
-        return None
+def describe_recording(settings: RecordSettings) -> str:
+    """Say where a recording will move the arm and how firmly the fingers will close, pose by pose."""
     table = Pose(settings.bench.table.position_m)
     lines = [f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):"]
     for pose, images in zip(grasp_poses(settings.grasps), _quotas(settings), strict=False):
@@ -86,28 +82,28 @@ def record_operator(settings: RecordSettings, ask: Callable[[str], bool]) -> Ope
             f"  {pose.number:>2} {pose.position.name} at {pose.orientation_deg:+.0f} deg: "
             f"({x:.3f}, {y:.3f}, {z:.3f}) m, up to {plan.grips[-1][0]} counts past contact"
         )
-    operator = ConsoleOperator(ask)
-    operator.confirm("\n".join([*lines, "Begin?"]))
-    return operator
+    return "\n".join([*lines, "Begin?"])
 
 
 def run_record(
     folder: Path,
     settings: RecordSettings,
     resume: bool = False,
-    operator: Operator | None = None,
+    benches: BenchSource | None = None,
     progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
 ) -> list[dict[str, Any]]:
     """Record the poses that are still to do; return the rows of all attempts.
 
+    benches: where poses get their bench (`session_bench`); simulated ones when None.
     Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
     finished poses stay on disk and `resume` goes on from them.
     """
     quotas = _quotas(settings)
     with open_session(folder, record_request(settings), RESULTS, resume) as session:
         if not session.complete:
-            finders = _references(session, settings)
-            _record_poses(session, settings, finders, quotas, operator, progress)
+            benches = benches or FreshBenches(settings.bench)
+            finders = _references(session, settings, benches)
+            _record_poses(session, settings, finders, quotas, benches, progress)
             session.finish(order=("pose", "attempt"))
             for row in session.rows:
                 _log.info("pose %s: %d images", row["pose"], len(row["images"]))
@@ -148,14 +144,14 @@ def _quotas(settings: RecordSettings) -> list[int]:
     return [share + (i < rest) for i in range(settings.poses)]
 
 
-def _references(session: Session, settings: RecordSettings) -> dict[str, ContactFinder]:
+def _references(session: Session, settings: RecordSettings, benches: BenchSource) -> dict[str, ContactFinder]:
     """Take the no-contact reference once; a continued session uses the one it has."""
     serials = [tactile.serial for tactile in settings.bench.tactile]
     names = {serial: f"reference/{serial}.png" for serial in serials}
     if not all((session.folder / name).exists() for name in names.values()):
         watch = ReferenceCapture({serial: [] for serial in serials})
-        bench, _ = build_bench(settings.bench, derived_seed(settings.seed, settings.grasps.id, "reference"))
-        with bench.connected():
+        seed = derived_seed(settings.seed, settings.grasps.id, "reference")
+        with benches.for_lift(seed, "reference") as (bench, _):
             record_reference(bench, watch)
         for serial, name in names.items():
             session.write(name, png(mean_background(watch.frames[serial])))
@@ -167,14 +163,14 @@ def _record_poses(
     settings: RecordSettings,
     finders: dict[str, ContactFinder],
     quotas: list[int],
-    operator: Operator | None,
+    benches: BenchSource,
     progress: Callable[[int, int, dict[str, Any]], None],
 ) -> None:
     done = {row["pose"] for row in session.rows if row["accepted"]}
     faults = 0
     for pose, images in zip(grasp_poses(settings.grasps), quotas, strict=False):
         while pose.number not in done:
-            row = _attempt(session, settings, finders, pose, images, operator)
+            row = _attempt(session, settings, finders, pose, images, benches)
             if row["accepted"]:
                 done.add(pose.number)
                 faults = 0
@@ -194,7 +190,7 @@ def _attempt(
     finders: dict[str, ContactFinder],
     pose: GraspPose,
     images: int,
-    operator: Operator | None,
+    benches: BenchSource,
 ) -> dict[str, Any]:
     """Record one pose; images first, line last. A device's failure is a row that is not accepted."""
     began = time.perf_counter()
@@ -203,10 +199,11 @@ def _attempt(
     seed = derived_seed(
         settings.seed, settings.grasps.id, "pose", pose.number, *([attempt] if attempt else [])
     )
-    bench, own_operator = build_bench(settings.bench, seed, name, attempt)
-    plan = plan_pose(settings, pose, images, bench.base_T_table)
+    plan = plan_pose(settings, pose, images, Pose(settings.bench.table.position_m))
     watch = PoseCapture(finders)
-    fault = _carry_out(bench, operator or own_operator, plan, watch)
+    fault = _carry_out(benches.for_lift(seed, name, attempt), plan, watch)
+    if fault:
+        benches.displaced()
     files = [] if fault else _keep_images(session, settings.grasps, pose, watch)
     row = {
         "pose": pose.number,
@@ -218,23 +215,24 @@ def _attempt(
         "rejected_frames": watch.rejected,
         "images": files,
         "seed": seed,
-        "simulated": bench.simulated,
+        "simulated": settings.bench.simulated,
         "force_n": None,
     }
     session.add(row, {"pose": pose.number, "attempt": attempt, "wall_s": time.perf_counter() - began})
     return row
 
 
-def _carry_out(bench: Bench, operator: Operator, plan: PosePlan, watch: PoseCapture) -> str | None:
+def _carry_out(
+    given: AbstractContextManager[tuple[Bench, Operator]], plan: PosePlan, watch: PoseCapture
+) -> str | None:
     """Return None, or the fault's text."""
     try:
-        with bench.connected():
+        with given as (bench, operator):
             make_ready(bench, operator)
             operator.place(plan.object_id, plan.object_name)
             record_pose(bench, plan, watch)
     except DeviceError as error:
         _log.warning("pose %d: %s", plan.pose_number, error)
-        operator.displaced()
         return fault_text(error)
     return None
 

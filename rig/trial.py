@@ -12,9 +12,8 @@ from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
 from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
-from protocols.watch import Operator
-from rig.assembly import ConsoleOperator
 from rig.attempt import MAX_FAULTS_IN_A_ROW, Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.bench_source import BenchSource
 from rig.config import BenchConfig
 from rig.records.session import Session, open_session, session_request
 from rig.summary import TrialSummary, lifts_csv, summarize_trial
@@ -60,20 +59,6 @@ def resolve_objects(names: list[str] | None) -> list[str]:
     return ids
 
 
-def bench_operator(
-    settings: TrialSettings, objects: list[str], lifts: int, ask: Callable[[str], bool]
-) -> Operator | None:
-    """Return who is asked on a real bench, after asking to begin; None on a simulated one.
-
-    Prints what will move before the first question. Raises `OperatorStopError` when refused.
-    """
-    if settings.bench.simulated:
-        return None
-    operator = ConsoleOperator(ask)
-    operator.confirm(f"{describe_plan(settings, objects, lifts)}\nBegin?")
-    return operator
-
-
 def describe_plan(settings: TrialSettings, objects: list[str], lifts: int) -> str:
     """Say what a trial will do with the arm and the gripper, lift by lift."""
     table = Pose(settings.bench.table.position_m)
@@ -85,7 +70,7 @@ def describe_plan(settings: TrialSettings, objects: list[str], lifts: int) -> st
             f"  {task.name:>6} {plan.object_name}: grasp at ({x:.3f}, {y:.3f}, {z:.3f}) m, "
             f"{plan.grip_counts} counts past contact, lift {plan.lift_height_m:.3f} m in {LIFT_S} s"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, "Begin?"])
 
 
 def run_trial(
@@ -95,11 +80,12 @@ def run_trial(
     lifts: int,
     jobs: int = 1,
     resume: bool = False,
-    operator: Operator | None = None,
+    benches: BenchSource | None = None,
     progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
 ) -> TrialSummary:
     """Run a trial, or what is left of it, and return its summary.
 
+    benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
     progress is called after each attempt with lifts accepted, lifts wanted, and the row.
     Raises `InputError` or `RecordingError` as `open_session` does, `DeviceError` after three
     rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
@@ -108,7 +94,7 @@ def run_trial(
         if not session.complete:
             tasks = remaining_tasks(session, objects, lifts)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
-            _carry_on(session, settings, tasks, jobs, operator, progress)
+            _carry_on(session, settings, tasks, jobs, benches, progress)
             session.finish(order=("number", "attempt"))
             for row in session.rows:
                 _log.info("lift %s/%s: %s", row["object"], row["lift"], row["outcome"])
@@ -138,13 +124,13 @@ def _carry_on(
     settings: TrialSettings,
     tasks: list[LiftTask],
     jobs: int,
-    operator: Operator | None,
+    benches: BenchSource | None,
     progress: Callable[[int, int, dict[str, Any]], None],
 ) -> None:
     accepted = sum(row["accepted"] for row in session.rows)
     total = accepted + len(tasks)
     faults = 0
-    work = partial(attempt_lift, settings, operator=operator)
+    work = partial(attempt_lift, settings, benches=benches)
     for task, attempt in run_tasks(work, tasks, jobs):
         _keep(session, task, attempt)
         if attempt.row["accepted"]:

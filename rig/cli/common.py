@@ -27,7 +27,7 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything simulated or drawn.")]
-BenchOption = Annotated[str, typer.Option("--bench", help="fake, or the path of a bench file.")]
+BenchOption = Annotated[str, typer.Option("--bench", help="fake, wire, or the path of a bench file.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Session folder; default sessions/<date>_<what>.")
@@ -77,9 +77,14 @@ def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | N
     return out or default_folder(kind, object_id)
 
 
-def default_jobs(simulated: bool, realtime: bool) -> int:
-    """Return how many lifts run side by side: one per core when simulated, one on a bench."""
-    return max(1, os.cpu_count() or 1) if simulated and not realtime else 1
+def trial_jobs(asked: int | None, in_process: bool, realtime: bool) -> int:
+    """Return how many lifts run side by side: by default one per core where benches are for the making.
+
+    Raises `InputError` for several at one bench.
+    """
+    if not in_process and (asked or 1) > 1:
+        raise InputError(f"--jobs {asked}: there is one bench, which does one lift at a time; leave it out")
+    return asked or (1 if realtime or not in_process else max(1, os.cpu_count() or 1))
 
 
 def ask(question: str) -> bool:

@@ -8,6 +8,7 @@ from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.common import exit_code, say, stop_on_signals
 from rig.cli.estimate import estimate
+from rig.cli.fakes import fakes
 from rig.cli.record import record
 from rig.cli.replay import replay
 from rig.cli.trial import trial
@@ -24,6 +25,7 @@ app = typer.Typer(
 for command in (record, trial, replay, estimate):
     app.command()(command)
 app.add_typer(bench, name="bench")
+app.add_typer(fakes, name="fakes")
 
 
 def main() -> None:

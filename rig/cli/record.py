@@ -42,9 +42,11 @@ def record(
     import time
 
     from protocols.grasps import find_grasp_file
+    from rig.bench_source import session_bench
     from rig.cli.tables import WorkProgress
     from rig.config import load_bench
-    from rig.record import RecordSettings, record_operator, run_record
+    from rig.operators import ConsoleOperator
+    from rig.record import RecordSettings, describe_recording, run_record
 
     began = time.perf_counter()
     config = load_bench(bench)
@@ -53,13 +55,16 @@ def record(
     folder = session_folder(out, resume, "record", grasps.id)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
-    operator = record_operator(settings, (lambda _: True) if yes else ask)
-    with WorkProgress(poses, "poses") as bar:
+    person = ConsoleOperator(ask, agreed=yes)
+    with (
+        session_bench(config, person, describe_recording(settings)) as benches,
+        WorkProgress(poses, "poses") as bar,
+    ):
         rows = run_record(
             folder,
             settings,
             resume,
-            operator,
+            benches,
             lambda done, total, row: bar.show(done, total, _note(row)),
         )
     figures = {

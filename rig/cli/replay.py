@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, default_jobs, emit_json, say
+from rig.cli.common import JsonOption, emit_json, say, trial_jobs
 
 
 def replay(
@@ -35,7 +35,7 @@ def replay(
     simulated = "SIMULATED " if settings.bench.simulated else ""
     say(f"{simulated}session {session}, estimator {settings.estimator}, window {settings.window}")
     with TrialProgress(1) as progress:
-        result = run_replay(session, estimator, window, jobs or default_jobs(True, False), progress)
+        result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began
     trial_table(result.summary, simulated, wall_s, to_stderr=json)
     say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")

@@ -13,10 +13,10 @@ from rig.cli.common import (
     SeedOption,
     YesOption,
     ask,
-    default_jobs,
     emit_json,
     say,
     session_folder,
+    trial_jobs,
 )
 
 
@@ -63,9 +63,11 @@ def trial(
     """
     import time
 
+    from rig.bench_source import session_bench
     from rig.cli.tables import TrialProgress, summary_json, trial_table
     from rig.config import load_bench
-    from rig.trial import bench_operator, resolve_objects, run_trial, trial_settings
+    from rig.operators import ConsoleOperator
+    from rig.trial import describe_plan, resolve_objects, run_trial, trial_settings
 
     began = time.perf_counter()
     config = load_bench(bench)
@@ -75,15 +77,19 @@ def trial(
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {settings.estimator}, session {folder}")
     del no_skip  # nothing is skipped yet that a scene could need
-    with TrialProgress(len(ids) * lifts) as progress:
+    person = ConsoleOperator(ask, agreed=yes)
+    with (
+        session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,
+        TrialProgress(len(ids) * lifts) as progress,
+    ):
         summary = run_trial(
             folder,
             settings,
             ids,
             lifts,
-            jobs=jobs or default_jobs(config.simulated, realtime),
+            jobs=trial_jobs(jobs, config.in_process, realtime),
             resume=resume,
-            operator=bench_operator(settings, ids, lifts, (lambda _: True) if yes else ask),
+            benches=benches,
             progress=progress,
         )
     wall_s = time.perf_counter() - began

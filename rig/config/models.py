@@ -184,6 +184,11 @@ class BenchConfig(_Strict):
         return frozenset({self.arm.driver, self.gripper.driver, self.camera.driver, *tactile})
 
     @property
+    def in_process(self) -> bool:
+        """Whether all devices are simulated in this process, where several benches fit side by side."""
+        return self.drivers == {"fake"}
+
+    @property
     def simulated(self) -> bool:
         """Whether any device of this bench is simulated, in this process or behind a wire."""
         return "fake" in self.drivers or self.fakes is not None

@@ -1,0 +1,130 @@
+"""Where the bench of each lift comes from: a new one for each, or one that stands for the session."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+from drivers.bench import Bench
+from protocols.watch import Operator
+from rig.assembly import build_bench, build_real_bench
+from rig.config import BenchConfig
+from rig.operators import ConsoleOperator, SimulatedOperator
+
+
+class BenchSource(Protocol):
+    """Gives each lift (or pose) of a session its bench."""
+
+    def for_lift(
+        self, seed: int, lift: str, attempt: int = 0
+    ) -> AbstractContextManager[tuple[Bench, Operator]]:
+        """Give a connected bench and who is asked at it. Raises `DeviceError`.
+
+        seed: of what is drawn for this lift in a simulated world. lift, attempt: choose its
+        scripted faults.
+        """
+        ...
+
+    def displaced(self) -> None:
+        """The object is no longer in its place."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FreshBenches(BenchSource):
+    """A simulated bench of its own for each lift, in whatever process the lift runs."""
+
+    config: BenchConfig
+    realtime: bool = False
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Make a bench, connect it, and let go of it after the lift."""
+        bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime)
+        with bench.connected():
+            yield bench, operator
+
+    def displaced(self) -> None:
+        """Nothing to note: each lift begins with a world of its own."""
+
+
+class StandingBench(BenchSource):
+    """One bench for a whole session: opened when the first lift needs it, anew after a fault.
+
+    person: who is asked; first of all, with `introduction`, whether to begin. Where the bench's
+    devices are fakes behind a wire, nobody is asked, and objects are laid into their world.
+    """
+
+    def __init__(self, config: BenchConfig, person: ConsoleOperator, introduction: str) -> None:
+        self._config = config
+        self._person = person
+        self._introduction = introduction
+        self._bench: Bench | None = None
+        self._place: Callable[..., object] | None = None
+        self._session = ExitStack()
+        self._connection = ExitStack()
+        self._connected = False
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Give the one bench; whatever goes wrong in a lift, the next one connects anew."""
+        bench = self._bench or self._open()
+        if not self._connected:
+            self._connection.enter_context(bench.connected())
+            self._connected = True
+        try:
+            yield bench, self._operator(seed)
+        except BaseException:
+            self._let_go()
+            raise
+
+    def displaced(self) -> None:
+        """Have the object laid down anew before the next lift."""
+        self._person.displaced()
+
+    def close(self) -> None:
+        """Disconnect, and stop the fakes that were started for this session."""
+        self._let_go()
+        self._session.close()
+
+    def _operator(self, seed: int) -> Operator:
+        if self._place is None:
+            return self._person
+        return SimulatedOperator(partial(self._place, seed=seed))
+
+    def _open(self) -> Bench:
+        config = self._config
+        if config.fakes is None:
+            self._person.confirm(self._introduction)
+        else:
+            config = self._reach_fakes(config)
+        self._bench = build_real_bench(config)
+        return self._bench
+
+    def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
+        from rig.fakes_process import object_placer, started_fakes
+
+        if config.fakes is not None and config.fakes.control is None:
+            config = self._session.enter_context(started_fakes(config))
+        self._place = object_placer(config)
+        return config
+
+    def _let_go(self) -> None:
+        self._connected = False
+        self._connection.close()
+
+
+@contextmanager
+def session_bench(
+    config: BenchConfig, person: ConsoleOperator, introduction: str, realtime: bool = False
+) -> Iterator[BenchSource]:
+    """Return where a session's lifts get their bench, and close it after the session."""
+    if config.in_process:
+        yield FreshBenches(config, realtime)
+        return
+    standing = StandingBench(config, person, introduction)
+    try:
+        yield standing
+    finally:
+        standing.close()

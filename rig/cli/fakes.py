@@ -1,0 +1,116 @@
+"""`rig fakes`: simulated devices that speak the wire protocols of the real ones."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.common import JsonOption, SeedOption, emit_json, say
+
+fakes = typer.Typer(
+    no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
+)
+ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that 'rig fakes serve' wrote.")]
+
+
+@fakes.command("serve")
+def serve(
+    bench: Annotated[
+        str, typer.Option("--bench", help="wire, or a bench file with [fakes]: which devices, where.")
+    ] = "wire",
+    host: Annotated[
+        str, typer.Option("--host", help="Loopback address; another one for a second bench.")
+    ] = "127.0.0.1",
+    write: Annotated[
+        Path | None, typer.Option("--write", help="Also write the bench file to this file.")
+    ] = None,
+    seed: SeedOption = 0,
+) -> None:
+    """Start a controller, a gripper, two DIGITs and a camera; print the bench file that reaches them.
+
+    Ends with Ctrl-C. What a person would do at the bench is done from another terminal:
+
+    Examples:
+      rig fakes serve --write fakes.toml
+
+      rig trial --bench fakes.toml --lifts 1 --object wrench
+
+      rig fakes place wrench --bench fakes.toml
+
+      rig fakes fault arm protective_stop --bench fakes.toml
+
+    """
+    from drivers.errors import OperatorStopError
+    from rig.config import load_bench
+    from rig.config.write import bench_text, write_bench
+    from rig.fakes_process import hosted_fakes
+
+    try:
+        with hosted_fakes(load_bench(bench), host, seed) as (served, running):
+            if write is not None:
+                write_bench(write, served)
+            print(bench_text(served), flush=True)
+            say("SIMULATED devices are served; Ctrl-C ends them")
+            running.wait()
+    except OperatorStopError:
+        say("the fakes have ended")
+
+
+@fakes.command("place")
+def place(
+    name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object id or name.")],
+    bench: ServedBench,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="How it lies, and how it slips.")] = None,
+) -> None:
+    """Lay an object down in the world of running fakes.
+
+    Examples:
+      rig fakes place wrench --bench fakes.toml
+
+    """
+    from rig.config import load_bench
+    from rig.fakes_process import fakes_control
+
+    fakes_control(load_bench(bench)).call("place", object=name, seed=seed)
+
+
+@fakes.command("fault")
+def fault(
+    device: Annotated[str, typer.Argument(help="arm, gripper, tactile, camera, a serial, or all.")],
+    kind: Annotated[
+        str, typer.Argument(help="What goes wrong; 'clear' ends all faults. A wrong one lists them.")
+    ],
+    bench: ServedBench,
+) -> None:
+    """Let something go wrong at running fakes.
+
+    Examples:
+      rig fakes fault SIM-D0001 freeze --bench fakes.toml
+
+      rig fakes fault all clear --bench fakes.toml
+
+    """
+    from rig.config import load_bench
+    from rig.fakes_process import fakes_control
+
+    fakes_control(load_bench(bench)).call("fault", device=device, kind=kind)
+
+
+@fakes.command("status")
+def status(bench: ServedBench, json: JsonOption = False) -> None:
+    """Say how the simulated world truly is: tool, fingers, object, and what each fake has served.
+
+    Examples:
+      rig fakes status --bench fakes.toml --json
+
+    """
+    from rig.config import load_bench
+    from rig.fakes_process import fakes_control
+
+    state = fakes_control(load_bench(bench)).call("status")
+    if json:
+        emit_json(state)
+        return
+    for key, value in state.items():
+        if key != "tool_motions_ns":
+            print(f"{key}: {value}")

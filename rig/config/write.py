@@ -1,0 +1,40 @@
+"""Bench files as text: what `rig fakes serve` prints."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import InputError
+from rig.config.models import BenchConfig
+
+
+def bench_text(config: BenchConfig) -> str:
+    """Return a bench as the TOML that reads back as the same bench."""
+    values = config.model_dump(mode="json", exclude_none=True)
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict | list)}
+    parts = [_keys(plain)]
+    for key, value in values.items():
+        if isinstance(value, dict):
+            parts.append(_table(key, value))
+        elif isinstance(value, list):
+            parts += [f"[[{key}]]\n{_keys(item)}" for item in value]
+    return "\n".join(parts)
+
+
+def write_bench(path: Path, config: BenchConfig) -> None:
+    """Write a bench file, over an older one of that name. Raises `InputError`."""
+    try:
+        path.write_text(bench_text(config))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another name") from error
+
+
+def _table(name: str, values: dict[str, Any]) -> str:
+    inner = {key: value for key, value in values.items() if isinstance(value, dict)}
+    own = {key: value for key, value in values.items() if key not in inner}
+    return "\n".join([f"[{name}]\n{_keys(own)}", *(_table(f"{name}.{key}", v) for key, v in inner.items())])
+
+
+def _keys(values: dict[str, Any]) -> str:
+    # TOML's strings, numbers, booleans and arrays of them are written as JSON's.
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in values.items())

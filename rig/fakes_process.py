@@ -1,0 +1,121 @@
+"""Fakes behind wires for a bench file: started here, or in a process beside for one session."""
+
+import multiprocessing
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import DeviceError, InputError, RigError
+from fakes.wire.control import Control
+from fakes.wire.host import Addresses, FakesHost
+from fakes.wire.loopback import free_address, require_free
+from rig.assembly import simulated_bench_plan
+from rig.config import BenchConfig
+
+START_S = 60.0
+STOP_S = 10.0
+
+
+@contextmanager
+def hosted_fakes(
+    config: BenchConfig, host: str | None, seed: int = 0
+) -> Iterator[tuple[BenchConfig, FakesHost]]:
+    """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
+
+    host: a loopback address; None takes the first that is free. Raises `InputError` for a bench
+    file without [fakes], and for an address that is taken.
+    """
+    if config.fakes is None:
+        raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
+    host = host or free_address()
+    require_free(host)
+    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder:
+        rtu = str(Path(folder) / "gripper") if config.gripper.transport == "rtu" else None
+        fakes = FakesHost(simulated_bench_plan(config), host, seed, rtu)
+        try:
+            yield addressed(config, fakes.start()), fakes
+        finally:
+            fakes.stop()
+
+
+@contextmanager
+def started_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
+    """Run the fakes of a bench file in a process of their own; yield the bench with their addresses.
+
+    The process ends with this one, whatever ends it. Raises `DeviceError` when it does not start.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(config, theirs), name="fakes")
+    process.start()
+    theirs.close()
+    try:
+        yield _ready(ours)
+    finally:
+        ours.close()
+        process.join(STOP_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+
+def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
+    """Return a bench with the addresses of running fakes filled in."""
+    values = config.model_dump()
+    values["fakes"] = {"control": where.control}
+    values["arm"]["host"] = where.arm
+    if isinstance(where.gripper, str):
+        values["gripper"]["device"] = where.gripper
+    else:
+        values["gripper"]["host"], values["gripper"]["port"] = where.gripper
+    for sensor in (*values["tactile"], values["camera"]):
+        sensor["address"] = where.streams[sensor["serial"]]
+    return BenchConfig.model_validate(values)
+
+
+def fakes_control(config: BenchConfig) -> Control:
+    """Return the side channel of a bench's running fakes. Raises `InputError` when it has none."""
+    if config.fakes is None or config.fakes.control is None:
+        raise InputError(
+            f"bench '{config.name}' names no running fakes: start them with 'rig fakes serve --write FILE' "
+            "and give that FILE"
+        )
+    return Control(config.fakes.control)
+
+
+def object_placer(config: BenchConfig) -> Callable[..., object]:
+    """Return what lays an object (id, seed) into the world of a bench's running fakes."""
+    control = fakes_control(config)
+
+    def place(object_id: str, seed: int) -> None:
+        control.call("place", object=object_id, seed=seed)
+
+    return place
+
+
+def _ready(pipe: Connection) -> BenchConfig:
+    try:
+        answer: Any = pipe.recv() if pipe.poll(START_S) else None
+    except (EOFError, OSError):
+        answer = None
+    if isinstance(answer, RigError):
+        raise answer
+    if answer is None:
+        raise DeviceError("fakes: their process did not start; try 'rig fakes serve' to see why")
+    return answer
+
+
+def _serve(config: BenchConfig, pipe: Connection) -> None:
+    """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's: it makes the bench safe first
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with hosted_fakes(config, host=None) as (served, _), suppress(EOFError, OSError):
+            pipe.send(served)
+            pipe.recv()
+    except RigError as error:
+        pipe.send(error)

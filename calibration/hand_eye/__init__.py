@@ -1,0 +1,1 @@
+"""Where a camera stands relative to the robot, from pictures of a target at known robot poses."""

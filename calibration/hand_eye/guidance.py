@@ -1,0 +1,108 @@
+"""Which pose to visit next: the one that most reduces what is still uncertain."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.camera_model import CameraModel
+from calibration.hand_eye.observability import Observability
+from calibration.hand_eye.refine import linearised
+from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem
+from calibration.hand_eye.solve import HandEyeResult
+from calibration.views import View
+from drivers.errors import CalibrationError
+from drivers.types import Pose
+
+Array = NDArray[np.floating]
+
+_BORDER_PX = 10.0
+_LARGEST_TILT = np.cos(np.radians(60.0))
+_LEVER_M = 0.3
+"""Turn and move are added at this distance from the camera, so that both count in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class NextPose:
+    """A candidate's number, and the predicted one sigma (m, at 0.3 m from the camera) after it."""
+
+    index: int
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Three bars from 0 to 1: span of the turns, spread of their axes, share of the picture seen."""
+
+    rotation_span: float
+    axis_spread: float
+    image_coverage: float
+
+
+def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]) -> NextPose | None:
+    """Choose among reachable `base_T_tcp`; None where no candidate shows the target to the camera.
+
+    Raises `CalibrationError` before there is a first answer.
+    """
+    if result.problem is None or result.refined is None or result.pose is None or result.target is None:
+        raise CalibrationError(
+            "hand-eye: no answer yet to improve; visit poses turned by 30 degrees about two axes"
+        )
+    known = _information(result.problem, result)
+    noise = max(float(result.rms_px or 0.0) / np.sqrt(2.0), 0.05)
+    best: NextPose | None = None
+    for index, pose in enumerate(candidates):
+        seen = predicted_sample(result, camera, pose)
+        if seen is None:
+            continue
+        sigma = _sigma_m(known + _information(make_problem([seen], camera, result.setup), result), noise)
+        if best is None or sigma < best.sigma_m:
+            best = NextPose(index, sigma)
+    return best
+
+
+def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pose) -> Sample | None:  # noqa: N803
+    """What the camera would see at a pose; None where the target is out of the picture or too oblique."""
+    if result.pose is None or result.target is None or result.problem is None:
+        return None
+    robot = base_T_tcp if result.setup is Setup.EYE_TO_HAND else base_T_tcp.inverse()
+    camera_T_target = result.pose.inverse() @ robot @ result.target  # noqa: N806
+    points = np.unique(result.problem.points_m, axis=0)
+    in_camera = camera_T_target.rotation.apply(points) + np.asarray(camera_T_target.position_m)
+    normal = camera_T_target.rotation.as_matrix()[:, 2]
+    sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
+    if in_camera[:, 2].min() < 0.05 or abs(float(normal @ sight)) < _LARGEST_TILT:
+        return None
+    pixels = camera.project(in_camera)
+    inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
+    view = View("next", np.arange(len(points)), points, pixels, camera.size)
+    return Sample("next", base_T_tcp, view) if inside else None
+
+
+def progress(motion: Observability, views: Sequence[View]) -> Progress:
+    """How far a set of samples has come; 1 is enough."""
+    width, height = views[0].size
+    points = np.vstack([view.image_px for view in views])
+    counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=(4, 3), range=((0, width), (0, height)))
+    return Progress(
+        min(motion.max_angle_deg / 60.0, 1.0),
+        min(motion.translation_ratio / 0.4, 1.0),
+        float((counts > 0).mean()),
+    )
+
+
+def _information(problem: Problem, result: HandEyeResult) -> Array:
+    """(12, 12) of X and Z: J^T J, in px^-2."""
+    if result.refined is None:
+        raise CalibrationError("hand-eye: no answer yet")
+    _, jacobian = linearised(problem, result.refined.transforms)
+    rows = jacobian.reshape(-1, 12)
+    return rows.T @ rows
+
+
+def _sigma_m(information: Array, noise_px: float) -> float:
+    scale = np.sqrt(np.diag(information))
+    covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    turn, move = np.diag(covariance)[:3].sum(), np.diag(covariance)[3:6].sum()
+    return float(noise_px * np.sqrt(move + _LEVER_M**2 * turn))

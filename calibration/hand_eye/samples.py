@@ -1,0 +1,139 @@
+"""Samples of a hand-eye calibration: robot pose and picture, paired by id, checked before any solver."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.camera_model import CameraModel
+from calibration.poses import pose_fault
+from calibration.verdict import Rejected
+from calibration.views import View
+from drivers.types import Pose
+
+Array = NDArray[np.floating]
+
+
+class Setup(StrEnum):
+    """Who carries the camera.
+
+    Eye to hand: the camera stands, the target is on the tool; the answer is base_T_camera.
+    Eye in hand: the camera is on the tool, the target stands; the answer is tcp_T_camera.
+    """
+
+    EYE_TO_HAND = "eye-to-hand"
+    EYE_IN_HAND = "eye-in-hand"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """One still moment: `base_T_tcp` as the robot says, and the target as the camera saw it."""
+
+    id: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    view: View
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """The samples as arrays. Both setups read A_i Z = X B_i.
+
+    X is the answer (base_T_camera or tcp_T_camera), Z where the target is (tcp_T_target or
+    base_T_target). A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3);
+    a_t: (N, 3) m. points_m: (M, 3) on the target; pixels: (M, 2) px, undistorted; owner: (M,) the
+    sample of each point. focal, centre: (2,) px of the undistorted camera.
+    """
+
+    ids: tuple[str, ...]
+    a_R: Array  # noqa: N815
+    a_t: Array
+    points_m: Array
+    pixels: Array
+    owner: NDArray[np.int64]
+    focal: Array
+    centre: Array
+
+    def without(self, sample: int) -> "Problem":
+        """The problem with one sample left out."""
+        return self.subset(np.delete(np.arange(len(self.ids)), sample))
+
+    def subset(self, samples: NDArray[np.int64]) -> "Problem":
+        """The problem with these samples only, in this order."""
+        rows = [np.flatnonzero(self.owner == i) for i in samples]
+        chosen = np.concatenate(rows) if rows else np.empty(0, np.int64)
+        owner = np.repeat(np.arange(len(samples)), [len(r) for r in rows])
+        return Problem(
+            tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
+            self.points_m[chosen], self.pixels[chosen], owner, self.focal, self.centre,
+        )  # fmt: skip
+
+    def inverted(self) -> "Problem":
+        """The problem as if every robot pose had been given the other way round."""
+        turned = self.a_R.transpose(0, 2, 1)
+        moved = -(turned @ self.a_t[..., None])[..., 0]
+        return self._with_poses(turned, moved)
+
+    def shifted(self, by: int) -> "Problem":
+        """The problem as if the lists of poses and pictures had slipped against each other."""
+        return self._with_poses(np.roll(self.a_R, by, axis=0), np.roll(self.a_t, by, axis=0))
+
+    def _with_poses(self, a_R: Array, a_t: Array) -> "Problem":  # noqa: N803
+        return Problem(
+            self.ids, a_R, a_t, self.points_m, self.pixels, self.owner, self.focal, self.centre
+        )  # fmt: skip
+
+
+def make_problem(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -> Problem:
+    """Collect samples into arrays, the lens' distortion taken off the pixels."""
+    poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
+    seen = np.vstack([s.view.image_px for s in samples])
+    return Problem(
+        ids=tuple(s.id for s in samples),
+        a_R=np.array([p.rotation.as_matrix() for p in poses]),
+        a_t=np.array([p.position_m for p in poses]),
+        points_m=np.vstack([s.view.board_m for s in samples]),
+        pixels=camera.intrinsics.undistorted(seen),
+        owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
+        focal=np.array([camera.matrix[0, 0], camera.matrix[1, 1]]),
+        centre=camera.matrix[:2, 2].copy(),
+    )
+
+
+def usable_samples(samples: Sequence[Sample], camera: CameraModel) -> tuple[list[Sample], list[Rejected]]:
+    """Leave out samples that no solver should see, with the reason of each."""
+    kept: list[Sample] = []
+    rejected: list[Rejected] = []
+    for sample in samples:
+        reason = _fault(sample, camera) or _repeats(sample, kept)
+        if reason is None:
+            kept.append(sample)
+        else:
+            rejected.append(Rejected(sample.id, reason))
+    return kept, rejected
+
+
+def _fault(sample: Sample, camera: CameraModel) -> str | None:
+    view = sample.view
+    if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
+        return "a corner is not a finite number"
+    if len(view.ids) < 4:
+        return f"{len(view.ids)} points of the target seen, 4 are needed"
+    if view.size != camera.size:
+        return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
+    spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)
+    if spread[1] < 0.02 * spread[0]:
+        return "all points seen lie on one line"
+    return pose_fault(sample.base_T_tcp, "robot pose")
+
+
+def _repeats(sample: Sample, others: list[Sample]) -> str | None:
+    """A sample taken again at the same place adds no view, and makes leaving one out mean nothing."""
+    for other in others:
+        if other.id == sample.id:
+            return f"a second sample with the id {sample.id}"
+        moved = other.base_T_tcp.inverse() @ sample.base_T_tcp
+        if np.linalg.norm(moved.position_m) < 5e-4 and moved.rotation.magnitude() < np.radians(0.1):
+            return f"same robot pose as {other.id}"
+    return None

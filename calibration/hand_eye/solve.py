@@ -1,0 +1,193 @@
+"""The hand-eye chain: checks, observability gate, closed forms, robust pixels, rejection, refit, spread."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.camera_model import CameraModel
+from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
+from calibration.hand_eye.observability import Observability, judge_motion, observability
+from calibration.hand_eye.refine import Refined, refine
+from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem, usable_samples
+from calibration.hand_eye.target_pose import consistent_choice, target_poses
+from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
+from calibration.verdict import Judgement, Rejected, floor, limit
+from drivers.types import Pose
+
+Array = NDArray[np.floating]
+
+FEWEST_SAMPLES = 5
+"""Three give as many equations as unknowns and nothing to judge them by."""
+SOFT_PX = 1.0
+_STANDS_OUT = 3.0
+_LEAST_OUTLIER_PX = 1.0
+_MOST_REJECTED = 0.34
+_DRAWS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeResult:
+    """The answer and what it is worth.
+
+    setup: which of the two. pose: base_T_camera or tcp_T_camera; target: tcp_T_target or
+    base_T_target; both None where refused before a solution. rms_px: residual of the samples used;
+    sample_px: the same by id, rejected ones included. closed_form: which start won.
+    """
+
+    setup: Setup
+    judgement: Judgement
+    rejected: tuple[Rejected, ...]
+    motion: Observability | None = None
+    pose: Pose | None = None
+    target: Pose | None = None
+    rms_px: float | None = None
+    sample_px: dict[str, float] | None = None
+    spread: Uncertainty | None = None
+    closed_form: str | None = None
+    used: tuple[str, ...] = ()
+    problem: Problem | None = None
+    refined: Refined | None = None
+
+
+def calibrate_hand_eye(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -> HandEyeResult:
+    """Solve, or say why not: bad data gives a refused result with its reasons, never a silent number."""
+    good, rejected = usable_samples(samples, camera)
+    if len(good) < FEWEST_SAMPLES:
+        why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
+        text = f"{len(good)} usable samples, {FEWEST_SAMPLES} are the least and 15 are good"
+        return HandEyeResult(setup, Judgement((text + (f" ({why})" if why else ""),)), tuple(rejected))
+    problem = make_problem(good, camera, setup)
+    motion = observability(problem.a_R)
+    gate = judge_motion(motion)
+    if gate.refusals:
+        return HandEyeResult(setup, gate, tuple(rejected), motion)
+    start, name = robust_start(problem)
+    kept = _inliers(problem, start)
+    outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
+    sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
+    if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
+        reason = contradiction(problem, start)
+        return HandEyeResult(setup, Judgement((reason,)), tuple(rejected), motion, sample_px=sample_px)
+    rejected += [
+        Rejected(problem.ids[i], f"missed by {sample_px[problem.ids[i]]:.1f} px by the others' answer")
+        for i in outliers
+    ]
+    return _finish(setup, problem.subset(kept), start, name, tuple(rejected), sample_px)
+
+
+def _finish(
+    setup: Setup,
+    problem: Problem,
+    start: Refined,
+    name: str,
+    rejected: tuple[Rejected, ...],
+    sample_px: dict[str, float],
+) -> HandEyeResult:
+    motion = observability(problem.a_R)
+    gate = judge_motion(motion)
+    final = refine(problem, start.transforms)
+    if gate.refusals or final.rms_px > _WORST_RMS_PX:
+        reasons = gate if gate.refusals else Judgement((contradiction(problem, final),))
+        return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
+    spread = uncertainty(problem, final)
+    sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
+    t = final.transforms
+    return HandEyeResult(
+        setup, gate + _judge(final, spread, len(rejected)), rejected, motion, as_pose(t.x_R, t.x_t),
+        as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, name, problem.ids, problem, final,
+    )  # fmt: skip
+
+
+_WORST_RMS_PX = 5.0
+_LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
+_MORE = "position known to {value:.2f} mm only: add samples"
+
+
+def _judge(final: Refined, spread: Uncertainty, rejected: int) -> Judgement:
+    return (
+        limit(final.rms_px, 1.5, _WORST_RMS_PX, _LOOSE)
+        + limit(1e3 * float(np.linalg.norm(spread.sigma_m)), 1.0, 50.0, _MORE)
+        + limit(
+            float(np.degrees(np.linalg.norm(spread.sigma_rad))), 0.1, 5.0,
+            "orientation known to {value:.3f} degrees only: add samples with larger turns",
+        )
+        + floor(spread.samples, 10, FEWEST_SAMPLES, "{value} samples used; 15 are good")
+        + limit(rejected, 0.15 * (spread.samples + rejected), np.inf, "{value} samples left out, see why")
+    )  # fmt: skip
+
+
+def robust_start(problem: Problem) -> tuple[Refined, str]:
+    """The best of several starts after robust refinement on pixels, and the name of its closed form.
+
+    Closed forms over all samples, again with the flat target's two-fold poses chosen to agree, and
+    over random halves (fixed seed), so that a few wrong samples cannot spoil all starts.
+    """
+    turns, moves = target_poses(problem)
+    everyone = np.arange(len(problem.ids))
+    rng = np.random.default_rng(0)
+    half = max(4, len(everyone) // 2)
+    subsets = [everyone, *(np.sort(rng.choice(everyone, half, replace=False)) for _ in range(_DRAWS))]
+    best: tuple[Refined, str] | None = None
+    for number, subset in enumerate(subsets):
+        for name in CLOSED_FORMS if number == 0 else ("shah",):
+            start = _closed(name, problem, subset, turns, moves)
+            found = refine(problem, start, SOFT_PX)
+            if _finite(found) and (best is None or found.cost < best[0].cost * (1 - 1e-6)):
+                best = found, name
+    if best is None:  # every start runs from finite poses, so this is a defect and not an input
+        raise ArithmeticError("hand-eye: no start led to a finite answer")
+    return best
+
+
+def contradiction(problem: Problem, found: Refined) -> str:
+    """Say that the samples contradict one another, and which simple mistake would explain it."""
+    now = float(np.median(found.sample_rms_px(problem)))
+    seen = f"the samples contradict one another (missed by {now:.0f} px, median)"
+    tries = {
+        "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)": problem.inverted(),
+        "pictures and poses look mispaired by one": problem.shifted(1),
+        "pictures and poses look mispaired by one, the other way": problem.shifted(-1),
+    }
+    for text, other in tries.items():
+        if float(np.median(robust_start(other)[0].sample_rms_px(other))) < 0.2 * now:
+            return f"{seen}: {text}"
+    return f"{seen}: check the pairing, the pose convention, that the target is firm and the robot still"
+
+
+def as_pose(rotation: Array, position_m: Array) -> Pose:
+    """A pose of a rotation matrix and a position."""
+    x, y, z = (float(v) for v in position_m)
+    return Pose.from_rotation((x, y, z), Rotation.from_matrix(rotation))
+
+
+def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array, moves: Array) -> Transforms:
+    """A closed form, then again with each target pose chosen to agree with it."""
+    rows = np.arange(len(subset))
+    choice = np.zeros(len(subset), np.int64)
+    a_R, a_t = problem.a_R[subset], problem.a_t[subset]  # noqa: N806
+    answer = None
+    for _ in range(3):
+        b_R, b_t = turns[subset][rows, choice], moves[subset][rows, choice]  # noqa: N806
+        answer = CLOSED_FORMS[name](a_R, a_t, b_R, b_t)
+        again = consistent_choice(turns[subset], answer.x_R.T @ a_R @ answer.z_R)
+        if (again == choice).all():
+            break
+        choice = again
+    if answer is None or not np.isfinite(answer.x_t).all():
+        return Transforms(nearest_rotation(np.eye(3)), np.zeros(3), np.eye(3), np.zeros(3))
+    return answer
+
+
+def _inliers(problem: Problem, start: Refined) -> NDArray[np.int64]:
+    """Samples that agree: rms below three medians, and no sample under a pixel is an outlier."""
+    missed = start.sample_rms_px(problem)
+    bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
+    return np.flatnonzero(missed <= bound)
+
+
+def _finite(found: Refined) -> bool:
+    t = found.transforms
+    return bool(np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all())

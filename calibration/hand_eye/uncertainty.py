@@ -1,0 +1,111 @@
+"""What a hand-eye answer is worth: covariance of the fit, leave-one-out, and the larger of the two.
+
+The fit's own covariance knows nothing of the robot's errors, which all points of a picture share;
+leaving samples out sees them, but is noisy from few samples. In each direction the larger counts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
+
+from calibration.hand_eye.closed_form import Transforms
+from calibration.hand_eye.refine import Refined, linearised, refine
+from calibration.hand_eye.samples import Problem
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertainty:
+    """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
+
+    fit: of the least squares, scaled by the residuals. left_out: jackknife over samples. larger: of
+    the two in each direction. held_out_px: (N,) rms px by which each sample is missed by the answer
+    from all others. samples: N.
+    """
+
+    fit: Array
+    left_out: Array
+    larger: Array
+    held_out_px: Array
+    samples: int
+
+    @property
+    def sigma_m(self) -> Array:
+        """(3,) one sigma of the translation."""
+        return np.sqrt(np.diag(self.larger)[3:])
+
+    @property
+    def sigma_rad(self) -> Array:
+        """(3,) one sigma of the rotation."""
+        return np.sqrt(np.diag(self.larger)[:3])
+
+    def region_bound(self, dimensions: int, level: float = 0.95) -> float:
+        """Squared Mahalanobis distance that holds the truth with `level` (F, samples - 1)."""
+        return float(dimensions * f_distribution.ppf(level, dimensions, max(self.samples - 1, 1)))
+
+    def holds(self, error: Array, level: float = 0.95) -> bool:
+        """Whether the region around the answer holds a (6,) error."""
+        return float(error @ np.linalg.solve(self.larger, error)) <= self.region_bound(6, level)
+
+
+def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
+    """Fit covariance, jackknife and their larger; one short refit per sample."""
+    fit = fit_covariance(problem, answer.transforms)
+    count = len(problem.ids)
+    changes, held_out = np.zeros((count, 6)), np.zeros(count)
+    for i in range(count):
+        without = refine(problem.without(i), answer.transforms).transforms
+        changes[i] = difference(answer.transforms, without)
+        missed, _ = linearised(problem.subset(np.array([i])), without)
+        held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
+    left_out = (count - 1) / count * changes.T @ changes
+    return Uncertainty(fit, left_out, larger_of(fit, left_out), held_out, count)
+
+
+def difference(one: Transforms, other: Transforms) -> Array:
+    """(6,): turn from one X to the other about its own axes (rad), and move (m)."""
+    turn = Rotation.from_matrix(one.x_R.T @ other.x_R).as_rotvec()
+    return np.concatenate([turn, other.x_t - one.x_t])
+
+
+def fit_covariance(problem: Problem, at: Transforms) -> Array:
+    """(6, 6) of X from the Jacobian by SVD, scaled by the larger of two residual variances.
+
+    One is over all pixels; the other over what a rigid move of the target in each picture could
+    explain, because that is where a wrong robot pose goes, and all points of a picture share it.
+    """
+    missed, jacobian = linearised(problem, at)
+    rows = jacobian.reshape(-1, 12)
+    scale = np.linalg.norm(rows, axis=0)
+    _, strengths, directions = np.linalg.svd(rows / scale, full_matrices=False)
+    spread = directions / np.maximum(strengths, 1e-12)[:, None] / scale
+    pixels = float((missed**2).sum()) / max(rows.shape[0] - 12, 1)
+    rigid = sum(_rigid_part(problem, missed, jacobian, i) for i in range(len(problem.ids)))
+    variance = max(pixels, rigid / max(6 * len(problem.ids) - 12, 1))
+    return (spread.T @ spread)[:6, :6] * variance
+
+
+def larger_of(one: Array, other: Array) -> Array:
+    """A covariance that is in each common principal direction the larger of two; both positive.
+
+    Directions in which one is next to nothing are bounded below, so that it can be solved with.
+    """
+    scale = np.sqrt(np.maximum(np.diag(one), np.diag(other)))
+    scaled_one, scaled_other = one / np.outer(scale, scale), other / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled_one)
+    root = vectors * np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    white = np.linalg.solve(root, np.linalg.solve(root, scaled_other).T)
+    ratio, axes = np.linalg.eigh((white + white.T) / 2)
+    mixed = root @ axes
+    return (mixed * np.maximum(ratio, 1.0)) @ mixed.T * np.outer(scale, scale)
+
+
+def _rigid_part(problem: Problem, missed: Array, jacobian: Array, sample: int) -> float:
+    mine = problem.owner == sample
+    by_target = jacobian[mine].reshape(-1, 12)[:, 6:]
+    q, _ = np.linalg.qr(by_target / np.maximum(np.linalg.norm(by_target, axis=0), 1e-12))
+    return float(((q.T @ missed[mine].reshape(-1)) ** 2).sum())

@@ -1,0 +1,76 @@
+"""Poses from the numbers people have: matrices, quaternions, rotation vectors; each checked first."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import CalibrationError
+from drivers.types import Pose
+
+Array = NDArray[np.float64]
+
+_NOT_ORTHONORMAL = 2e-3
+_LARGEST_M = 20.0
+
+
+def pose_from_matrix(matrix: ArrayLike, name: str) -> Pose:
+    """Make a pose of a (4, 4) matrix. Raises `CalibrationError` unless it is a rigid motion in m."""
+    values = finite(matrix, (4, 4), name)
+    turn = values[:3, :3]
+    if np.abs(values[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
+        raise CalibrationError(f"{name}: the last row of its matrix is {values[3].tolist()}, not 0 0 0 1")
+    if np.linalg.det(turn) < 0:
+        raise CalibrationError(f"{name}: its rotation is a reflection (determinant -1); is an axis swapped?")
+    if np.abs(turn.T @ turn - np.eye(3)).max() > _NOT_ORTHONORMAL:
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        raise CalibrationError(f"{name}: its rotation matrix is not orthonormal (scale {scale:.4f})")
+    return _pose(values[:3, 3], Rotation.from_matrix(turn), name)
+
+
+def pose_from_quaternion(position_m: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> Pose:
+    """Make a pose; either sign of a quaternion is the same turn. Raises `CalibrationError`."""
+    values = finite(quaternion_xyzw, (4,), name)
+    length = float(np.linalg.norm(values))
+    if abs(length - 1.0) > 0.01:
+        raise CalibrationError(f"{name}: its quaternion has length {length:.4g}, not 1; is its order xyzw?")
+    return _pose(finite(position_m, (3,), name), Rotation.from_quat(values), name)
+
+
+def pose_from_rotation_vector(position_m: ArrayLike, rotation_vector_rad: ArrayLike, name: str) -> Pose:
+    """Make a pose of a UR pose (x, y, z in m, rotation vector in rad). Raises `CalibrationError`."""
+    values = finite(rotation_vector_rad, (3,), name)
+    if np.linalg.norm(values) > 2.0 * np.pi + 1e-6:
+        raise CalibrationError(
+            f"{name}: a rotation vector of {np.linalg.norm(values):.1f} rad; is it in degrees?"
+        )
+    return _pose(finite(position_m, (3,), name), Rotation.from_rotvec(values), name)
+
+
+def pose_fault(pose: Pose, name: str) -> str | None:
+    """Say what is wrong with a pose made elsewhere, or None."""
+    try:
+        pose_from_quaternion(pose.position_m, pose.quaternion_xyzw, name)
+    except CalibrationError as error:
+        return str(error)
+    return None
+
+
+def finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """The values as float64 of a shape. Raises `CalibrationError` for another shape, NaN or inf."""
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f"{name}: {values!r} are not numbers") from error
+    if array.shape != shape:
+        raise CalibrationError(f"{name}: numbers of shape {shape} are needed, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise CalibrationError(f"{name}: holds a number that is not finite")
+    return array
+
+
+def _pose(position_m: Array, rotation: Rotation, name: str) -> Pose:
+    if np.abs(position_m).max() > _LARGEST_M:
+        raise CalibrationError(
+            f"{name}: lies {np.abs(position_m).max():.0f} m away; are these mm? m are needed"
+        )
+    return Pose.from_rotation(position_m, rotation)

@@ -1,0 +1,186 @@
+"""Calibration files: plain YAML, versioned, with serials inside; read back only where they belong.
+
+The value stands at the top level in the layout its field reads (a camera's is ROS `camera_info`);
+what is known about the value stands under `calibration`.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from calibration.verdict import Judgement, Rejected, Verdict
+from drivers.errors import CalibrationError, RecordingError
+
+SCHEMA = 1
+KINDS = ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync")
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationFile:
+    """One calibration.
+
+    kind: one of `KINDS`. serials: of the devices it belongs to, by role ("camera", "tactile").
+    value: what is used. quality: covariance, held-out error, observability, by name. created: ISO
+    8601 with zone. inputs: hash and place of the samples, and how many were used.
+    """
+
+    kind: str
+    serials: Mapping[str, str]
+    value: Mapping[str, Any]
+    judgement: Judgement
+    created: str
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    rejected: tuple[Rejected, ...] = ()
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    software: Mapping[str, str] = field(default_factory=dict)
+
+    def age_days(self, now: datetime) -> float:
+        """Days since it was made."""
+        return (now - datetime.fromisoformat(self.created)).total_seconds() / 86400.0
+
+    def age_text(self, now: datetime) -> str:
+        """Age for people."""
+        days = self.age_days(now)
+        return f"{days:.0f} days old" if days >= 2 else f"{days * 24:.0f} hours old"
+
+
+def save(file: CalibrationFile, path: Path) -> None:
+    """Write a calibration in one step. Raises `RecordingError`, `CalibrationError` for a NaN in it."""
+    about = {
+        "schema": SCHEMA, "kind": file.kind, "serials": file.serials, "created": file.created,
+        "verdict": str(file.judgement.verdict), "refusals": file.judgement.refusals,
+        "doubts": file.judgement.doubts, "quality": file.quality,
+        "rejected": [{"id": r.id, "reason": r.reason} for r in file.rejected],
+        "inputs": file.inputs, "software": file.software,
+    }  # fmt: skip
+    content = plain({**file.value, "calibration": about}, str(path))
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=110, allow_unicode=True)
+    write_text(path, text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file aside and put it in place. Raises `RecordingError`."""
+    aside = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with aside.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        aside.replace(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
+
+
+def load(
+    path: Path, kind: str, serials: Mapping[str, str] | None = None, allow_refused: bool = False
+) -> CalibrationFile:
+    """Read a calibration of a kind.
+
+    serials: of the devices at hand; where the file names another, it is refused. Raises
+    `CalibrationError` saying what is wrong with the file or where it belongs.
+    """
+    content = read_yaml(path)
+    about = content.pop("calibration", None)
+    if not isinstance(about, dict) or about.get("schema") != SCHEMA:
+        raise CalibrationError(f"{path}: no calibration file of schema {SCHEMA}; make it with rig calibrate")
+    if about.get("kind") != kind:
+        raise CalibrationError(f"{path}: holds a calibration of '{about.get('kind')}', '{kind}' is needed")
+    try:
+        file = _from_about(about, content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
+    check_serials(path, file.serials, serials or {})
+    if file.judgement.verdict is Verdict.REFUSED and not allow_refused:
+        raise CalibrationError(f"{path}: was refused when it was made ({file.judgement.reasons[0]})")
+    return file
+
+
+def check_serials(path: Path, written: Mapping[str, str], at_hand: Mapping[str, str]) -> None:
+    """Raise `CalibrationError` where a device at hand is not the one of the file."""
+    for role, serial in at_hand.items():
+        if written.get(role) != serial:
+            raise CalibrationError(
+                f"{path}: belongs to {role} {written.get(role, '(none named)')}, the bench has {serial}; "
+                "calibrate this one, or correct the bench file"
+            )
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML mapping, OpenCV's dialect included. Raises `CalibrationError`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        # OpenCV writes "%YAML:1.0", which is not YAML, and tags its matrices
+        content = yaml.load(text.removeprefix("%YAML:1.0"), Loader=_Loader)  # noqa: S506 - a safe loader
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path}: cannot be read ({error})") from error
+    except yaml.YAMLError as error:
+        place = str(error).replace("\n", " ")
+        raise CalibrationError(f"{path}: is not YAML ({place})") from error
+    if not isinstance(content, dict):
+        raise CalibrationError(f"{path}: holds no mapping; is this a calibration file?")
+    return content
+
+
+def plain(value: Any, where: str) -> Any:
+    """Turn arrays, numpy numbers and tuples into plain lists and numbers.
+
+    Raises `CalibrationError` for a number that is not finite: a file never holds a NaN.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item, f"{where}: {key}") for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist(), where)
+    if isinstance(value, list | tuple):
+        return [plain(item, where) for item in value]
+    if isinstance(value, float | np.floating):
+        if not np.isfinite(value):
+            raise CalibrationError(f"{where}: a number is not finite; this result is not written")
+        return float(value)
+    if isinstance(value, np.integer | np.bool_):
+        return value.item()
+    return str(value) if isinstance(value, Path | Verdict) else value
+
+
+class _Loader(yaml.SafeLoader):
+    """A safe loader that knows OpenCV's matrices."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Numbers on one line, mappings on many."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _opencv_matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+def _numbers_on_one_line(dumper: _Dumper, data: list[Any]) -> yaml.SequenceNode:
+    flat = all(isinstance(item, int | float) for item in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
+
+
+_Dumper.add_representer(list, _numbers_on_one_line)
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+
+
+def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> CalibrationFile:
+    return CalibrationFile(
+        kind=about["kind"],
+        serials={str(k): str(v) for k, v in about["serials"].items()},
+        value=value,
+        judgement=Judgement(tuple(about["refusals"]), tuple(about["doubts"])),
+        created=datetime.fromisoformat(about["created"]).isoformat(),
+        quality=about.get("quality", {}),
+        rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),
+        inputs=about.get("inputs", {}),
+        software=about.get("software", {}),
+    )

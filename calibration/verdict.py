@@ -1,0 +1,64 @@
+"""What a calibration is worth, in words: good, weak or refused, and why."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """Good: use it. Weak: usable, with the stated doubts. Refused: no answer is better than this one."""
+
+    GOOD = "good"
+    WEAK = "weak"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Reasons to refuse, and doubts; each says what was seen and what to do."""
+
+    refusals: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of what was found."""
+        if self.refusals:
+            return Verdict.REFUSED
+        return Verdict.WEAK if self.doubts else Verdict.GOOD
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """All reasons, the worst first."""
+        return self.refusals + self.doubts
+
+    def __add__(self, other: "Judgement") -> "Judgement":
+        """Both judgements' reasons."""
+        return Judgement(self.refusals + other.refusals, self.doubts + other.doubts)
+
+    def __str__(self) -> str:
+        """One line for people."""
+        return str(self.verdict) + (": " + "; ".join(self.reasons) if self.reasons else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A sample that was left out, by its id, and why."""
+
+    id: str
+    reason: str
+
+
+def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Judgement:
+    """Judge a number that should be small; one that is not finite is refused. `text` takes `{value}`."""
+    said = text.format(value=value)
+    if not value <= refuse_above:
+        return Judgement(refusals=(said,))
+    return Judgement(doubts=(said,)) if value > weak_above else Judgement()
+
+
+def floor(value: float, weak_below: float, refuse_below: float, text: str) -> Judgement:
+    """Judge a number that should be large; one that is not finite is refused. `text` takes `{value}`."""
+    said = text.format(value=value)
+    if not value >= refuse_below:
+        return Judgement(refusals=(said,))
+    return Judgement(doubts=(said,)) if value < weak_below else Judgement()

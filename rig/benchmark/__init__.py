@@ -1,0 +1,1 @@
+"""Run time against error, with limits: what `rig benchmark` measures and prints."""

@@ -1,0 +1,1 @@
+"""Calibrations from samples on disk or from a bench: collected, solved, judged, filed and shown."""

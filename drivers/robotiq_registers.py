@@ -1,0 +1,242 @@
+"""The register map of the Robotiq 3-Finger gripper: pack and unpack, pure functions, no I/O.
+
+Source: Robotiq 3-Finger Adaptive Robot Gripper instruction manual (2014 and 2018 editions),
+section 4, "Robot output registers" and "Robot input registers". Both images are 15 bytes, sent
+as 8 registers of two bytes, the first byte in the high half; the 16th byte is padding.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from drivers.errors import DeviceError, OutOfLimitsError
+
+REGISTERS = 8
+"""Length of the command image and of the status image."""
+FINGERS = ("A", "B", "C")
+AXES = (*FINGERS, "S")
+"""The three fingers and the scissor axis, in the order of their bytes (3, 6, 9, 12)."""
+
+MIN_FORCE_N, MAX_FORCE_N = 15.0, 60.0
+FORCE_PER_COUNT_N = 0.175
+"""rFR: 0 is 15 N, not zero force; about 0.175 N a count, not linear (manual, FORCE register)."""
+MIN_SPEED_M_S, MAX_SPEED_M_S = 0.022, 0.110
+"""rSP: 0 is 22 mm/s, 255 is 110 mm/s (manual, SPEED register)."""
+
+
+class GraspMode(IntEnum):
+    """rMOD, gMOD: where the scissor axis holds fingers B and C."""
+
+    BASIC = 0
+    PINCH = 1
+    WIDE = 2
+    SCISSOR = 3
+
+
+class Stage(IntEnum):
+    """gIMC: how far the gripper is from taking motions."""
+
+    RESET = 0
+    ACTIVATING = 1
+    CHANGING_MODE = 2
+    READY = 3
+
+
+class MotionStatus(IntEnum):
+    """gSTA: the fingers together. `MOVING` means something only while gGTO is set."""
+
+    MOVING = 0
+    SOME_STOPPED_EARLY = 1
+    ALL_STOPPED_EARLY = 2
+    AT_REQUEST = 3
+
+
+class ObjectStatus(IntEnum):
+    """gDTA, gDTB, gDTC, gDTS: one axis."""
+
+    MOVING = 0
+    CONTACT_OPENING = 1
+    CONTACT_CLOSING = 2
+    AT_REQUEST = 3
+
+
+class Fault(IntEnum):
+    """gFLT. 5 to 7 refuse a command, 9 to 11 pass, 13 to 15 need reset and activation."""
+
+    NONE = 0x00
+    ACTIVATION_NEEDED = 0x05
+    MODE_CHANGE_PENDING = 0x06
+    NOT_ACTIVATED = 0x07
+    NOT_READY = 0x09
+    MODE_CHANGE_BLOCKED = 0x0A
+    RELEASING = 0x0B
+    ACTIVATION_FAILED = 0x0D
+    MODE_CHANGE_FAILED = 0x0E
+    RELEASED = 0x0F
+
+
+FAULT_TEXTS = {
+    Fault.ACTIVATION_NEEDED: "the action waits for the activation to end; activate, then move",
+    Fault.MODE_CHANGE_PENDING: "the action waits for the mode change to end; move when it has",
+    Fault.NOT_ACTIVATED: "the activation bit is not set; activate, then move",
+    Fault.NOT_READY: "the communication chip is not ready (may be booting); wait some seconds",
+    Fault.MODE_CHANGE_BLOCKED: "something is in the way of the scissor axis; free the fingers within 20 s",
+    Fault.RELEASING: "automatic release in progress; wait until the fingers have opened",
+    Fault.ACTIVATION_FAILED: "activation failed; free the fingers, then activate again",
+    Fault.MODE_CHANGE_FAILED: "the scissor axis was blocked for 20 s; free the fingers, then activate again",
+    Fault.RELEASED: "automatic release done; activate again",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class AxisRequest:
+    """What one axis is asked for, counts 0 to 255: rPR, rSP, rFR."""
+
+    position: int = 0
+    speed: int = 0
+    force: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """The output image, PC to gripper; the default one is a reset.
+
+    `axes` are A, B, C and scissor. Without `individual_fingers` A's request is for all three.
+    """
+
+    activate: bool = False
+    mode: GraspMode = GraspMode.BASIC
+    go_to: bool = False
+    release: bool = False
+    glove: bool = False
+    individual_fingers: bool = False
+    individual_scissor: bool = False
+    axes: tuple[AxisRequest, ...] = (AxisRequest(),) * len(AXES)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisState:
+    """One axis: echo of its request (gPR), position (gPO), motor current (gCU), gDT.
+
+    The current is unscaled: the manual and the ROS driver disagree on its unit.
+    """
+
+    requested: int
+    position: int
+    current: int
+    status: ObjectStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The input image, gripper to PC; `fault` is the raw gFLT, `axes` are A, B, C and scissor."""
+
+    activated: bool
+    mode: GraspMode
+    go_to: bool
+    stage: Stage
+    motion: MotionStatus
+    fault: int
+    axes: tuple[AxisState, ...]
+
+    @property
+    def ready(self) -> bool:
+        """Whether motions may be asked for."""
+        return self.activated and self.stage is Stage.READY
+
+    def axis(self, name: str) -> AxisState:
+        """Return the state of axis A, B, C or S."""
+        return self.axes[AXES.index(name)]
+
+
+def fault_text(code: int) -> str:
+    """Say what a fault code means and what to do, with its hexadecimal value."""
+    if code not in FAULT_TEXTS:
+        return f"fault 0x{code:02X}, which the manual does not name; reset and activate the gripper"
+    return f"fault 0x{code:02X}, {FAULT_TEXTS[Fault(code)]}"
+
+
+def pack_command(command: Command) -> tuple[int, ...]:
+    """Return the 8 registers of a command. Raises `OutOfLimitsError` for counts that fit no byte."""
+    action = command.activate | command.mode << 1 | command.go_to << 3 | command.release << 4
+    options = command.glove | command.individual_fingers << 2 | command.individual_scissor << 3
+    axes = [value for axis in command.axes for value in (axis.position, axis.speed, axis.force)]
+    return _to_registers([action, options, 0, *axes])
+
+
+def unpack_command(registers: Sequence[int]) -> Command:
+    """Read a command image back, the inverse of `pack_command`. Raises `DeviceError`."""
+    data = _to_bytes(registers)
+    return Command(
+        activate=bool(data[0] & 1),
+        mode=GraspMode(data[0] >> 1 & 3),
+        go_to=bool(data[0] >> 3 & 1),
+        release=bool(data[0] >> 4 & 1),
+        glove=bool(data[1] & 1),
+        individual_fingers=bool(data[1] >> 2 & 1),
+        individual_scissor=bool(data[1] >> 3 & 1),
+        axes=tuple(AxisRequest(*data[start : start + 3]) for start in (3, 6, 9, 12)),
+    )
+
+
+def pack_status(status: Status) -> tuple[int, ...]:
+    """Return the 8 registers of a status, the inverse of `unpack_status`."""
+    gripper = status.activated | status.mode << 1 | status.go_to << 3
+    gripper |= status.stage << 4 | status.motion << 6
+    objects = sum(axis.status << 2 * number for number, axis in enumerate(status.axes))
+    axes = [value for axis in status.axes for value in (axis.requested, axis.position, axis.current)]
+    return _to_registers([gripper, objects, status.fault, *axes])
+
+
+def unpack_status(registers: Sequence[int]) -> Status:
+    """Read the gripper's status image. Raises `DeviceError` unless it is 8 registers of 16 bits."""
+    data = _to_bytes(registers)
+    return Status(
+        activated=bool(data[0] & 1),
+        mode=GraspMode(data[0] >> 1 & 3),
+        go_to=bool(data[0] >> 3 & 1),
+        stage=Stage(data[0] >> 4 & 3),
+        motion=MotionStatus(data[0] >> 6),
+        fault=data[2],
+        axes=tuple(_axis_state(data, number) for number in range(len(AXES))),
+    )
+
+
+def force_counts(force_n: float) -> int:
+    """Nearest rFR for a force in N. Raises `OutOfLimitsError` below 15 N: there is no less."""
+    if not MIN_FORCE_N <= force_n <= MAX_FORCE_N:
+        raise OutOfLimitsError(
+            f"gripper: force {force_n} N is outside {MIN_FORCE_N:.0f} to {MAX_FORCE_N:.0f} N; "
+            "for a lighter grip close in one-count steps and stop at the first tactile contact"
+        )
+    return min(round((force_n - MIN_FORCE_N) / FORCE_PER_COUNT_N), 255)
+
+
+def speed_counts(speed_m_s: float) -> int:
+    """Nearest rSP for a speed in m/s, 0.022 to 0.110. Raises `OutOfLimitsError`."""
+    if not MIN_SPEED_M_S <= speed_m_s <= MAX_SPEED_M_S:
+        raise OutOfLimitsError(
+            f"gripper: speed {speed_m_s} m/s is outside {MIN_SPEED_M_S} to {MAX_SPEED_M_S} m/s"
+        )
+    return round(255 * (speed_m_s - MIN_SPEED_M_S) / (MAX_SPEED_M_S - MIN_SPEED_M_S))
+
+
+def _axis_state(data: bytes, number: int) -> AxisState:
+    requested, position, current = data[3 + 3 * number : 6 + 3 * number]
+    return AxisState(requested, position, current, ObjectStatus(data[1] >> 2 * number & 3))
+
+
+def _to_registers(values: Sequence[int]) -> tuple[int, ...]:
+    if not all(isinstance(value, int) and 0 <= value <= 255 for value in values):
+        raise OutOfLimitsError(f"gripper: a register byte is outside 0 to 255 in {list(values)}")
+    padded = [*values, *[0] * (2 * REGISTERS - len(values))]
+    return tuple(high << 8 | low for high, low in zip(padded[::2], padded[1::2], strict=True))
+
+
+def _to_bytes(registers: Sequence[int]) -> bytes:
+    if len(registers) != REGISTERS or not all(0 <= register <= 0xFFFF for register in registers):
+        raise DeviceError(
+            f"gripper: {len(registers)} registers {list(registers)[:REGISTERS]} are no register image; "
+            f"expected {REGISTERS} of 16 bits: check the preset (rtu, tcp, tcp-2014)"
+        )
+    return b"".join(register.to_bytes(2, "big") for register in registers)

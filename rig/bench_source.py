@@ -116,6 +116,20 @@ class StandingBench(BenchSource):
 
 
 @contextmanager
+def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
+    """Make a bench to look at, in real time; fakes behind wires run as long as it is looked at."""
+    if config.in_process:
+        yield build_bench(config, realtime=True)[0]
+        return
+    with ExitStack() as stack:
+        if config.fakes is not None and config.fakes.control is None:
+            from rig.fakes_process import started_fakes
+
+            config = stack.enter_context(started_fakes(config))
+        yield build_real_bench(config)
+
+
+@contextmanager
 def session_bench(
     config: BenchConfig, person: ConsoleOperator, introduction: str, realtime: bool = False
 ) -> Iterator[BenchSource]:

@@ -7,6 +7,7 @@ import typer
 from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.common import exit_code, say, stop_on_signals
+from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
 from rig.cli.fakes import fakes
 from rig.cli.record import record
@@ -22,7 +23,7 @@ app = typer.Typer(
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
     "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
 )
-for command in (record, trial, replay, estimate):
+for command in (record, trial, replay, estimate, doctor):
     app.command()(command)
 app.add_typer(bench, name="bench")
 app.add_typer(fakes, name="fakes")

@@ -39,9 +39,11 @@ def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
     assert not HEAVY & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("command", ["record", "trial", "replay", "estimate"])
+@pytest.mark.parametrize(
+    "command", ["record", "trial", "replay", "estimate", "doctor", "bench new", "fakes serve", "fakes fault"]
+)
 def test_every_command_has_help_with_examples(command: str) -> None:
-    done = rig(command, "--help")
+    done = rig(*command.split(), "--help")
     assert done.returncode == 0
     assert "Examples" in done.stdout
     assert f"rig {command}" in done.stdout
@@ -140,6 +142,25 @@ def test_a_bench_file_with_a_slip_of_the_pen_names_the_key(tmp_path: Path) -> No
     one_line(rig("trial", "--bench", str(wrong)), 2, "hom_m")
     wrong.write_text(text.replace('driver = "fake"                      # fake | ur5e', 'driver = "ur5e"'))
     one_line(rig("trial", "--bench", str(wrong), "--yes"), 2, "line 7", "needs host")
+
+
+def test_the_doctor_prints_one_json_object_and_saves_frames(tmp_path: Path) -> None:
+    done = rig("doctor", "--seconds", "0.5", "--json", "--snapshot", str(tmp_path / "today"))
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["simulated"] is True
+    assert {finding["device"] for finding in report["findings"]} >= {"arm", "gripper", "SIM-D0001", "disk"}
+    assert len(list((tmp_path / "today").iterdir())) == 3
+
+
+def test_a_bench_that_is_not_there_is_diagnosed_without_a_traceback(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    assert rig("bench", "new", str(bench)).returncode == 0
+    one_line(rig("bench", "new", str(bench)), 2, "exists already")
+    one_line(rig("trial", "--bench", str(bench), "--jobs", "2"), 2, "--jobs")
+    done = rig("trial", "--bench", str(bench), "--lifts", "1", "--object", "t1", "--out", str(tmp_path / "s"))
+    assert done.returncode == 3
+    assert "grasp at" in done.stderr
 
 
 def test_recording_resumes_and_fills_the_data_sets_layout(tmp_path: Path) -> None:

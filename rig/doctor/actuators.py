@@ -1,0 +1,160 @@
+"""The doctor's look at the arm and the gripper: reached, read, timed; nothing moves."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import RigError
+from drivers.interfaces import Arm, Gripper
+from drivers.types import ArmMode
+from rig.config import ArmConfig
+from rig.doctor.finding import Finding, Verdict, percentiles_ms, percentiles_text
+
+POLL_S = 0.0005
+RATE_SHARE = 0.98
+"""Share of the requested state rate that has to arrive: 490 of 500 samples a second."""
+SLOW_REQUEST_MS = 20.0
+"""A gripper's request takes some milliseconds; a lift makes dozens of steps with several each."""
+DRIFT_PPM = 200.0
+
+
+def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Finding]:
+    """Connect, identify, and measure the state stream for a while; the arm stays connected."""
+    began = bench.clock.now_ns()
+    try:
+        bench.arm.connect()
+        state = bench.arm.state()
+    except RigError as error:
+        return [unreachable("arm", error)]
+    findings = [reached("arm", bench.arm, (bench.clock.now_ns() - began) / NS_PER_S), _mode(state.mode)]
+    try:
+        if config.driver != "fake":
+            findings += _stream(bench.arm, bench.clock, config.frequency_hz, duration_s)
+    except RigError as error:
+        findings.append(Finding("arm", "state stream", Verdict.FAILURE, str(error), "see the message"))
+    return findings
+
+
+def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
+    """Connect, identify, and time requests for a while; the gripper is not activated."""
+    began = bench.clock.now_ns()
+    try:
+        bench.gripper.connect()
+        state = bench.gripper.state()
+    except RigError as error:
+        return [unreachable("gripper", error)]
+    findings = [reached("gripper", bench.gripper, (bench.clock.now_ns() - began) / NS_PER_S)]
+    told = "" if state.activated else "nothing now: each trial asks before it activates"
+    seen = f"{'activated' if state.activated else 'not activated'}, fingers at {state.position_counts} counts"
+    findings.append(
+        Finding("gripper", "state", Verdict.GOOD if state.activated else Verdict.NOTE, seen, told)
+    )
+    try:
+        return findings + _requests(bench.gripper, bench.clock, duration_s)
+    except RigError as error:
+        return [*findings, Finding("gripper", "requests", Verdict.FAILURE, str(error), "see the message")]
+
+
+def unreachable(device: str, error: RigError) -> Finding:
+    """A device that does not answer; the driver's message says what to do."""
+    seen, _, todo = str(error).partition("; ")
+    return Finding(device, "reached", Verdict.FAILURE, seen, todo or "check power, cable and address")
+
+
+def reached(device: str, driver: Any, took_s: float) -> Finding:
+    """A device that answers, and what it says that it is."""
+    identity: dict[str, str] = driver.identity() if hasattr(driver, "identity") else {}
+    text = ", ".join(f"{key} {value}" for key, value in identity.items())
+    seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
+    return Finding(device, "reached", Verdict.GOOD, seen, figures={"connect_s": took_s, **identity})
+
+
+def _mode(mode: ArmMode) -> Finding:
+    todo = {
+        ArmMode.RUNNING: "",
+        ArmMode.PROTECTIVE_STOP: "look at the arm, clear the cause; the next trial asks before releasing it",
+        ArmMode.EMERGENCY_STOP: "clear the cause, unlock the emergency stop, restart the arm on the pendant",
+        ArmMode.UNKNOWN: "power the arm on and release its brakes on the pendant",
+    }[mode]
+    return Finding("arm", "mode", Verdict.FAILURE if todo else Verdict.GOOD, mode.value, todo)
+
+
+def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list[Finding]:
+    offset = getattr(arm, "clock_offset_s", None)
+    before_s = offset() if offset else None
+    times = _distinct_times(arm, clock, duration_s)
+    gaps = np.diff(times) / NS_PER_S
+    rate_hz = len(gaps) / float(gaps.sum()) if len(gaps) else 0.0
+    figures = {"rate_hz": rate_hz, "wanted_hz": wanted_hz}
+    if len(gaps) == 0:
+        return [
+            Finding("arm", "state stream", Verdict.FAILURE, "no new state", "see rig doctor's log", figures)
+        ]
+    interval = percentiles_ms(gaps)
+    good = rate_hz >= RATE_SHARE * wanted_hz
+    findings = [
+        Finding(
+            "arm",
+            "state stream",
+            Verdict.GOOD if good else Verdict.WARNING,
+            f"{rate_hz:.1f} of {wanted_hz:g} a second; {percentiles_text(interval)} apart",
+            "" if good else "use a wired network without a switch in between; end other loads here",
+            {**figures, **interval},
+        )
+    ]
+    if offset and before_s is not None:
+        findings += _clock(before_s, offset(), duration_s)
+    return findings
+
+
+def _distinct_times(arm: Arm, clock: Clock, duration_s: float) -> list[int]:
+    times: list[int] = []
+    end = clock.now_ns() + seconds(duration_s)
+    while clock.now_ns() < end:
+        time_ns = arm.state().time_ns
+        if not times or time_ns != times[-1]:
+            times.append(time_ns)
+        clock.sleep_until(clock.now_ns() + seconds(POLL_S))
+    return times
+
+
+def _clock(before_s: float, after_s: float | None, duration_s: float) -> list[Finding]:
+    if after_s is None or not math.isfinite(after_s):
+        return []
+    drift = (after_s - before_s) / duration_s * 1e6
+    seen = f"controller's time is {after_s:+.4f} s from ours, drifts by {drift:+.0f} us/s"
+    good = abs(drift) <= DRIFT_PPM
+    todo = "" if good else "nothing when the stream is slow too; otherwise measure for longer with --seconds"
+    figures = {"offset_s": after_s, "drift_ppm": drift}
+    return [Finding("arm", "clock", Verdict.GOOD if good else Verdict.WARNING, seen, todo, figures)]
+
+
+def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding]:
+    """Time what the driver says its requests took; reading the state makes some, where it does."""
+    times = getattr(gripper, "round_trips_s", None)
+    if times is None:
+        return []
+    end = clock.now_ns() + seconds(duration_s)
+    while clock.now_ns() < end:
+        gripper.state()
+        clock.sleep_until(clock.now_ns() + seconds(0.002))
+    taken: Sequence[float] = times()
+    if not taken:
+        return []
+    figures = percentiles_ms(taken)
+    good = figures["p99_ms"] <= SLOW_REQUEST_MS
+    todo = "" if good else "check cable and termination, take other masters off the bus"
+    return [
+        Finding(
+            "gripper",
+            "Modbus requests",
+            Verdict.GOOD if good else Verdict.WARNING,
+            f"{len(taken)} requests, {percentiles_text(figures)}",
+            todo,
+            {"requests": len(taken), **figures},
+        )
+    ]

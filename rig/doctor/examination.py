@@ -1,0 +1,54 @@
+"""The whole examination: every device of a bench, and the computer it hangs on."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.bench import Bench
+from rig.bench_source import unconnected_bench
+from rig.config import BenchConfig
+from rig.doctor.actuators import look_at_arm, look_at_gripper
+from rig.doctor.computer import (
+    look_at_calibrations,
+    look_at_disk,
+    look_at_packages,
+    look_at_usb,
+    usb_ports,
+)
+from rig.doctor.finding import Finding
+from rig.doctor.streams import look_at_streams
+
+
+def examine(
+    config: BenchConfig, bench_folder: Path, disk: Path, duration_s: float = 3.0, snapshot: Path | None = None
+) -> Iterator[Finding]:
+    """Look at everything and yield findings as they come; nothing moves, nothing is activated.
+
+    bench_folder: where the bench file lies, with its `calibrations` beside it. disk: a folder
+    where sessions go. duration_s: of each measurement of a rate. snapshot: see `rig doctor`.
+    """
+    yield from look_at_packages(config)
+    yield from look_at_disk(disk)
+    serials = {*(tactile.serial for tactile in config.tactile), config.camera.serial}
+    yield from look_at_calibrations(bench_folder / "calibrations", serials)
+    with unconnected_bench(config) as bench, ExitStack() as connected:
+        for device in (*bench.frame_sources, bench.gripper, bench.arm):
+            connected.callback(device.disconnect)
+        yield from look_at_arm(bench, config.arm, duration_s)
+        yield from look_at_gripper(bench, duration_s)
+        yield from look_at_streams(bench.frame_sources, bench.clock, _sizes(config), duration_s, snapshot)
+        yield from look_at_usb(usb_ports(_devices(bench)))
+
+
+def _sizes(config: BenchConfig) -> dict[str, tuple[int, int]]:
+    return {sensor.serial: sensor.size_px for sensor in (*config.tactile, config.camera)}
+
+
+def _devices(bench: Bench) -> dict[str, str]:
+    """The /dev nodes that the sensors were found at, by serial, where their drivers say."""
+    found = {}
+    for source in bench.frame_sources:
+        identity = getattr(source, "identity", dict)()
+        if identity.get("device", "").startswith("/dev/"):
+            found[source.serial] = identity["device"]
+    return found

@@ -1,0 +1,157 @@
+"""The doctor's look at all fingertips and cameras at once: only together do they fill a USB bus."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import DeviceError, InputError, RigError
+from drivers.interfaces import FrameSource
+from drivers.types import Frame
+from rig.doctor.actuators import reached, unreachable
+from rig.doctor.finding import Finding, Verdict, percentiles_ms, percentiles_text
+
+RATE_SHARE = 0.97
+FIRST_FRAME_S = 5.0
+"""The first frames after opening are dropped by the driver; some sensors take seconds to start."""
+FRAME_S = 0.5
+OLD_MS = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What came of one source: all frames' times (ns), arrival ages (s), numbers, and the last frame."""
+
+    times_ns: list[int]
+    ages_s: list[float]
+    numbers: list[int]
+    last: Frame
+
+
+def look_at_streams(
+    sources: Sequence[FrameSource],
+    clock: Clock,
+    sizes_px: Mapping[str, tuple[int, int]],
+    duration_s: float,
+    snapshot: Path | None,
+) -> list[Finding]:
+    """Open all sources, one after the other, then read all at once for a while.
+
+    sizes_px: width and height of the bench file, by serial. snapshot: where each source's last
+    frame is saved, as SERIAL.png.
+    """
+    findings, opened = [], []
+    for source in sources:
+        began = clock.now_ns()
+        try:
+            source.connect()
+            source.next_frame(FIRST_FRAME_S)
+        except RigError as error:
+            findings.append(unreachable(source.serial, error))
+            continue
+        findings.append(reached(source.serial, source, (clock.now_ns() - began) / NS_PER_S))
+        opened.append(source)
+    with ThreadPoolExecutor(max(len(opened), 1)) as pool:
+        looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
+    for source, stream in zip(opened, looks, strict=True):
+        if isinstance(stream, RigError):
+            findings.append(Finding(source.serial, "frames", Verdict.FAILURE, str(stream), "see the message"))
+            continue
+        findings += _judged(source, stream, sizes_px[source.serial])
+        if snapshot is not None:
+            findings.append(_saved(snapshot, stream.last))
+    return findings
+
+
+def _watched(source: FrameSource, clock: Clock, duration_s: float) -> Stream | RigError:
+    times, ages, numbers = [], [], []
+    try:
+        last = source.newest_frame(1.0)
+        end = clock.now_ns() + seconds(duration_s)
+        while clock.now_ns() < end:
+            last = source.next_frame(FRAME_S)
+            times.append(last.time_ns)
+            ages.append((clock.now_ns() - last.time_ns) / NS_PER_S)
+            numbers.append(last.sequence)
+    except RigError as error:
+        return error
+    if len(times) < 2:
+        return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
+    return Stream(times, ages, numbers, last)
+
+
+def _judged(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> list[Finding]:
+    return [_rate(source, stream), _age(source, stream), _size(source, stream, size_px), *_counted(source)]
+
+
+def _rate(source: FrameSource, stream: Stream) -> Finding:
+    gaps = np.diff(stream.times_ns) / NS_PER_S
+    rate_hz = len(gaps) / float(gaps.sum())
+    missed = stream.numbers[-1] - stream.numbers[0] + 1 - len(stream.numbers)
+    interval = percentiles_ms(gaps)
+    good = rate_hz >= RATE_SHARE * source.rate_hz and missed == 0
+    seen = (
+        f"{rate_hz:.2f} of {source.rate_hz:g} a second, {missed} missed; {percentiles_text(interval)} apart"
+    )
+    todo = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
+    return Finding(
+        source.serial,
+        "frames",
+        Verdict.GOOD if good else Verdict.WARNING,
+        seen,
+        "" if good else todo,
+        {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": missed, **interval},
+    )
+
+
+def _age(source: FrameSource, stream: Stream) -> Finding:
+    figures = percentiles_ms(stream.ages_s)
+    good = figures["p95_ms"] <= OLD_MS
+    todo = "" if good else "end other loads on this computer; frames older than this blur the comparison"
+    seen = f"read {percentiles_text(figures)} after capture"
+    return Finding(source.serial, "latency", Verdict.GOOD if good else Verdict.WARNING, seen, todo, figures)
+
+
+def _size(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> Finding:
+    height, width = stream.last.image.shape[:2]
+    brightness = float(stream.last.image.mean())
+    seen = f"{width} x {height} px, mean brightness {brightness:.0f} of 255"
+    figures = {"width_px": width, "height_px": height, "brightness": brightness}
+    if (width, height) != size_px:
+        todo = f"the bench file says {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
+        return Finding(source.serial, "picture", Verdict.FAILURE, seen, todo, figures)
+    dark = brightness < 8.0
+    todo = "take the cap off, or check the LEDs" if dark else ""
+    return Finding(source.serial, "picture", Verdict.WARNING if dark else Verdict.GOOD, seen, todo, figures)
+
+
+def _counted(source: FrameSource) -> list[Finding]:
+    """What the driver itself has counted (frozen, shifted, green, reopened ...), where it does."""
+    counters = getattr(source, "counters", None)
+    if counters is None:
+        return []
+    counts: dict[str, int] = counters()
+    amiss = {name: count for name, count in counts.items() if count and name not in ("frames", "warm_up")}
+    seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"
+    todo = "check the cable and the plug; replug the sensor" if amiss else ""
+    return [
+        Finding(source.serial, "counters", Verdict.WARNING if amiss else Verdict.GOOD, seen, todo, {**counts})
+    ]
+
+
+def _saved(folder: Path, frame: Frame) -> Finding:
+    path = folder / f"{frame.serial}.png"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        written = cv2.imwrite(str(path), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written ({error.strerror}); give another --snapshot"
+        ) from error
+    if not written:
+        raise InputError(f"{path}: cannot be written; give another --snapshot")
+    return Finding(frame.serial, "snapshot", Verdict.NOTE, str(path))

@@ -22,6 +22,7 @@ from rig.lift import LiftMeasurement
 from rig.records.recorder import LiftRecorder
 from rig.result import Outcome, lift_result, stage_times
 from rig.seeds import derived_seed
+from rig.tactile.estimator import EstimatorChoice
 from rig.truth import MarkerTruth
 
 LEAST_LIFT = 0.4
@@ -58,8 +59,7 @@ class TrialSettings:
 
     bench: BenchConfig
     seed: int
-    estimator: str
-    window: int
+    estimator: EstimatorChoice
     realtime: bool = False
 
 
@@ -141,7 +141,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
         camera.marker_ids, camera.marker_dictionary, camera.base_T_camera(), camera.intrinsics()
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    return LiftMeasurement(signs, settings.estimator, settings.window, truth, recorder)
+    return LiftMeasurement(signs, settings.estimator, truth, recorder)
 
 
 def _carry_out(
@@ -154,7 +154,7 @@ def _carry_out(
     try:
         with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
             clock, began_ns = bench.clock, bench.clock.now_ns()
-            make_ready(bench, operator)
+            make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
             run_lift(bench, plan, watched)
     except (DeviceError, CalibrationError) as error:

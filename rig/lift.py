@@ -17,7 +17,7 @@ from rig.fusion import FusedSample, TipAnswer, fuse
 from rig.records.encoding import stored
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
 from rig.tactile.background import mean_background
-from rig.tactile.estimator import make_estimator
+from rig.tactile.estimator import EstimatorChoice
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.truth import MarkerTruth, TruthSeries
 
@@ -68,8 +68,7 @@ class LiftMeasurement:
     def __init__(
         self,
         signs: Mapping[str, int],
-        estimator: str,
-        window: int,
+        estimator: EstimatorChoice,
         truth: MarkerTruth,
         recorder: LiftRecorder | None = None,
     ) -> None:
@@ -78,7 +77,7 @@ class LiftMeasurement:
         self.truth = truth
         self.fused: list[FusedSample] = []
         self.phases: dict[Phase, int] = {}
-        self._estimator_name, self._window = estimator, window
+        self._estimator = estimator
         self._recorder = recorder
         self._tcp: Pose | None = None
 
@@ -166,7 +165,7 @@ class LiftMeasurement:
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
-            tip.estimator = make_estimator(self._estimator_name, background, self._window)
+            tip.estimator = self._estimator.make(background)
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:

@@ -17,7 +17,8 @@ from rig.records.reading import show_again
 from rig.records.session import read_manifest
 from rig.result import lift_result
 from rig.summary import TrialSummary, summarize_trial
-from rig.trial import RESULTS, trial_settings
+from rig.tactile.estimator import EstimatorChoice, choose_estimator
+from rig.trial import RESULTS
 from rig.workers import run_tasks
 
 
@@ -75,13 +76,21 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
         )
     try:
         bench = BenchConfig.model_validate(manifest["config"])
-        return trial_settings(
-            bench, manifest["seed"], estimator or manifest["estimator"], window or manifest["window"]
-        )
+        choice = _choice(manifest, estimator, window)
+        return TrialSettings(bench, manifest["seed"], choice)
     except KeyError as error:
         raise SessionError(f"{folder}/session.json: {error} is missing; the session is damaged") from error
     except ValidationError as error:
         raise SessionError(f"{folder}/session.json: config: {validation_text(error)}") from error
+
+
+def _choice(manifest: dict[str, Any], estimator: str | None, window: int | None) -> EstimatorChoice:
+    """Return the session's own estimator, or another with its usual window."""
+    if estimator is None or estimator == manifest["estimator"]:
+        return choose_estimator(
+            manifest["estimator"], window or manifest["window"], manifest.get("skip", True)
+        )
+    return choose_estimator(estimator, window)
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

@@ -14,24 +14,12 @@ from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
 from rig.attempt import MAX_FAULTS_IN_A_ROW, Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.bench_source import BenchSource
-from rig.config import BenchConfig
 from rig.records.session import Session, open_session, session_request
 from rig.summary import TrialSummary, lifts_csv, summarize_trial
-from rig.tactile.estimator import DEFAULT_ESTIMATOR, ESTIMATORS
 from rig.workers import run_tasks
 
 RESULTS = "lifts.jsonl"
 _log = logging.getLogger("rig.trial")
-
-
-def trial_settings(
-    bench: BenchConfig, seed: int, estimator: str | None, window: int, realtime: bool = False
-) -> TrialSettings:
-    """Return checked settings. Raises `InputError` for an unknown estimator."""
-    name = estimator or DEFAULT_ESTIMATOR
-    if name not in ESTIMATORS:
-        raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    return TrialSettings(bench, seed, name, window, realtime)
 
 
 def trial_request(settings: TrialSettings, objects: list[str], lifts: int) -> dict[str, Any]:
@@ -42,8 +30,9 @@ def trial_request(settings: TrialSettings, objects: list[str], lifts: int) -> di
         settings.seed,
         objects=objects,
         lifts_per_object=lifts,
-        estimator=settings.estimator,
-        window=settings.window,
+        estimator=settings.estimator.name,
+        window=settings.estimator.window,
+        skip=settings.estimator.skip,
     )
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from drivers.types import Image
     from rig.frames import FrameSeries
     from rig.offline import Estimate
+    from rig.tactile.estimator import EstimatorChoice
 
 
 def estimate(
@@ -41,9 +42,16 @@ def estimate(
     ] = None,
     estimator: Annotated[
         str | None,
-        typer.Option(help="skeleton, ellipse, pca, or one of them with -published. Default: skeleton."),
+        typer.Option(
+            help="slip, skeleton, ellipse, pca; the last three also with -published. Default: slip."
+        ),
     ] = None,
-    window: Annotated[int, typer.Option(min=1, max=100, help="Mean over the last n angles.")] = 2,
+    window: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=100, help="Mean over the last n angles; 2 for the paper's methods, none for slip."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="CSV file, or folder for a session. Default: the table on stdout.")
     ] = None,
@@ -63,9 +71,9 @@ def estimate(
 
     """
     from rig.frames import is_session
-    from rig.tactile.estimator import DEFAULT_ESTIMATOR
+    from rig.tactile.estimator import choose_estimator
 
-    run = _Run(background, reference_time, estimator or DEFAULT_ESTIMATOR, window)
+    run = _Run(background, reference_time, choose_estimator(estimator, window))
     if is_session(frames):
         _session(frames, run, timestamps, fps, out, json)
     else:
@@ -75,20 +83,20 @@ def estimate(
 class _Run:
     """One choice of estimator and background, applied to series after series."""
 
-    def __init__(self, background: str | None, reference_time: str | None, name: str, window: int) -> None:
+    def __init__(self, background: str | None, reference_time: str | None, choice: "EstimatorChoice") -> None:
         from drivers.errors import InputError
         from rig.frame_times import parse_time
-        from rig.tactile.estimator import ESTIMATORS, PUBLISHED
+        from rig.tactile.estimator import PUBLISHED
 
-        if name not in ESTIMATORS:
-            raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-        self.background, self.name, self.window = background, name, window
-        self.published = name.endswith(PUBLISHED)
+        self.background, self.choice = background, choice
+        self.published = choice.name.endswith(PUBLISHED)
         self.reference = None if reference_time is None else parse_time(reference_time)
         if reference_time is not None and self.reference is None:
             raise InputError(f"--reference-time '{reference_time}' is not a time in s")
         if self.published and self.reference is not None:
-            raise InputError(f"{name} takes its zero itself, as the script does: leave --reference-time out")
+            raise InputError(
+                f"{choice.name} takes its zero itself, as the script does: leave --reference-time out"
+            )
 
     def apply(
         self, series: "FrameSeries", own: "Image | None" = None, sign: int = 1
@@ -96,7 +104,6 @@ class _Run:
         """Estimate a series. Returns the estimate and a note on its background."""
         from rig.frames import make_background
         from rig.offline import estimate_series, zeroed
-        from rig.tactile.estimator import make_estimator
 
         for note in series.notes:
             common.say(note)
@@ -104,7 +111,7 @@ class _Run:
             background, note = own, "background: the session's own"
         else:
             background, note = make_background(self.background, series)
-        answers = estimate_series(series, make_estimator(self.name, background, self.window))
+        answers = estimate_series(series, self.choice.make(background))
         return zeroed(answers, self.reference, self.published, 1 if self.published else sign), note
 
 
@@ -170,8 +177,8 @@ def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> d
     zero = "" if result.zero is None else f"{result.zero.text} s, "
     common.say(background_note)
     common.say(
-        f"{what}: {run.name}, {found['frames']} frames, {found['answered']} answered, refused: {refused}; "
+        f"{what}: {run.choice.name}, {found['frames']} frames, {found['answered']} answered, refused: {refused}; "
         f"zero at {zero}{found['reference']}; {found['median_ms']} ms per frame (p99 {found['p99_ms']})"
     )
-    settings = {"estimator": run.name, "window": run.window, "background": background_note}
+    settings = {"estimator": run.choice.name, "window": run.choice.window, "background": background_note}
     return {"frames_from": what, **settings, **found}

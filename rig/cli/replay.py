@@ -33,7 +33,9 @@ def replay(
     began = time.perf_counter()
     settings = session_settings(session, estimator, window)
     simulated = "SIMULATED " if settings.bench.simulated else ""
-    say(f"{simulated}session {session}, estimator {settings.estimator}, window {settings.window}")
+    say(
+        f"{simulated}session {session}, estimator {settings.estimator.name}, window {settings.estimator.window}"
+    )
     with TrialProgress(1) as progress:
         result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began

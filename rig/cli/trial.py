@@ -26,16 +26,24 @@ def trial(
         list[str] | None,
         typer.Option("--object", help="Object id or name; repeat for more. Default: the trial's nine."),
     ] = None,
-    estimator: Annotated[
-        str | None, typer.Option("--estimator", help="Angle method, default skeleton.")
+    estimator: Annotated[str | None, typer.Option("--estimator", help="Angle method, default slip.")] = None,
+    window: Annotated[
+        int | None,
+        typer.Option(
+            "--window",
+            min=1,
+            max=100,
+            help="Mean of the last n angles; 2 for the paper's methods, none for slip.",
+        ),
     ] = None,
-    window: Annotated[int, typer.Option("--window", min=1, max=100, help="Mean of the last n angles.")] = 2,
     max_mare: Annotated[
         float | None, typer.Option("--max-mare", help="Exit 4 when the MARE over B and C is above, degrees.")
     ] = None,
     no_skip: Annotated[
         bool,
-        typer.Option("--no-skip", help="Run every stage on every frame (the paper's methods always do)."),
+        typer.Option(
+            "--no-skip", help="Run every stage on every frame, needed or not (the paper's methods always do)."
+        ),
     ] = False,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Pace a simulated bench by the clock.")
@@ -63,20 +71,22 @@ def trial(
     """
     import time
 
+    from rig.attempt import TrialSettings
     from rig.bench_source import session_bench
     from rig.cli.tables import TrialProgress, summary_json, trial_table
     from rig.config import load_bench
     from rig.operators import ConsoleOperator
-    from rig.trial import describe_plan, resolve_objects, run_trial, trial_settings
+    from rig.tactile.estimator import choose_estimator
+    from rig.trial import describe_plan, resolve_objects, run_trial
 
     began = time.perf_counter()
     config = load_bench(bench)
-    settings = trial_settings(config, seed, estimator, window, realtime)
+    choice = choose_estimator(estimator, window, not no_skip)
+    settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects)
     folder = session_folder(out, resume, "trial")
     simulated = "SIMULATED " if config.simulated else ""
-    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {settings.estimator}, session {folder}")
-    del no_skip  # nothing is skipped yet that a scene could need
+    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
     person = ConsoleOperator(ask, agreed=yes)
     with (
         session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,

@@ -60,7 +60,7 @@ class RelativeDifference:
         """Return the relative difference of a reduced copy from the background, (h, w, 3) float32."""
         correction = np.append(self._correction(work), 1.0)  # four values are a scalar to OpenCV
         light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
-        return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative))
+        return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative), np.float32)
 
     def _correction(self, work: Image) -> NDArray[np.float32]:
         """Return the three factors that bring a reduced copy to the background's light."""

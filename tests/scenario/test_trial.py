@@ -11,15 +11,19 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceError
+from rig.attempt import TrialSettings
 from rig.config import BenchConfig, load_bench
 from rig.records.files import read_lines
 from rig.replay import run_replay
-from rig.trial import run_trial, trial_settings
+from rig.tactile.estimator import choose_estimator
+from rig.trial import run_trial
 
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, resume: bool = False, **bench: object) -> object:
     config = BenchConfig.model_validate({**load_bench("fake").model_dump(), **bench})
-    return run_trial(folder, trial_settings(config, 0, None, 2), ["t1"], lifts, jobs=jobs, resume=resume)
+    return run_trial(
+        folder, TrialSettings(config, 0, choose_estimator()), ["t1"], lifts, jobs=jobs, resume=resume
+    )
 
 
 def contents(folder: Path) -> dict[str, bytes]:

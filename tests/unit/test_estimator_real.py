@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.tactile.axis import METHODS, ellipse_axis, largest_contour, wrapped
 from rig.tactile.background import auto_background
-from rig.tactile.estimator import make_estimator
+from rig.tactile.estimator import choose_estimator
 from rig.tactile.sample import State
 
 Image = NDArray[np.uint8]
@@ -39,7 +39,7 @@ def test_long_contacts_have_the_labels_axis(figures: Path, background: Image, na
     assert contour is not None
     truth = ellipse_axis(contour)
     assert truth is not None
-    sample = make_estimator(name, background).update(read(figures / "panels" / f"{panel}_raw.png"), 0)
+    sample = choose_estimator(name).make(background).update(read(figures / "panels" / f"{panel}_raw.png"), 0)
     assert sample.state is State.TRACKING
     assert sample.angle_deg is not None
     # The skeleton of the widest of them leans by some 6 degrees.
@@ -51,7 +51,7 @@ def test_long_contacts_have_the_labels_axis(figures: Path, background: Image, na
 def test_nearly_round_contacts_are_refused(figures: Path, background: Image, name: str, file: str) -> None:
     image = read(figures / f"{file}.png")
     fitting = cv2.resize(background, (image.shape[1], image.shape[0]), interpolation=cv2.INTER_CUBIC)
-    sample = make_estimator(name, np.asarray(fitting, np.uint8)).update(image, 0)
+    sample = choose_estimator(name).make(np.asarray(fitting, np.uint8)).update(image, 0)
     assert sample.state is State.UNOBSERVABLE
     assert sample.angle_deg is None
 
@@ -59,7 +59,7 @@ def test_nearly_round_contacts_are_refused(figures: Path, background: Image, nam
 def test_the_papers_own_frame_is_a_contact_with_an_axis(figures: Path, background: Image) -> None:
     image = read(figures / "digit_raw.png")
     fitting = np.asarray(cv2.resize(background, (240, 320), interpolation=cv2.INTER_CUBIC), np.uint8)
-    sample = make_estimator("ellipse", fitting).update(image, 0)
+    sample = choose_estimator("ellipse").make(fitting).update(image, 0)
     assert sample.state is State.TRACKING
     # The authors' mask unstretched gives -88.05; ours, from a background of reduced frames, leans.
     assert abs(wrapped((sample.angle_deg or 0.0) + 88.05)) < 20

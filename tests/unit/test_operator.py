@@ -6,10 +6,12 @@ from drivers.errors import OperatorStopError
 from drivers.types import ArmMode
 from protocols.steps import make_ready
 from rig.assembly import build_bench
+from rig.attempt import TrialSettings
 from rig.bench_source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.operators import ConsoleOperator
-from rig.trial import describe_plan, trial_settings
+from rig.tactile.estimator import choose_estimator
+from rig.trial import describe_plan
 
 
 def real_bench() -> BenchConfig:
@@ -23,7 +25,7 @@ def real_bench() -> BenchConfig:
 
 
 def test_the_plan_says_what_will_move() -> None:
-    settings = trial_settings(real_bench(), 0, None, 2)
+    settings = TrialSettings(real_bench(), 0, choose_estimator())
     plan = describe_plan(settings, ["t1"], 2)
     for part in ("m/s", "counts past contact", "lift 0.", "t1/1", "t1/2", "Begin?"):
         assert part in plan

@@ -1,0 +1,74 @@
+"""Whether a frame shows a contact, and roughly where: the first and cheapest stage."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+
+# Blur of the squared difference, in work pixels: a contact is wider than noise.
+ENERGY_BLUR_PX = 1.5
+# The strength of a contact is what this share of the frame exceeds.
+STRENGTH_SHARE = 0.01
+# A contact begins at this relative difference and ends below the lower one; drift that a gain per
+# channel cannot follow stays below both. The second pair is in multiples of the frame's own floor.
+STRENGTH_ENTER, STRENGTH_LEAVE = 0.04, 0.03
+FLOOR_ENTER, FLOOR_LEAVE = 3.5, 2.5
+# The floor is what this share of the frame stays below: even a wide contact leaves so much free.
+FLOOR_SHARE = 0.2
+# The region reaches to where the difference falls to this share of its strength.
+EDGE_SHARE = 0.25
+# Parts of this share of the largest one's area belong to the contact; smaller ones are specks.
+PART_SHARE = 0.2
+LEAST_AREA_PX = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Where a frame differs from its background.
+
+    mask: (h, w) uint8, 1 inside the convex hull of the large differing parts. area_px: its area in
+    work pixels. strength: the relative difference that 1 % of the frame exceeds.
+    """
+
+    mask: Image
+    area_px: int
+    strength: float
+
+
+class ContactGate:
+    """Lets a contact begin later than end, so that it does not flicker."""
+
+    def __init__(self) -> None:
+        self._in_contact = False
+        self._speck = np.ones((2, 2), np.uint8)
+
+    def find(self, difference: NDArray[np.float32]) -> Region | None:
+        """Return the contact region of a relative difference (h, w, 3), None without contact."""
+        squares = cv2.transform(cv2.multiply(difference, difference), np.ones((1, 3), np.float32))
+        energy = np.asarray(cv2.sqrt(cv2.GaussianBlur(squares, (0, 0), ENERGY_BLUR_PX)), np.float32)
+        levels = energy.reshape(-1)
+        floor_at, strength_at = int(FLOOR_SHARE * levels.size), int((1.0 - STRENGTH_SHARE) * levels.size)
+        ordered = np.partition(levels, (floor_at, strength_at))
+        floor, strength = float(ordered[floor_at]), float(ordered[strength_at])
+        least = (STRENGTH_LEAVE, FLOOR_LEAVE) if self._in_contact else (STRENGTH_ENTER, FLOOR_ENTER)
+        region = None
+        if strength >= max(least[0], least[1] * floor):
+            region = self._region(energy, strength)
+        self._in_contact = region is not None
+        return region
+
+    def _region(self, energy: NDArray[np.float32], strength: float) -> Region | None:
+        split = (energy > EDGE_SHARE * strength).astype(np.uint8)
+        split = cv2.morphologyEx(split, cv2.MORPH_OPEN, self._speck)
+        parts, _ = cv2.findContours(split, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        if not parts:
+            return None
+        areas = [cv2.contourArea(part) for part in parts]
+        large = [part for part, area in zip(parts, areas, strict=True) if area >= PART_SHARE * max(areas)]
+        mask = np.zeros(energy.shape, np.uint8)
+        cv2.fillConvexPoly(mask, cv2.convexHull(np.concatenate(large)), 1)
+        area = int(cv2.countNonZero(mask))
+        return Region(mask, area, strength) if area >= LEAST_AREA_PX else None

@@ -1,0 +1,219 @@
+"""How a contact has turned and moved since a keyframe: alignment of surface gradients.
+
+A gradient field turns with the object in two ways: it appears elsewhere, and its vectors turn. A
+keyframe keeps the gradients of a contact; a later frame is pulled back by a trial rotation and
+translation, its vectors turned back, and what remains is fitted by a small rotation, translation,
+change of gain (deeper or softer gel) and constant slope (the object tilts against the gel). The
+normal matrix is the keyframe's, so an iteration costs one resampling and a 6 x 6 solve (inverse
+compositional Gauss-Newton). Angles are image angles, counter-clockwise positive; x right, y down.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.gradient import Field, relief
+
+# The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
+# around it depend on more than the object.
+DEPTH_SHARE = 0.25
+DEPTH_PERCENTILE = 95.0
+BORDER_PX = 2
+MIN_POINTS, MAX_POINTS = 24, 1000
+# Prior spread of constant slope and gain, as weights in pixels and in template energy: they stay
+# free where the contact tells them from rotation, and small where it does not.
+SLOPE_PRIOR, GAIN_PRIOR = 50.0, 50.0
+# Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
+ROBUST_WIDTH = 2.5
+MAX_ITERATIONS = 12
+DONE_RAD, DONE_PX = 3e-5, 3e-3
+PARAMETERS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """The gradients of a contact to which later frames are aligned.
+
+    center_px: (2,) x and y. points_px: (N, 2) from the center. template: (N, 2) gradients.
+    jacobian: (2N, 6) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share
+    of the template's energy that a rotation by 1 rad changes beyond what translation, gain and
+    slope can imitate: 0 for a smooth ball, about 1 and more for an edge.
+    """
+
+    center_px: NDArray[np.float64]
+    points_px: NDArray[np.float32]
+    template: NDArray[np.float32]
+    jacobian: NDArray[np.float32]
+    energy: float
+    contrast: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """A contact's motion since its keyframe.
+
+    angle_rad; shift_px: (2,) motion of the keyframe's center. misfit: residual over template, rms;
+    1 where nothing fits. overlap: share of the keyframe's points seen. gain: of the gradients.
+    noise_rad: one standard deviation of the angle if residuals were independent. weights: (N,) for
+    the next frame.
+    """
+
+    angle_rad: float
+    shift_px: NDArray[np.float64]
+    misfit: float
+    overlap: float
+    gain: float
+    noise_rad: float
+    iterations: int
+    weights: NDArray[np.float32]
+
+
+def make_keyframe(gradient: Field, mask: Image) -> Keyframe | None:
+    """Make a keyframe of a gradient (h, w, 2) and contact mask (h, w); None if too small."""
+    rows, columns = np.nonzero(_contact_proper(gradient, mask))
+    if len(rows) < MIN_POINTS:
+        return None
+    if len(rows) > MAX_POINTS:
+        chosen = np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)
+        rows, columns = rows[chosen], columns[chosen]
+    center = np.array([columns.mean(), rows.mean()])
+    points = (np.stack([columns, rows], axis=1) - center).astype(np.float32)
+    template = gradient[rows, columns]
+    along_x = cv2.Scharr(gradient, cv2.CV_32F, 1, 0, scale=1 / 32)[rows, columns]
+    along_y = cv2.Scharr(gradient, cv2.CV_32F, 0, 1, scale=1 / 32)[rows, columns]
+    jacobian = _jacobian(points, template, along_x, along_y)
+    energy = float(np.mean(template**2))
+    if not energy > 0.0:
+        return None
+    normal = _normal(jacobian, np.ones(len(points), np.float32), energy)
+    contrast = 1.0 / (np.linalg.inv(normal)[0, 0] * energy * 2 * len(points))
+    return Keyframe(center, points, template, jacobian, energy, float(contrast))
+
+
+def align(
+    key: Keyframe,
+    gradient: Field,
+    mask: Image,
+    angle_rad: float,
+    shift_px: NDArray[np.float64],
+    weights: NDArray[np.float32] | None = None,
+) -> Alignment:
+    """Align a frame with a keyframe, starting from a guess of angle and shift.
+
+    gradient: (h, w, 2). mask: (h, w) uint8, 1 in the contact; points that fall outside do not count.
+    """
+    field = cv2.merge([gradient, mask.astype(np.float32)])
+    weights = np.ones(len(key.points_px), np.float32) if weights is None else weights
+    shift = np.array(shift_px, np.float64)
+    inverse, used, step, residual = None, weights, np.zeros(PARAMETERS), key.template
+    iteration = 0
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        values, seen, turn = _pulled_back(key, field, angle_rad, shift)
+        residual = values - key.template
+        if inverse is None or iteration == 3:
+            used = weights * seen
+            inverse = np.linalg.inv(_normal(key.jacobian, used, key.energy))
+        step = inverse @ (key.jacobian.T @ (residual * used[:, None]).reshape(-1)).astype(np.float64)
+        angle_rad += float(step[0])
+        shift += turn @ step[1:3]
+        if abs(step[0]) < DONE_RAD and np.abs(step[1:3]).max() < DONE_PX:
+            break
+        if not np.isfinite(angle_rad) or np.abs(shift).max() > max(mask.shape):
+            break
+    remaining = residual - (key.jacobian @ step.astype(np.float32)).reshape(-1, 2)
+    return _judged(key, remaining, used, inverse, iteration, angle_rad, shift, step)
+
+
+def similarity(
+    key: Keyframe, gradient: Field, mask: Image, angle_rad: float, shift_px: NDArray[np.float64]
+) -> float:
+    """Return how like the keyframe a frame is at a trial pose, -1 to 1 (normalised correlation)."""
+    field = cv2.merge([gradient, mask.astype(np.float32)])
+    values, seen, _ = _pulled_back(key, field, angle_rad, shift_px)
+    values = values * seen[:, None]
+    size = math.sqrt(float((values**2).sum()) * key.energy * key.template.size)
+    return float((values * key.template).sum()) / size if size > 0.0 else -1.0
+
+
+def turning(angle_rad: float) -> NDArray[np.float64]:
+    """Return the (2, 2) matrix that turns x right, y down counter-clockwise as seen."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def _judged(
+    key: Keyframe,
+    remaining: NDArray[np.float32],
+    used: NDArray[np.float32],
+    inverse: NDArray[np.float64],
+    iterations: int,
+    angle_rad: float,
+    shift: NDArray[np.float64],
+    step: NDArray[np.float64],
+) -> Alignment:
+    seen = used > 0.0
+    squares = np.einsum("ij,ij->i", remaining, remaining)
+    total = float(used.sum())
+    variance = float(used @ squares) / max(2.0 * total, 1e-12)
+    signal = float(used @ np.einsum("ij,ij->i", key.template, key.template)) / max(2.0 * total, 1e-12)
+    misfit = math.sqrt(variance / signal) if signal > 0.0 and np.isfinite(variance) else math.inf
+    count = int(np.count_nonzero(seen))
+    width = ROBUST_WIDTH**2 * (float(np.median(squares[seen])) / 1.39 if count else 1.0) + 1e-20
+    weights = np.where(seen, 1.0 / (1.0 + squares / width), 1.0).astype(np.float32)
+    noise = math.sqrt(max(inverse[0, 0] * variance, 0.0))
+    return Alignment(
+        angle_rad, shift, misfit, count / len(seen), 1.0 + float(step[3]), noise, iterations, weights
+    )
+
+
+def _contact_proper(gradient: Field, mask: Image) -> Image:
+    """Narrow a contact region to where the gel is pressed in deep."""
+    height = relief(gradient, mask)
+    inside = mask > 0
+    depth = float(np.percentile(height[inside], DEPTH_PERCENTILE))
+    deep = ((height > DEPTH_SHARE * depth) & inside).astype(np.uint8)
+    deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
+    return deep
+
+
+def _jacobian(points: Field, template: Field, along_x: Field, along_y: Field) -> NDArray[np.float32]:
+    """What small changes of the six parameters do to the template, (2N, 6)."""
+    columns = np.zeros((len(points), 2, PARAMETERS), np.float32)
+    x, y = points[:, :1], points[:, 1:]
+    # Turning by d takes (x, y) to (x + d y, y - d x), for points and for vectors alike.
+    columns[..., 0] = np.stack([template[:, 1], -template[:, 0]], axis=1) - (along_x * y - along_y * x)
+    columns[..., 1], columns[..., 2] = -along_x, -along_y
+    columns[..., 3] = template
+    columns[:, 0, 4] = columns[:, 1, 5] = 1.0
+    return columns.reshape(-1, PARAMETERS)
+
+
+def _normal(
+    jacobian: NDArray[np.float32], weights: NDArray[np.float32], energy: float
+) -> NDArray[np.float64]:
+    weighted = (jacobian.reshape(len(weights), -1) * weights[:, None]).reshape(jacobian.shape)
+    normal = (jacobian.T @ weighted).astype(np.float64)
+    normal[3, 3] += GAIN_PRIOR * energy
+    normal[4, 4] += SLOPE_PRIOR
+    normal[5, 5] += SLOPE_PRIOR
+    # Rounding keeps a direction without information from being exactly singular.
+    normal[np.diag_indices(PARAMETERS)] *= 1.0 + 1e-9
+    normal[np.diag_indices(PARAMETERS)] += 1e-12 * np.trace(normal) + 1e-30
+    return normal
+
+
+def _pulled_back(
+    key: Keyframe, field: Field, angle_rad: float, shift: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float64]]:
+    """Return the frame's gradients at the keyframe's points, turned back; which are seen; the turn."""
+    turn = turning(angle_rad)
+    small = turn.astype(np.float32)
+    places = key.points_px @ small.T + (key.center_px + shift).astype(np.float32)
+    sampled = cv2.remap(
+        field, places[:, None, :], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0
+    )[:, 0]
+    return sampled[:, :2] @ small, sampled[:, 2] > 0.5, turn

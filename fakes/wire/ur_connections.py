@@ -1,0 +1,109 @@
+"""The controller's open connections: bytes in and out of sockets, without ever waiting for a client."""
+
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.errors import InputError
+
+GIVE_UP_S = 10.0
+"""A client that connects and does not read is dropped after about this long (users' reports)."""
+RECEIVE_BYTES = 65536
+Feed = Callable[[bytes], bytes]
+
+
+@dataclass(slots=True, eq=False)
+class Connection:
+    """One client. feed: takes its bytes, returns the answer; raises `InputError` on nonsense."""
+
+    socket: socket.socket
+    port: int
+    feed: Feed
+    pending: bytes = b""
+    blocked_ns: int | None = None
+    last: bytes = b""
+    closed: bool = False
+
+    def receive(self) -> bytes | None:
+        """Bytes that have arrived; None when the client is gone."""
+        try:
+            return self.socket.recv(RECEIVE_BYTES) or None
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError:
+            return None
+
+    def send(self, data: bytes, time_ns: int, droppable: bool = False) -> None:
+        """Send now what the socket takes and keep the rest; droppable data is left out while it does not."""
+        if self.pending and droppable:
+            data = b""
+        self.pending += data
+        try:
+            sent = self.socket.send(self.pending) if self.pending else 0
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError:
+            self.closed = True
+            return
+        self.pending = self.pending[sent:]
+        if not self.pending:
+            self.blocked_ns = None
+        elif self.blocked_ns is None or sent:
+            self.blocked_ns = time_ns
+        elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
+            self.closed = True
+
+    def close(self) -> None:
+        """Close the socket."""
+        self.closed = True
+        self.socket.close()
+
+
+@dataclass(slots=True)
+class Listeners:
+    """The ports a controller listens on, all on one address."""
+
+    host: str
+    ports: tuple[int, ...]
+    sockets: dict[int, socket.socket] = field(default_factory=dict)
+
+    def open(self) -> None:
+        """Listen. Raises `InputError` when a port is taken or the address is not this computer's."""
+        for port in self.ports:
+            try:
+                self.sockets[port] = _listening(self.host, port)
+            except OSError as error:
+                self.close()
+                raise InputError(
+                    f"simulated controller: cannot listen on {self.host} port {port}: {error.strerror}; "
+                    "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
+                ) from error
+
+    def accept(self, port: int) -> socket.socket | None:
+        """The next client of a port, if it is still there."""
+        try:
+            client, _ = self.sockets[port].accept()
+        except OSError:
+            return None
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return client
+
+    def close(self) -> None:
+        """Stop listening."""
+        for listener in self.sockets.values():
+            listener.close()
+        self.sockets.clear()
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(16)
+        listener.setblocking(False)
+    except OSError:
+        listener.close()
+        raise
+    return listener

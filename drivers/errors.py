@@ -26,6 +26,10 @@ class StaleFrameError(DeviceError):
     """The newest frame of a sensor is older than the caller allows."""
 
 
+class DamagedFrameError(DeviceError):
+    """An image arrived cut short or garbled; the stream it came in may still be good."""
+
+
 class ProtectiveStopError(DeviceError):
     """The arm stopped itself; a person has to look before it moves again."""
 

@@ -1,0 +1,97 @@
+"""Where a reader's thread leaves frames and its users find them, for one connection."""
+
+import threading
+from collections import deque
+
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
+from drivers.types import Frame
+
+BACKLOG_FRAMES = 32
+_HINT = "check that it still streams, its cable and its port"
+
+
+class FrameBuffer:
+    """The newest frame, the frames nobody has read yet, and why there are no more of them."""
+
+    def __init__(self, serial: str, clock: Clock) -> None:
+        self._serial = serial
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._backlog: deque[Frame] = deque(maxlen=BACKLOG_FRAMES)
+        self._newest: Frame | None = None
+        self._trouble = ""
+        self._remark = _HINT
+        self._over = False
+        self._closed = False
+
+    def put(self, frame: Frame) -> bool:
+        """Add a frame. Returns whether the oldest unread one had to go for it."""
+        with self._changed:
+            full = len(self._backlog) == BACKLOG_FRAMES
+            self._backlog.append(frame)
+            self._newest, self._trouble, self._remark = frame, "", _HINT
+            self._changed.notify_all()
+            return full
+
+    def fail(self, trouble: str, over: bool) -> None:
+        """Say why no frames come. over: none will come any more."""
+        with self._changed:
+            self._trouble, self._over = trouble, over
+            self._changed.notify_all()
+
+    def withhold(self, remark: str) -> None:
+        """Say why an image that came is not among the frames."""
+        with self._changed:
+            self._remark = remark
+
+    def close(self) -> None:
+        """Let nobody wait any longer."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def next(self, timeout_s: float) -> Frame:
+        """Take the oldest unread frame. Raises `DeviceTimeoutError`, `DeviceError` at the end."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        with self._changed:
+            while not self._backlog:
+                if self._closed:
+                    raise NotConnectedError(f"{self._serial}: disconnected; connect the bench first")
+                if self._over:
+                    raise DeviceError(f"{self._serial}: {self._trouble}")
+                self._wait(deadline, f"no frame within {timeout_s:.3g} s")
+            return self._backlog.popleft()
+
+    def newest(self, max_age_s: float) -> Frame:
+        """Newest frame; what is unread is skipped. Raises `StaleFrameError`."""
+        with self._changed:
+            frame = self._newest
+            if frame is None:
+                raise StaleFrameError(f"{self._serial}: no frame yet, however old; {self._why()}")
+            age_s = (self._clock.now_ns() - frame.time_ns) / NS_PER_S
+            if age_s > max_age_s:
+                raise StaleFrameError(
+                    f"{self._serial}: newest frame is {age_s:.3f} s old, over the limit of "
+                    f"{max_age_s:.3f} s; {self._why()}"
+                )
+            self._backlog.clear()
+            return frame
+
+    def await_first(self, timeout_s: float) -> None:
+        """Wait for the first frame. Raises `DeviceError` at the first trouble instead."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        with self._changed:
+            while self._newest is None:
+                if self._trouble:
+                    raise DeviceError(f"{self._serial}: {self._trouble}")
+                self._wait(deadline, f"no frame within {timeout_s:.3g} s of opening")
+
+    def _wait(self, deadline_ns: int, missed: str) -> None:
+        remaining_ns = deadline_ns - self._clock.now_ns()
+        if remaining_ns <= 0:
+            raise DeviceTimeoutError(f"{self._serial}: {missed}; {self._why()}")
+        self._changed.wait(remaining_ns / NS_PER_S)
+
+    def _why(self) -> str:
+        return f"{self._trouble}; opening it again" if self._trouble else self._remark

@@ -1,0 +1,80 @@
+"""Numbers a source's images so that a gap is a drop, and measures their rate."""
+
+from collections import deque
+from statistics import median
+
+from drivers.clock import NS_PER_S
+
+_INTERVALS = 31
+_ENOUGH = 8
+_RATE_TIMES = 241
+
+
+class FrameCount:
+    """Gives each image its sequence number; counts the images that never came.
+
+    The source's own numbers decide where it has any; else the capture times, where the source
+    stamps them: an interval of about n periods means n - 1 drops. Arrival times say nothing,
+    for an image may just have been late. rate_hz: what an interruption is counted with.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self.dropped = 0
+        self._rate_hz = rate_hz
+        self._last: int | None = None
+        self._last_ns = 0
+        self._offset = 0
+        self._interrupted = False
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
+
+    def interrupted(self) -> None:
+        """The source was opened again: its numbers may begin anew."""
+        self._interrupted = self._last is not None
+        self._intervals.clear()
+
+    def sequence_of(self, number: int | None, time_ns: int, stamped: bool) -> int:
+        """Return an image's sequence number. stamped: whether `time_ns` is its capture time."""
+        interval_ns, self._last_ns = time_ns - self._last_ns, time_ns
+        if self._last is None:
+            self._last = number or 0
+            return self._last
+        step = self._step(self._last, number, interval_ns, stamped)
+        self._interrupted = False
+        self._intervals.append(max(interval_ns // step, 1))
+        self.dropped += step - 1
+        self._last += step
+        return self._last
+
+    def _step(self, last: int, number: int | None, interval_ns: int, stamped: bool) -> int:
+        if number is not None and number + self._offset > last:
+            return number + self._offset - last
+        step = 1
+        if self._interrupted:
+            step = max(round(interval_ns * self._rate_hz / NS_PER_S), 2)
+        elif number is None and stamped and len(self._intervals) >= _ENOUGH:
+            periods = interval_ns / median(self._intervals)
+            step = round(periods) if periods > 1.6 else 1
+        self._offset = 0 if number is None else last + step - number
+        return step
+
+
+class MeasuredRate:
+    """Rate of the newest images, from their capture times."""
+
+    def __init__(self) -> None:
+        self._times_ns: deque[int] = deque(maxlen=_RATE_TIMES)
+
+    def add(self, time_ns: int) -> None:
+        """Take note of an image."""
+        self._times_ns.append(time_ns)
+
+    def clear(self) -> None:
+        """Begin anew: the stream was interrupted."""
+        self._times_ns.clear()
+
+    def hz(self) -> float | None:
+        """Images per second over the newest few seconds; None while too few came."""
+        times = list(self._times_ns)
+        if len(times) < _ENOUGH or times[-1] <= times[0]:
+            return None
+        return (len(times) - 1) * NS_PER_S / (times[-1] - times[0])

@@ -1,0 +1,92 @@
+"""JPEG as cameras send it: told whole from damaged, turned without touching a pixel, decoded.
+
+Decoders hand out the readable half of a damaged JPEG in silence, so its structure is checked
+first (markers: ITU-T T.81, table B.1; byte stuffing: B.1.1.5).
+"""
+
+import re
+
+import cv2
+import numpy as np
+
+from drivers.errors import DamagedFrameError
+from drivers.types import Image
+
+QUALITY = 95
+MAX_PIXELS = 50_000_000
+_START, _END = b"\xff\xd8", b"\xff\xd9"
+_SCAN = 0xDA
+_NO_SIZE = (0xC4, 0xC8, 0xCC)
+"""Markers among C0 to CF that are no frame header: Huffman tables, reserved, arithmetic coding."""
+_NEVER_IN_SCAN = re.compile(rb"\xff[\x01-\xc3\xc5-\xcf\xd8\xd9]")
+"""In coded data FF is followed by 00, a restart (D0 to D7), or tables and a further scan."""
+_TURN_LEFT = (
+    b"\xff\xe1\x00\x22Exif\x00\x00MM\x00\x2a\x00\x00\x00\x08"
+    b"\x00\x01\x01\x12\x00\x03\x00\x00\x00\x01\x00\x08\x00\x00\x00\x00\x00\x00"
+)
+"""An EXIF segment with one entry: orientation (0x0112) = 8, to be shown turned 90 degrees left."""
+
+
+def whole_jpeg(data: bytes) -> tuple[bytes, tuple[int, int]]:
+    """Return a JPEG without the padding after it, and its (width, height) in px.
+
+    Raises `DamagedFrameError` when it does not begin, go on and end as a JPEG does.
+    """
+    size, scan = read_header(data)
+    end = data.rfind(_END, scan)
+    if end < 0:
+        raise DamagedFrameError(f"image of {len(data)} bytes: its end is missing; check the cable")
+    if _NEVER_IN_SCAN.search(data, scan, end):
+        raise DamagedFrameError(f"image of {len(data)} bytes: garbled inside; check the cable")
+    return data[: end + 2], size
+
+
+def read_header(data: bytes | bytearray) -> tuple[tuple[int, int], int]:
+    """Return (width, height) in px and where the coded data begin. Raises `DamagedFrameError`."""
+    if data[:2] != _START:
+        raise DamagedFrameError(f"image begins with {bytes(data[:2]).hex()}, not ffd8: not a JPEG")
+    size: tuple[int, int] | None = None
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == 0xFF:
+            at += 1
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE and at + 9 <= len(data):
+            size = int.from_bytes(data[at + 7 : at + 9], "big"), int.from_bytes(data[at + 5 : at + 7], "big")
+        at += 2 + max(length, 2)
+        if marker == _SCAN:
+            return _possible(size), at
+    raise DamagedFrameError(f"image of {len(data)} bytes: its header is damaged at byte {at}")
+
+
+def turned_left(jpeg: bytes) -> bytes:
+    """Return a JPEG that viewers and `decode` show turned 90 degrees counter-clockwise.
+
+    The coded image stays as it is; an orientation header (EXIF 2.32, tag 0x0112) goes in front.
+    """
+    return _START + _TURN_LEFT + jpeg[2:]
+
+
+def decode(jpeg: bytes) -> Image:
+    """Decode to (H, W, 3) uint8 RGB, upright by its orientation header. Raises `DamagedFrameError`."""
+    try:
+        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+    except cv2.error as error:
+        raise DamagedFrameError(f"image of {len(jpeg)} bytes: refused by the decoder") from error
+    if image is None:
+        raise DamagedFrameError(f"image of {len(jpeg)} bytes: cannot be decoded")
+    return np.asarray(image, np.uint8)
+
+
+def encode(image: Image) -> bytes:
+    """Encode (H, W, 3) uint8 RGB at the quality recordings have."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
+    encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1]
+    return encoded.tobytes()
+
+
+def _possible(size: tuple[int, int] | None) -> tuple[int, int]:
+    if size is None or not 0 < size[0] * size[1] <= MAX_PIXELS:
+        raise DamagedFrameError(f"image header gives {size or 'no size'}; at most {MAX_PIXELS} px are read")
+    return size

@@ -1,0 +1,207 @@
+"""A simulated DIGIT or camera as its wire shows it: modes, light, numbers, and what goes wrong.
+
+It stands for the device and the driver in the kernel: raw images on a schedule, each with a
+number and a capture time. A DIGIT's lie on their side, and its first ones are green.
+"""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import InputError
+from drivers.types import Image
+
+Kind = Literal["digit", "camera"]
+Render = Callable[[int], Image]
+OnLight = Callable[[float, float, float], None]
+
+FAULTS = ("freeze", "drop", "disconnect", "green", "shift", "truncate", "slow")
+DIGIT_MODES = {(320, 240): (30.0, 60.0), (640, 480): (15.0, 30.0)}
+"""Raw size in px: rates in Hz; the first is what a change of size resets to."""
+GREEN_AFTER_OPENING = 3
+JPEG_QUALITY = 95
+_EMPTY_BUFFER_RGB = (0, 135, 0)
+"""What a YUV buffer of zeros decodes to (ITU-R BT.601)."""
+_SHIFT_PX = 37
+_CUT_AT = 0.6
+_SLOWER = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """One image on the wire. time_ns: when it was captured, on the sensor's clock."""
+
+    number: int
+    time_ns: int
+    jpeg: bytes
+
+
+@dataclass(slots=True)
+class _Fault:
+    until_ns: int | None
+    frames: int | None
+
+
+class MjpegSensor:
+    """The state of one sensor. `render(time_ns)` draws (H, W, 3) uint8 RGB, upright.
+
+    rate_hz: until somebody sets another. on_light: told of the LEDs' intensities, 0 to 1.
+    Several threads may use it. Raises `InputError` for a rate that a DIGIT does not have.
+    """
+
+    def __init__(
+        self, render: Render, rate_hz: float, clock: Clock, kind: Kind, on_light: OnLight | None = None
+    ) -> None:
+        self._render = render
+        self._clock = clock
+        self._kind: Kind = kind
+        self._on_light = on_light
+        self._lock = threading.RLock()
+        height, width = render(clock.now_ns()).shape[:2]
+        self._size = (height, width) if kind == "digit" else (width, height)
+        self._rates = DIGIT_MODES if kind == "digit" else {self._size: (rate_hz,)}
+        self._rate_hz = rate_hz
+        self._faults: dict[str, _Fault] = {}
+        self._last: bytes | None = None
+        self._greens = 0
+        self._number, self._due_ns = 0, clock.now_ns()
+        self._set_rate(rate_hz)
+
+    def open(self) -> None:
+        """The first client is there: the device starts, with images that nothing has filled yet."""
+        with self._lock:
+            self._skip_until(self._clock.now_ns())
+            self._greens = GREEN_AFTER_OPENING if self._kind == "digit" else 0
+
+    def configure(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Set `size_px` [w, h] (raw), `rate_hz`, `light` [r, g, b]; return what is set now.
+
+        Raises `InputError`, as a device refuses what it does not offer.
+        """
+        unknown = set(settings) - {"size_px", "rate_hz", "light"}
+        if unknown:
+            raise InputError(f"sensor: no settings {sorted(unknown)}; there are size_px, rate_hz, light")
+        with self._lock:
+            if "size_px" in settings:
+                self._set_size(_numbers(settings["size_px"], 2))
+            if "rate_hz" in settings:
+                self._set_rate(_numbers([settings["rate_hz"]], 1)[0])
+            if "light" in settings:
+                self._set_light(_numbers(settings["light"], 3))
+            return {"size_px": list(self._size), "rate_hz": self._rate_hz}
+
+    def inject(self, kind: str, duration_s: float | None = None, frames: int | None = None) -> None:
+        """Begin a fault, for a time or a number of images; "clear" ends all.
+
+        Raises `InputError` naming the known kinds.
+        """
+        if kind not in (*FAULTS, "clear"):
+            raise InputError(f"fault '{kind}' is unknown: use one of {', '.join(FAULTS)}, clear")
+        with self._lock:
+            if kind == "clear":
+                self._faults.clear()
+                return
+            until = None if duration_s is None else self._clock.now_ns() + seconds(duration_s)
+            self._faults[kind] = _Fault(until, frames)
+
+    def active(self, kind: str) -> bool:
+        """Whether a fault is on."""
+        with self._lock:
+            fault = self._faults.get(kind)
+            if fault is None:
+                return False
+            over = fault.until_ns is not None and self._clock.now_ns() >= fault.until_ns
+            if over or fault.frames == 0:
+                del self._faults[kind]
+                return False
+            return True
+
+    def due_ns(self, latest_ns: int) -> tuple[int, int]:
+        """Capture time of the next image, and how many before it are given up.
+
+        They are those captured before `latest_ns` which nobody has fetched yet.
+        """
+        with self._lock:
+            missed = self._skip_until(latest_ns)
+            return self._due_ns, missed
+
+    def capture(self) -> Capture | None:
+        """Take the image that is due; None where it never reaches the wire."""
+        with self._lock:
+            number, time_ns, size = self._number, self._due_ns, self._size
+            self._number += 1
+            slower = _SLOWER if self._hits("slow") else 1
+            self._due_ns += slower * round(NS_PER_S / self._rate_hz)
+            if self._hits("drop"):
+                return None
+            frozen = self._last if self._hits("freeze") else None
+            empty = self._hits("green") or self._greens > 0
+            self._greens = max(self._greens - 1, 0)
+            shift, cut = self._hits("shift"), self._hits("truncate")
+        if frozen is None:
+            frozen = self._last = _encoded(_empty(size) if empty else self._raw(time_ns, size, shift))
+        return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
+
+    def _skip_until(self, time_ns: int) -> int:
+        """Let images up to a time pass by; return how many they were."""
+        period_ns = round(NS_PER_S / self._rate_hz)
+        passed = max(-((self._due_ns - time_ns) // period_ns), 0)
+        self._number += passed
+        self._due_ns += passed * period_ns
+        return passed
+
+    def _hits(self, kind: str) -> bool:
+        """Whether a fault is on for this image, which uses it up by one."""
+        if not self.active(kind):
+            return False
+        fault = self._faults[kind]
+        if fault.frames is not None:
+            fault.frames -= 1
+        return True
+
+    def _raw(self, time_ns: int, size: tuple[int, int], shift: bool) -> Image:
+        image = self._render(time_ns)
+        if self._kind == "digit":
+            image = np.asarray(cv2.rotate(image, cv2.ROTATE_90_CLOCKWISE), np.uint8)
+        if image.shape[1::-1] != size:
+            image = np.asarray(cv2.resize(image, size), np.uint8)
+        return np.roll(image, _SHIFT_PX, axis=1) if shift else image
+
+    def _set_size(self, size: tuple[float, ...]) -> None:
+        wanted = (round(size[0]), round(size[1]))
+        if wanted not in self._rates:
+            raise InputError(f"sensor: no size {wanted}; there are {sorted(self._rates)}")
+        self._size = wanted
+        self._set_rate(self._rates[wanted][0])
+
+    def _set_rate(self, rate_hz: float) -> None:
+        if rate_hz not in self._rates[self._size]:
+            raise InputError(f"sensor: no rate {rate_hz:g} Hz at {self._size}; {self._rates[self._size]}")
+        self._rate_hz = rate_hz
+        self._due_ns = max(self._due_ns, self._clock.now_ns())
+
+    def _set_light(self, light: tuple[float, ...]) -> None:
+        if not all(0.0 <= value <= 1.0 for value in light):
+            raise InputError(f"sensor: light {light}: give each colour from 0 to 1")
+        if self._on_light is not None:
+            self._on_light(light[0], light[1], light[2])
+
+
+def _numbers(value: Any, count: int) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) != count or not all(type(v) in (int, float) for v in value):
+        raise InputError(f"sensor: {value!r}: give {count} number{'s' * (count > 1)}")
+    return tuple(float(v) for v in value)
+
+
+def _empty(size: tuple[int, int]) -> Image:
+    return np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
+
+
+def _encoded(image: Image) -> bytes:
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()

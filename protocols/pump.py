@@ -51,7 +51,9 @@ class Pump:
         frame = stream.source.next_frame(FRAME_TIMEOUT_S)
         stream.accept(frame)
         if stream.source is self._bench.camera:
+            # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
             self._watch.arm(self._bench.arm.state())
+            self._watch.gripper(self._bench.gripper.state())
         self._watch.frame(frame)
 
 

@@ -1,7 +1,7 @@
 """The steps that experiments are made of, each a few driver calls."""
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError, GraspError, ProtectiveStopError
+from drivers.errors import DeviceError, GraspError, GripperFaultError, ProtectiveStopError
 from drivers.interfaces import Motion
 from drivers.types import Pose
 from protocols.pump import Pump
@@ -19,16 +19,39 @@ STEP_SETTLE_S = 0.05
 MAX_STEPS = 24
 
 
-def make_ready(bench: Bench, operator: Operator) -> None:
-    """Release a protective stop and activate the gripper where needed; both are asked for.
+def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
+    """Release a protective stop, activate the gripper, let go of a leftover object: each where needed.
 
-    A person looks at the arm before its release, and knows of the activation beforehand: the
-    fingers sweep their range.
+    Each is asked for first: what follows a fault by somebody who looks at the bench, and the
+    activation because the fingers sweep their range.
     """
     bench.arm.recover(operator.look)
-    if not bench.gripper.state().activated:
+    _activate(bench, operator)
+    if after_fault:
+        operator.look(
+            "The last lift ended in a fault. Hold the object if it is still between the fingers: "
+            "shall they open now, and the arm rise?"
+        )
+        _let_go(bench)
+
+
+def _activate(bench: Bench, operator: Operator) -> None:
+    try:
+        if bench.gripper.state().activated:
+            return
         operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
-        bench.gripper.activate()
+    except GripperFaultError as error:
+        operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop what they hold.")
+    bench.gripper.activate()
+
+
+def _let_go(bench: Bench) -> None:
+    """Open the fingers where they are, and rise straight up to where nothing stands in the way."""
+    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
+    pose = bench.arm.state().base_T_tcp
+    rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
+    if rise > 0.0:
+        _move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803

@@ -32,7 +32,7 @@ class Watch(Protocol):
         ...
 
     def gripper(self, state: GripperState) -> None:
-        """The gripper's state, after each command."""
+        """The gripper's state, after each command and before each camera frame."""
         ...
 
     def touching(self, serial: str) -> bool:

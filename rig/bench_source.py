@@ -26,6 +26,11 @@ class BenchSource(Protocol):
         """
         ...
 
+    @property
+    def after_fault(self) -> bool:
+        """Whether a fault may have left the bench anyhow."""
+        ...
+
     def displaced(self) -> None:
         """The object is no longer in its place."""
         ...
@@ -44,6 +49,11 @@ class FreshBenches(BenchSource):
         bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime)
         with bench.connected():
             yield bench, operator
+
+    @property
+    def after_fault(self) -> bool:
+        """No bench outlives a fault."""
+        return False
 
     def displaced(self) -> None:
         """Nothing to note: each lift begins with a world of its own."""
@@ -65,6 +75,12 @@ class StandingBench(BenchSource):
         self._session = ExitStack()
         self._connection = ExitStack()
         self._connected = False
+        self._after_fault = False
+
+    @property
+    def after_fault(self) -> bool:
+        """Whether the last lift ended badly: fingers may be closed, the arm may be anywhere."""
+        return self._after_fault
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
@@ -76,8 +92,10 @@ class StandingBench(BenchSource):
         try:
             yield bench, self._operator(seed)
         except BaseException:
+            self._after_fault = True
             self._let_go()
             raise
+        self._after_fault = False
 
     def displaced(self) -> None:
         """Have the object laid down anew before the next lift."""

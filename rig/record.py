@@ -201,7 +201,7 @@ def _attempt(
     )
     plan = plan_pose(settings, pose, images, Pose(settings.bench.table.position_m))
     watch = PoseCapture(finders)
-    fault = _carry_out(benches.for_lift(seed, name, attempt), plan, watch)
+    fault = _carry_out(benches, benches.for_lift(seed, name, attempt), plan, watch)
     if fault:
         benches.displaced()
     files = [] if fault else _keep_images(session, settings.grasps, pose, watch)
@@ -223,12 +223,15 @@ def _attempt(
 
 
 def _carry_out(
-    given: AbstractContextManager[tuple[Bench, Operator]], plan: PosePlan, watch: PoseCapture
+    benches: BenchSource,
+    given: AbstractContextManager[tuple[Bench, Operator]],
+    plan: PosePlan,
+    watch: PoseCapture,
 ) -> str | None:
     """Return None, or the fault's text."""
     try:
         with given as (bench, operator):
-            make_ready(bench, operator)
+            make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
             record_pose(bench, plan, watch)
     except DeviceError as error:

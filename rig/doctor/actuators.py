@@ -68,7 +68,7 @@ def unreachable(device: str, error: RigError) -> Finding:
 def reached(device: str, driver: Any, took_s: float) -> Finding:
     """A device that answers, and what it says that it is."""
     identity: dict[str, str] = driver.identity() if hasattr(driver, "identity") else {}
-    text = ", ".join(f"{key} {value}" for key, value in identity.items())
+    text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
     seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
     return Finding(device, "reached", Verdict.GOOD, seen, figures={"connect_s": took_s, **identity})
 

@@ -2,7 +2,6 @@
 
 import importlib
 import os
-import re
 import shutil
 import sys
 import time
@@ -22,7 +21,6 @@ PROBE_BYTES = 32 * 2**20
 LEAST_MB_S = 20.0
 """Two DIGITs at 60 and a camera at 30 frames a second make about 5 MB/s; four times that is ease."""
 OLD_DAYS = 30.0
-VIDEO_CLASS = Path("/sys/class/video4linux")
 
 
 def look_at_disk(folder: Path) -> list[Finding]:
@@ -102,29 +100,26 @@ def _version(library: str) -> str | None:
         return None
 
 
-def usb_ports(devices: Mapping[str, str], video_class: Path = VIDEO_CLASS) -> dict[str, tuple[str, str]]:
-    """Return (root bus, port chain) by serial, as ("usb1", "1-2.4"), of /dev/videoN devices on USB."""
-    ports = {}
-    for serial, device in devices.items():
-        path = str((video_class / Path(device).name / "device").resolve())
-        found = re.search(r"/(usb\d+)/(?:[^/]+/)*?(\d+-[\d.]+)/[^/]+:[\d.]+(?:/|$)", path)
-        if found:
-            ports[serial] = (found.group(1), found.group(2))
-    return ports
+def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
+    """Say who shares a USB bus: there the last camera to be opened fails first.
 
-
-def look_at_usb(ports: Mapping[str, tuple[str, str]]) -> list[Finding]:
-    """Say who shares a USB bus: there the last camera to be opened fails first."""
-    findings = []
-    for bus in sorted({bus for bus, _ in ports.values()}):
-        sharing = [serial for serial, (where, _) in ports.items() if where == bus]
-        seen = ", ".join(f"{serial} at {ports[serial][1]}" for serial in sharing)
-        todo = "" if len(sharing) < 2 else (
-            "one bus for several cameras: where frames are missing or the last one does not open, plug one "
-            "into another host controller (a hub does not help)"
-        )  # fmt: skip
-        findings.append(Finding(f"USB {bus}", "topology", Verdict.NOTE, seen, todo))
-    return findings
+    places: "BUS port PORT" by serial, as drivers identify their devices; empty where not on USB.
+    """
+    on_bus: dict[str, list[str]] = {}
+    for serial, place in places.items():
+        bus, _, port = place.partition(" port ")
+        if bus:
+            on_bus.setdefault(bus, []).append(f"{serial} at {port}")
+    advice = (
+        "one bus for several cameras: where frames are missing or the last one does not open, plug one "
+        "into another host controller (a hub does not help)"
+    )
+    return [
+        Finding(
+            f"USB {bus}", "topology", Verdict.NOTE, ", ".join(sharing), advice if len(sharing) > 1 else ""
+        )
+        for bus, sharing in sorted(on_bus.items())
+    ]
 
 
 def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:

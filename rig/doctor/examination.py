@@ -13,7 +13,6 @@ from rig.doctor.computer import (
     look_at_disk,
     look_at_packages,
     look_at_usb,
-    usb_ports,
 )
 from rig.doctor.finding import Finding
 from rig.doctor.streams import look_at_streams
@@ -37,18 +36,13 @@ def examine(
         yield from look_at_arm(bench, config.arm, duration_s)
         yield from look_at_gripper(bench, duration_s)
         yield from look_at_streams(bench.frame_sources, bench.clock, _sizes(config), duration_s, snapshot)
-        yield from look_at_usb(usb_ports(_devices(bench)))
+        yield from look_at_usb(_usb_places(bench))
 
 
 def _sizes(config: BenchConfig) -> dict[str, tuple[int, int]]:
     return {sensor.serial: sensor.size_px for sensor in (*config.tactile, config.camera)}
 
 
-def _devices(bench: Bench) -> dict[str, str]:
-    """The /dev nodes that the sensors were found at, by serial, where their drivers say."""
-    found = {}
-    for source in bench.frame_sources:
-        identity = getattr(source, "identity", dict)()
-        if identity.get("device", "").startswith("/dev/"):
-            found[source.serial] = identity["device"]
-    return found
+def _usb_places(bench: Bench) -> dict[str, str]:
+    """Where on USB the sensors were found, by serial, where their drivers say."""
+    return {s.serial: getattr(s, "identity", dict)().get("usb", "") for s in bench.frame_sources}

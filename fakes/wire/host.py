@@ -129,7 +129,7 @@ class FakesHost:
         self._running.callback(self._stopping.set)
 
     def _commands(self) -> dict[str, Any]:
-        return {"place": self._place, "fault": self._fault, "status": self._status}
+        return {"place": self._place, "fault": self._fault, "world": self._state, "status": self._status}
 
     def _place(self, object: str, seed: int | None = None) -> None:
         self._world.place(find_object(object), seed)
@@ -151,6 +151,11 @@ class FakesHost:
         return names
 
     def _status(self) -> dict[str, Any]:
+        """The world and all devices."""
+        return {**self._state(), "devices": {name: dict(d.snapshot()) for name, d in self._devices.items()}}
+
+    def _state(self) -> dict[str, Any]:
+        """The world as it truly is."""
         now = self._clock.now_ns()
         moment, model = self._world.moment_at(now), self._world.model
         return {
@@ -164,7 +169,6 @@ class FakesHost:
             "held": moment.held,
             "force_n": moment.force_n,
             "turn_deg": math.degrees(moment.object_turn_rad),
-            "devices": {name: dict(device.snapshot()) for name, device in self._devices.items()},
         }
 
 

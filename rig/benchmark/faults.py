@@ -1,0 +1,262 @@
+"""Faults in mid-lift, one after the other, on the bench behind wires: seen, made safe, recovered from.
+
+A trial in which the first attempt at each lift meets a fault while the object hangs in the
+fingers, and the next attempt has to succeed after what a person at the bench would do. What the
+rig claims is held against the simulated world: where its tool truly moved, and when.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError
+from drivers.interfaces import Arm, Motion
+from drivers.types import ArmLimits, ArmState, Pose
+from protocols.watch import Operator
+from rig.attempt import TrialSettings
+from rig.bench_source import BenchSource, StandingBench
+from rig.config import BenchConfig, load_bench
+from rig.fakes_process import fakes_control, started_fakes
+from rig.operators import ConsoleOperator
+from rig.records.files import read_lines
+from rig.tactile.estimator import choose_estimator
+from rig.trial import RESULTS, run_trial
+
+SAFE_WITHIN_S = 1.0
+RISEN_M = 0.008
+"""The fault comes when the object has been lifted this far: phase B."""
+POLL_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class FaultCase:
+    """What goes wrong. injected: (device, kind, arguments) in order.
+
+    mended: whether it ends when somebody has looked after it (a cable, a switch), before the next
+    attempt, or `mended_after` attempts; a protective stop is left for the rig to recover from.
+    named: a word that the outcome has to contain.
+    """
+
+    name: str
+    injected: tuple[tuple[str, str, Mapping[str, Any]], ...]
+    named: str
+    mended_after: int = 1
+
+
+def _case(name: str, device: str, kind: str, named: str, **arguments: Any) -> FaultCase:
+    return FaultCase(name, ((device, kind, arguments),), named)
+
+
+CASES = (
+    _case("arm: protective stop", "arm", "protective_stop", "protective stop"),
+    _case("arm: program killed", "arm", "program_killed", "program"),
+    _case("arm: stream frozen", "arm", "stream_frozen", "arm"),
+    _case("arm: stream repeats itself", "arm", "stream_frozen", "arm", repeat=True),
+    _case("arm: sockets dropped", "arm", "socket_dropped", "arm"),
+    _case("arm: silent peer", "arm", "silent", "arm"),
+    FaultCase(
+        "arm: remote control off, then reconnect",
+        (("arm", "remote_control_off", {}), ("arm", "socket_dropped", {})),
+        "arm",
+        mended_after=2,
+    ),
+    FaultCase(
+        "arm: recipe refused at reconnect",
+        (("arm", "recipe_refused", {}), ("arm", "socket_dropped", {})),
+        "arm",
+        mended_after=2,
+    ),
+    _case("gripper: silent", "gripper", "silent", "gripper"),
+    _case("gripper: connection closed", "gripper", "disconnect", "gripper"),
+    _case("gripper: power lost", "gripper", "power_lost", "gripper"),
+    _case("gripper: fault 0x0D", "gripper", "fault", "0x0D", code=0x0D),
+    _case("gripper: garbage", "gripper", "garbage", "gripper"),
+    _case("fingertip: frozen", "SIM-D0001", "freeze", "SIM-D0001"),
+    _case("fingertip: no frames", "SIM-D0001", "drop", "SIM-D0001"),
+    _case("fingertip: unplugged", "SIM-D0002", "disconnect", "SIM-D0002"),
+    _case("fingertip: green frames", "SIM-D0001", "green", "SIM-D0001"),
+    _case("fingertip: shifted frames", "SIM-D0001", "shift", "SIM-D0001"),
+    _case("fingertip: truncated frames", "SIM-D0001", "truncate", "SIM-D0001"),
+    _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
+    _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
+)
+
+
+@dataclass(slots=True)
+class FaultResult:
+    """What came of a case.
+
+    Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
+    after it, when the simulated tool then stood still. faults: outcomes of failed attempts.
+    """
+
+    case: FaultCase
+    injected_ns: int = 0
+    detected_ns: int = 0
+    still_ns: int = 0
+    faults: list[str] = field(default_factory=list)
+    recovered: bool = False
+
+    @property
+    def detected_s(self) -> float | None:
+        """From the fault until the rig stopped the arm; None when it never did."""
+        return (self.detected_ns - self.injected_ns) / NS_PER_S if self.detected_ns else None
+
+    @property
+    def safe_s(self) -> float | None:
+        """From the rig's stop until the tool stood still."""
+        return max(0, self.still_ns - self.detected_ns) / NS_PER_S if self.detected_ns else None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fault was seen, named, made safe in time, and recovered from."""
+        named = any(self.case.named.lower() in fault.lower() for fault in self.faults)
+        return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S and self.recovered
+
+
+class TimedArm(Arm):
+    """An arm that notes when it was first told to stop."""
+
+    def __init__(self, arm: Arm, stopped: Callable[[int], None]) -> None:
+        self._arm = arm
+        self._stopped = stopped
+
+    @property
+    def limits(self) -> ArmLimits:
+        """Those of the arm."""
+        return self._arm.limits
+
+    def connect(self) -> None:
+        """Connect the arm."""
+        self._arm.connect()
+
+    def disconnect(self) -> None:
+        """Disconnect the arm."""
+        self._arm.disconnect()
+
+    def state(self) -> ArmState:
+        """State of the arm."""
+        return self._arm.state()
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        """Move the arm."""
+        return self._arm.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
+
+    def stop(self) -> None:
+        """Stop the arm, and note when."""
+        self._stopped(time.monotonic_ns())
+        self._arm.stop()
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Recover the arm."""
+        self._arm.recover(confirm)
+
+
+class FaultyBench(BenchSource):
+    """The bench behind wires, with a fault in the first attempt at each lift.
+
+    Lift n meets the n-th case. Between attempts somebody mends what the rig cannot.
+    """
+
+    def __init__(self, config: BenchConfig, results: list[FaultResult]) -> None:
+        self._inner = StandingBench(config, ConsoleOperator(lambda _: True), "")
+        self._control = fakes_control(config)
+        self._results = results
+
+    @property
+    def after_fault(self) -> bool:
+        """As the bench's."""
+        return self._inner.after_fault
+
+    def displaced(self) -> None:
+        """As the bench's."""
+        self._inner.displaced()
+
+    def close(self) -> None:
+        """As the bench's."""
+        self._inner.close()
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Give the bench, mended where the time has come, with the fault on its way."""
+        result = self._results[int(lift.rpartition("/")[2]) - 1]
+        if attempt >= result.case.mended_after:
+            self._control.call("fault", device="all", kind="clear")
+        with self._inner.for_lift(seed, lift, attempt) as (bench, operator):
+            if attempt > 0:
+                yield bench, operator
+                return
+            timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: self._note_stop(result, now_ns)))
+            over = threading.Event()
+            injector = threading.Thread(target=self._inject, args=(result, over), daemon=True)
+            injector.start()
+            try:
+                yield timed, operator
+            finally:
+                over.set()
+                injector.join()
+                result.still_ns = self._still_since(result.detected_ns)
+
+    def _note_stop(self, result: FaultResult, now_ns: int) -> None:
+        if result.injected_ns and not result.detected_ns:
+            result.detected_ns = now_ns
+
+    def _inject(self, result: FaultResult, over: threading.Event) -> None:
+        """Wait until the object hangs in the fingers, well on its way up, then let it go wrong."""
+        held_at: float | None = None
+        while not over.wait(POLL_S):
+            status = self._control.call("world")
+            height = status["tool_m"][2]
+            held_at = (height if held_at is None else held_at) if status["held"] else None
+            if held_at is not None and height - held_at > RISEN_M:
+                result.injected_ns = time.monotonic_ns()
+                for device, kind, arguments in result.case.injected:
+                    self._control.call("fault", device=device, kind=kind, **arguments)
+                return
+
+    def _still_since(self, since_ns: int) -> int:
+        """When the tool first stood still after `since_ns`, by the simulated world."""
+        status = self._control.call("world")
+        for began, ended in status["tool_motions_ns"]:
+            began_ns, ended_ns = began + status["start_ns"], ended + status["start_ns"]
+            if began_ns <= since_ns < ended_ns:
+                return ended_ns
+        return since_ns
+
+
+def run_faults(
+    folder: Path,
+    cases: tuple[FaultCase, ...] = CASES,
+    progress: Callable[[FaultResult], None] = lambda result: None,
+) -> list[FaultResult]:
+    """Run the cases as a trial of as many lifts, kept in `folder`; return what came of each.
+
+    Raises `DeviceError` when a case is not recovered from within three attempts.
+    """
+    results = [FaultResult(case) for case in cases]
+
+    def note(done: int, total: int, row: dict[str, Any]) -> None:
+        result = results[row["lift"] - 1]
+        if row["accepted"]:
+            result.recovered = True
+            progress(result)
+        else:
+            result.faults.append(row["fault"])
+
+    with started_fakes(load_bench("wire")) as config:
+        benches = FaultyBench(config, results)
+        try:
+            settings = TrialSettings(config, 0, choose_estimator())
+            run_trial(folder, settings, ["t1"], len(cases), benches=benches, progress=note)
+        finally:
+            benches.close()
+    kept = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
+    if len(kept) != len(cases):
+        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
+    return results

@@ -24,12 +24,16 @@ OLD_MS = 50.0
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What came of one source: all frames' times (ns), arrival ages (s), numbers, and the last frame."""
+    """What came of one source: all frames' times (ns), ages when read (s), numbers, and the last frame.
+
+    counted: what the driver counted meanwhile (frozen, shifted, green, reopened ...), None without.
+    """
 
     times_ns: list[int]
     ages_s: list[float]
     numbers: list[int]
     last: Frame
+    counted: dict[str, int] | None
 
 
 def look_at_streams(
@@ -71,6 +75,7 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> Stream | R
     times, ages, numbers = [], [], []
     try:
         last = source.newest_frame(1.0)
+        before = _counters(source)
         end = clock.now_ns() + seconds(duration_s)
         while clock.now_ns() < end:
             last = source.next_frame(FRAME_S)
@@ -81,11 +86,23 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> Stream | R
         return error
     if len(times) < 2:
         return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
-    return Stream(times, ages, numbers, last)
+    after = _counters(source)
+    counted = None if before is None or after is None else {k: n - before.get(k, 0) for k, n in after.items()}
+    return Stream(times, ages, numbers, last, counted)
+
+
+def _counters(source: FrameSource) -> dict[str, int] | None:
+    counters = getattr(source, "counters", None)
+    return None if counters is None else dict(counters())
 
 
 def _judged(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> list[Finding]:
-    return [_rate(source, stream), _age(source, stream), _size(source, stream, size_px), *_counted(source)]
+    return [
+        _rate(source, stream),
+        _age(source, stream),
+        _size(source, stream, size_px),
+        *_counted(source, stream.counted),
+    ]
 
 
 def _rate(source: FrameSource, stream: Stream) -> Finding:
@@ -129,18 +146,14 @@ def _size(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> Find
     return Finding(source.serial, "picture", Verdict.WARNING if dark else Verdict.GOOD, seen, todo, figures)
 
 
-def _counted(source: FrameSource) -> list[Finding]:
-    """What the driver itself has counted (frozen, shifted, green, reopened ...), where it does."""
-    counters = getattr(source, "counters", None)
-    if counters is None:
+def _counted(source: FrameSource, counted: dict[str, int] | None) -> list[Finding]:
+    if counted is None:
         return []
-    counts: dict[str, int] = counters()
-    amiss = {name: count for name, count in counts.items() if count and name not in ("frames", "warm_up")}
+    amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
     seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"
     todo = "check the cable and the plug; replug the sensor" if amiss else ""
-    return [
-        Finding(source.serial, "counters", Verdict.WARNING if amiss else Verdict.GOOD, seen, todo, {**counts})
-    ]
+    verdict = Verdict.WARNING if amiss else Verdict.GOOD
+    return [Finding(source.serial, "counters", verdict, seen, todo, counted)]
 
 
 def _saved(folder: Path, frame: Frame) -> Finding:

@@ -17,6 +17,7 @@ MAX_HEADER = 16_384
 MAX_PART = 16_777_216
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_RETURN = 0x0D
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,17 +102,18 @@ class MultipartParser:
         return part
 
     def _body_end(self) -> int | None:
-        """Where a body of unknown length ends: with its JPEG, else before the next delimiter."""
+        """Where a body of unknown length ends: with its JPEG, at the latest before a delimiter."""
         if self._coded == 0 and self._buffer[:2] == _JPEG_START:
             self._coded = _coded_from(self._buffer)
-        sought = _JPEG_END if self._coded > 0 else b"\n" + self._delimiter
-        found = self._buffer.find(sought, max(self._searched, self._coded))
-        if found < 0:
-            self._searched = max(len(self._buffer) - len(sought), 0)
-            return None
-        if self._coded > 0:
-            return found + len(_JPEG_END)
-        return found - 1 if found > 0 and self._buffer[found - 1] == 0x0D else found
+        line = b"\n" + self._delimiter
+        image_end = self._buffer.find(_JPEG_END, max(self._searched, self._coded)) if self._coded else -1
+        found = self._buffer.find(line, self._searched, image_end if image_end >= 0 else len(self._buffer))
+        if found >= 0:
+            return found - 1 if found > 0 and self._buffer[found - 1] == _RETURN else found
+        if image_end >= 0:
+            return image_end + len(_JPEG_END)
+        self._searched = max(len(self._buffer) - len(line), 0)
+        return None
 
     def _give_up_on_endless(self) -> None:
         if len(self._buffer) > MAX_PART:

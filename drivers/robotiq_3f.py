@@ -131,7 +131,7 @@ class Robotiq3F(Gripper):
         )
 
     def state(self) -> GripperState:
-        """Newest state, never older than the last command.
+        """Newest state, from the last 10 ms while the line is good.
 
         `position_counts` is the mean of the grasping fingers. `moving` is also true while the
         gripper has not shown yet that it took up a motion: until it echoes the request its
@@ -144,7 +144,7 @@ class Robotiq3F(Gripper):
         grasping = self._hand.grasping(status)
         return GripperState(
             time_ns=sample.time_ns,
-            activated=status.ready,
+            activated=status.ready or status.stage is Stage.CHANGING_MODE,
             moving=self._awaits_echo(sample) or under_way(status),
             position_counts=round(sum(axis.position for axis in grasping) / len(grasping)),
             current_counts=max(axis.current for axis in grasping),
@@ -175,7 +175,7 @@ class Robotiq3F(Gripper):
             self._send(Command())
         elif status.activated:
             self._send(Command(activate=True, mode=status.mode))
-        self._watch("the stop", lambda s: not under_way(s), ECHO_TIMEOUT_S)
+        self._watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
 
     def identity(self) -> dict[str, str]:
         """What is known of the unit; its registers hold no serial number and no version."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 
-from drivers.clock import NS_PER_S, Clock
+from drivers.clock import Clock, seconds
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.robotiq_modbus import Link, Requests
 from drivers.robotiq_registers import Status, unpack_status
@@ -27,11 +27,10 @@ Registers = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A status, the time its reply came (ns), and how many commands had been sent before it."""
+    """A status and the time its reply came, ns."""
 
     time_ns: int
     status: Status
-    commands: int
 
 
 class GripperLine:
@@ -45,7 +44,6 @@ class GripperLine:
         self._news = threading.Condition()
         self._newest: Sample | None = None
         self._error: DeviceError | None = None
-        self._commands = 0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
 
@@ -77,13 +75,13 @@ class GripperLine:
             ) from None
 
     def sample(self) -> Sample:
-        """Newest status, read after the last command. Raises `DeviceError`."""
+        """Newest status; waits for the first one. Raises `DeviceError`, also when it is too old."""
         self._require_open()
         with self._news:
-            self._news.wait_for(lambda: self._error is not None or self._is_current(), ANSWER_S)
+            self._news.wait_for(lambda: self._error is not None or self._newest is not None, ANSWER_S)
             if self._error is not None:
                 raise type(self._error)(*self._error.args) from self._error
-            if self._newest is None or not self._is_current():
+            if self._newest is None or self._clock.now_ns() > self._newest.time_ns + seconds(ANSWER_S):
                 raise DeviceTimeoutError(f"{self._name}: no status for {ANSWER_S} s; check power and cable")
             return self._newest
 
@@ -99,12 +97,6 @@ class GripperLine:
         if self._closing.is_set():
             raise NotConnectedError(f"{self._name}: used after disconnect; connect the bench first")
 
-    def _is_current(self) -> bool:
-        newest = self._newest
-        if newest is None or newest.commands < self._commands:
-            return False
-        return self._clock.now_ns() - newest.time_ns < ANSWER_S * NS_PER_S
-
     def _own(self) -> None:
         while not self._closing.is_set():
             self._carry_out_next()
@@ -118,8 +110,6 @@ class GripperLine:
             return
         if self._closing.is_set() or not done.set_running_or_notify_cancel():
             return
-        with self._news:
-            self._commands += 1
         try:
             self._requests.write_command(registers)
         except DeviceError as error:
@@ -133,7 +123,7 @@ class GripperLine:
         except DeviceError as error:
             self._publish(self._newest, error)
         else:
-            self._publish(Sample(self._clock.now_ns(), status, self._commands), None)
+            self._publish(Sample(self._clock.now_ns(), status), None)
 
     def _publish(self, sample: Sample | None, error: DeviceError | None) -> None:
         with self._news:

@@ -39,7 +39,7 @@ class GripperModel:
         self.deaf = False
         self._world = world
         self._fingers = fingers
-        self._sweep_s = activation_s / 2
+        self._sweep_s = max(activation_s, 0.01) / 2
         self._open = float(world.layout.open_counts)
         scissor = float(SCISSOR_OF_MODE[0])
         starts = dict.fromkeys("ABC", world.fingers.position_at(now_ns)) | {"S": scissor}
@@ -110,9 +110,9 @@ class GripperModel:
             axis.contact = 0
 
     def _sweep(self, end: float, now_ns: int) -> None:
-        speed = max((CLOSED_COUNTS - self._open) / self._sweep_s, 1.0)
+        speed = 1.5 * (CLOSED_COUNTS - self._open) / self._sweep_s
         for name in "ABC":
-            self.axes[name].go(end, 1.5 * speed, now_ns)
+            self.axes[name].go(end, speed, now_ns)
 
     def _begin_release(self, now_ns: int) -> None:
         self._stage, self._going, self._releasing, self._fault = RESET, False, True, 0x0B
@@ -147,7 +147,7 @@ class GripperModel:
             self._swept = True
             self._stage_ends_ns = now_ns + seconds(self._sweep_s)
             self._sweep(self._open, now_ns)
-        else:
+        elif not any(axis.moving(now_ns) for axis in self.axes.values()):
             self._stage, self._mode = READY, self._latched[0] >> 1 & 3
             self._turn_scissor(now_ns)
 

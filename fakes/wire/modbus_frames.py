@@ -163,7 +163,7 @@ def _tcp_wrapper(transaction: int, unit: int) -> Callable[[bytes], bytes]:
 
 
 def _rtu_length(buffer: bytearray) -> int | None:
-    """Length of the serial frame that begins here: None for no known function, else at least 8."""
+    """Length of the serial frame that begins here, as far as it can be known; None when none does."""
     function = buffer[1]
     if function in (READ_HOLDING, READ_INPUT, WRITE_ONE):
         return 8
@@ -172,4 +172,6 @@ def _rtu_length(buffer: bytearray) -> int | None:
         return None
     if len(buffer) <= counted_at:
         return counted_at + 4
-    return counted_at + buffer[counted_at] + 3
+    size = buffer[counted_at]
+    fits = size == 2 * int.from_bytes(buffer[counted_at - 2 : counted_at], "big")
+    return counted_at + size + 3 if fits else None

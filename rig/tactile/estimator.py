@@ -6,6 +6,7 @@ from drivers.errors import InputError
 from drivers.types import Image
 from rig.tactile.axis import METHODS
 from rig.tactile.contact import ContactFinder
+from rig.tactile.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
 from rig.tactile.paper import AxisEstimator, PublishedEstimator
 from rig.tactile.published import ANGLES
 from rig.tactile.sample import SlipEstimator
@@ -14,7 +15,8 @@ from rig.tactile.window import WindowMean
 
 DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
-ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES))
+MATCHERS = {"ecc": EccMatcher, "polar": PolarMatcher}
+ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS)
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 
 
@@ -37,6 +39,8 @@ class EstimatorChoice:
             return PublishedEstimator(ContactFinder(background), method, self.window)
         if self.name == DEFAULT_ESTIMATOR:
             estimator: SlipEstimator = SlipTracker(background, skip=self.skip)
+        elif self.name in MATCHERS:
+            estimator = ReferenceEstimator(background, MATCHERS[self.name])
         else:
             estimator = AxisEstimator(ContactFinder(background), METHODS[self.name])
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
@@ -45,14 +49,14 @@ class EstimatorChoice:
 def choose_estimator(
     name: str | None = None, window: int | None = None, skip: bool = True
 ) -> EstimatorChoice:
-    """Check a choice; by default `slip`, and the window of 2 for the paper's methods, 1 for `slip`.
+    """Check a choice; by default `slip`, and the window of 2 for the paper's methods, 1 for the others.
 
     Raises `InputError` for an unknown name or a window out of range.
     """
     name = name or DEFAULT_ESTIMATOR
     if name not in ESTIMATORS:
         raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    usual = 1 if name == DEFAULT_ESTIMATOR else PAPER_WINDOW
+    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS) else PAPER_WINDOW
     window = usual if window is None else window
     if not 1 <= window <= MAX_WINDOW:
         raise InputError(f"window {window} is out of range: choose 1 to {MAX_WINDOW}")

@@ -35,6 +35,7 @@ def angles(samples: Iterable[SlipSample]) -> list[float]:
 def test_the_names_are_the_contracts() -> None:
     assert set(ESTIMATORS) == {
         "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published",
+        "ecc", "polar",
     }  # fmt: skip
     assert DEFAULT_ESTIMATOR == "slip"
 

@@ -34,7 +34,7 @@ ACTIVATION_TIMEOUT_S = 30.0
 """The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D."""
 MODE_CHANGE_TIMEOUT_S = 25.0
 """Interference ends in fault 0x0E after 20 s (manual, FAULT STATUS)."""
-ECHO_TIMEOUT_S = 0.5
+ECHO_TIMEOUT_S = 0.8
 """How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
 REFRESH_S = 0.006
 """Until one refresh after a command, an unchanged echo says nothing."""
@@ -114,7 +114,7 @@ class Robotiq3F(Gripper):
             self._send(Command())
             self._watch("the reset", lambda s: not s.activated and s.stage is Stage.RESET, RESET_TIMEOUT_S)
             self._send(Command(activate=True))
-            self._watch("the activation bit", lambda s: s.activated, ECHO_TIMEOUT_S)
+            self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
             self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
         finally:
             self._activating = False

@@ -1,6 +1,5 @@
 """The gripper's driver against a gripper on the wire, over TCP and over a serial line."""
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,21 +11,15 @@ from drivers.clock import SystemClock
 from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
-    GripperFaultError,
     InputError,
-    NotConnectedError,
     OutOfLimitsError,
 )
 from drivers.robotiq_3f import GraspMode, Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_modbus import Link
 from drivers.types import Pose
-from fakes.catalogue import find_object
-from fakes.motion import ToolPath
 from fakes.wire.modbus_gripper import GripperRtu, GripperServer
-from fakes.world import FINGER_STIFFNESS_N_M, Layout, World
+from fakes.world import Layout, World
 
-TABLE = Pose((0.45, 0.0, 0.06))
-HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
 Wire = GripperServer | GripperRtu
 
 
@@ -37,13 +30,8 @@ class HurriedClock(SystemClock):
         return 5 * super().now_ns()
 
 
-def make_world(grasping: bool = False) -> World:
-    """A bench with the wrench on the table; the hand stands around it or is far away."""
-    world = World(Layout(base_T_table=TABLE, home=HOME), seed=3)
-    world.place(find_object("t1"))
-    if grasping:
-        world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
-    return world
+def make_world() -> World:
+    return World(Layout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
 
 
 @pytest.fixture(params=["tcp", "tcp-2014", "rtu"])
@@ -200,138 +188,6 @@ def test_stop_ends_an_activation() -> None:
     slow.stop()
 
 
-def test_an_object_stops_the_fingers_and_they_can_be_opened_again() -> None:
-    world = make_world(grasping=True)
-    server = GripperServer(world, HurriedClock(), activation_s=0.1)
-    server.start()
-    gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    gripper.move_to(255).wait(5.0)
-    held = gripper.state()
-    assert held.position_counts < 250
-    squeeze_m = world.squeeze_at(HurriedClock().now_ns())
-    assert squeeze_m * FINGER_STIFFNESS_N_M == pytest.approx(15.0, abs=1.0), "rFR = 0"
-    gripper.move_to(held.position_counts + 5).wait(2.0)
-    assert gripper.state().position_counts == held.position_counts, "in contact it goes no further"
-    gripper.move_to(6).wait(5.0)
-    assert gripper.state().position_counts == 6
-    gripper.disconnect()
-    server.stop()
-
-
-def test_one_count_steps_with_a_stop_from_outside_are_a_light_grip() -> None:
-    """How `protocols.steps.close_to_contact` closes; here the world says what a gel would show."""
-    world, clock = make_world(grasping=True), HurriedClock()
-    server = GripperServer(world, clock, activation_s=0.1)
-    server.start()
-    gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    width = find_object("t1").sites[0].width_m
-    counts = round(6 + (0.120 - width - 0.003) / world.layout.opening_per_count_m)
-    gripper.move_to(counts).wait(5.0)
-    while world.squeeze_at(clock.now_ns()) == 0.0:
-        counts += 1
-        gripper.move_to(counts).wait(2.0)
-        assert gripper.state().position_counts == counts
-    assert FINGER_STIFFNESS_N_M * world.squeeze_at(clock.now_ns()) < 0.5, "N; rFR = 0 is 15 N"
-    gripper.disconnect()
-    server.stop()
-
-
-FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
-    ("silent", {}, DeviceTimeoutError, "reply"),
-    ("delay", {"delay_s": 1.5}, DeviceTimeoutError, "reply"),
-    ("truncate", {"size": 4}, DeviceTimeoutError, "reply"),
-    ("garbage", {}, DeviceError, "check power"),
-    ("exception", {"code": 2}, DeviceError, "exception 2"),
-    ("disconnect", {}, DeviceError, "cannot be opened"),
-    ("fault", {"code": 0x0E}, GripperFaultError, "0x0E"),
-    ("fault", {"code": 0x0A}, GripperFaultError, "0x0A"),
-    ("power_lost", {"duration_s": 0.1}, DeviceError, "activation"),
-]
-
-
-@pytest.mark.parametrize("wire", ["tcp", "rtu"], indirect=True)
-@pytest.mark.parametrize(("kind", "arguments", "expected", "says"), FAULTS)
-def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
-    wire: tuple[Wire, Link], kind: str, arguments: dict[str, object], expected: type[DeviceError], says: str
-) -> None:
-    fake, link = wire
-    gripper = Robotiq3F(link, speed_m_s=0.022)
-    gripper.connect()
-    gripper.activate()
-    motion = gripper.move_to(255)
-    fake.inject(kind, **arguments)
-    error = raised_by(motion.done)
-    assert isinstance(error, expected)
-    assert says in str(error)
-    fake.inject("clear")
-    gripper.disconnect()
-    time.sleep(0.05)
-    gripper.connect()
-    gripper.activate()
-    gripper.move_to(20).wait(5.0)
-    assert gripper.state().position_counts == 20
-    gripper.disconnect()
-
-
-def test_a_lost_activation_is_an_error_until_somebody_activates(
-    gripper: Robotiq3F, server: GripperServer
-) -> None:
-    server.inject("power_lost", duration_s=0.0)
-    for _ in range(2):
-        error = raised_by(gripper.state)
-        assert isinstance(error, GripperFaultError)
-        assert error.code == 5
-    with pytest.raises(GripperFaultError, match="activate again"):
-        gripper.move_to(50)
-    assert written(server) == bytes(16), "nothing is sent to a gripper that lost its activation"
-    gripper.activate()
-    assert gripper.state().activated
-
-
-def test_something_in_the_way_of_the_activation_is_fault_13(server: GripperServer) -> None:
-    server.inject("blocked")
-    gripper = Robotiq3F(tcp_link(*server.address))
-    gripper.connect()
-    with pytest.raises(GripperFaultError, match="free the fingers") as raised:
-        gripper.activate()
-    assert raised.value.code == 0x0D
-    server.inject("clear")
-    gripper.activate()
-    assert gripper.state().activated
-    gripper.disconnect()
-
-
-def test_reading_goes_on_by_itself_when_the_line_comes_back(
-    gripper: Robotiq3F, server: GripperServer
-) -> None:
-    gripper.move_to(30).wait(5.0)
-    server.inject("silent")
-    assert isinstance(raised_by(gripper.state), DeviceTimeoutError)
-    server.inject("clear")
-    time.sleep(0.6)
-    assert gripper.state().position_counts == 30
-
-
-@pytest.mark.usefixtures("gripper")
-def test_letting_go_in_mid_motion_stops_the_fingers(server: GripperServer) -> None:
-    slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
-    slow.connect()
-    slow.move_to(255)
-    reach(slow, 10)
-    slow.disconnect()
-    slow.disconnect()
-    time.sleep(0.05)
-    at = bytes.fromhex(server.snapshot()["status"])[7]
-    time.sleep(0.1)
-    assert bytes.fromhex(server.snapshot()["status"])[7] == at < 250
-    with pytest.raises(NotConnectedError, match="connect"):
-        slow.state()
-
-
 def test_connecting_keeps_an_activated_gripper_as_it_is(gripper: Robotiq3F, server: GripperServer) -> None:
     gripper.move_to(30).wait(5.0)
     before = written(server)
@@ -339,19 +195,6 @@ def test_connecting_keeps_an_activated_gripper_as_it_is(gripper: Robotiq3F, serv
     assert written(server) == before
     assert gripper.state().activated
     assert gripper.state().position_counts == 30
-
-
-def test_a_place_where_no_gripper_is_says_so_soon() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port = listener.getsockname()[1]
-        silent = Robotiq3F(tcp_link("127.0.0.1", port))
-        assert isinstance(raised_by(silent.connect), DeviceTimeoutError)
-    closed = Robotiq3F(tcp_link("127.0.0.1", port))
-    assert "cannot be opened" in str(raised_by(closed.connect))
-    with pytest.raises(NotConnectedError):
-        closed.state()
-    missing = Robotiq3F(rtu_link("/dev/no-such-line"))
-    assert "cannot be opened" in str(raised_by(missing.connect))
 
 
 @pytest.mark.usefixtures("gripper")

@@ -145,7 +145,7 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--estimator", "nonsense"), "choose one of skeleton"),
+        (("--estimator", "nonsense"), "choose one of slip, skeleton"),
         (("--background", "nowhere.png"), "nowhere.png"),
         (("--reference-time", "soon"), "'soon' is not a time"),
         (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.316667"),

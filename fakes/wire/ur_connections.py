@@ -1,5 +1,6 @@
 """The controller's open connections: bytes in and out of sockets, without ever waiting for a client."""
 
+import contextlib
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -52,6 +53,11 @@ class Connection:
             self.blocked_ns = time_ns
         elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
             self.closed = True
+
+    def hang_up(self) -> None:
+        """End the connection; whoever serves it sees its end and closes it."""
+        with contextlib.suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Close the socket."""

@@ -84,7 +84,9 @@ class URController:
         self._stopping.set()
         if self._thread is not None:
             self._thread.join(JOIN_S)
-        self._drop()
+        for connection in self._connections:
+            connection.closed = True
+        self._bury()
         self._listeners.close()
         self._selector.close()
         self._selector = selectors.SelectSelector()
@@ -228,8 +230,7 @@ class URController:
     def _drop(self) -> None:
         with self._lock:
             for connection in self._connections:
-                connection.closed = True
-            self._bury()
+                connection.hang_up()
 
 
 def _version(text: str) -> Version:

@@ -1,0 +1,96 @@
+"""The newest state of the arm, in memory that the stream process writes and others read.
+
+There are two places for a sample and a counter of samples: the writer fills the place that is not
+the newest, then counts. Reading costs no lock, no message, and never waits for the writer, which
+may be stopped in the middle of a sample for as long as the system likes.
+"""
+
+import mmap
+import os
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+_COUNT = struct.Struct("<Q")
+_SAMPLE = struct.Struct("<d2q6d6d6d6dd4i2Q")
+_SIZE = _COUNT.size + 2 * _SAMPLE.size
+
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One data package of the arm's controller.
+
+    timestamp_s: the controller's own time. received_ns: monotonic time at which this timestamp was
+    first seen; sampled_ns: the timestamp on the monotonic clock, by the fastest delivery so far.
+    pose: x y z in m and rotation vector in rad of the TCP in the base; speed likewise per second;
+    wrench in N and N m in base axes. payload_kg is nan where the controller does not tell.
+    samples and gaps count packages seen and missed.
+    """
+
+    timestamp_s: float
+    received_ns: int
+    sampled_ns: int
+    joints_rad: Six
+    pose: Six
+    speed: Six
+    wrench: Six
+    payload_kg: float
+    robot_mode: int
+    safety_bits: int
+    status_bits: int
+    runtime_state: int
+    samples: int
+    gaps: int
+
+
+class Board:
+    """The shared memory. `fd` is handed on to the processes that share it."""
+
+    def __init__(self, fd: int | None = None) -> None:
+        self.fd = os.memfd_create("arm-state") if fd is None else fd
+        if fd is None:
+            os.ftruncate(self.fd, _SIZE)
+        self._memory = mmap.mmap(self.fd, _SIZE)
+
+    def close(self) -> None:
+        """Let go of the memory. Safe to call twice."""
+        if not self._memory.closed:
+            self._memory.close()
+            os.close(self.fd)
+
+    def write(self, sample: Sample) -> None:
+        """Publish a sample; one process writes."""
+        (count,) = _COUNT.unpack_from(self._memory)
+        _SAMPLE.pack_into(
+            self._memory,
+            _place(count + 1),
+            *(sample.timestamp_s, sample.received_ns, sample.sampled_ns),
+            *(*sample.joints_rad, *sample.pose, *sample.speed, *sample.wrench, sample.payload_kg),
+            *(sample.robot_mode, sample.safety_bits, sample.status_bits, sample.runtime_state),
+            *(sample.samples, sample.gaps),
+        )
+        _COUNT.pack_into(self._memory, 0, count + 1)
+
+    def read(self) -> Sample | None:
+        """The newest sample; None before the first and after `close`."""
+        try:
+            while True:
+                (count,) = _COUNT.unpack_from(self._memory)
+                values = _SAMPLE.unpack_from(self._memory, _place(count))
+                (after,) = _COUNT.unpack_from(self._memory)
+                if after == count:  # otherwise its place may have been written anew meanwhile
+                    return _sample(values) if count else None
+        except ValueError:  # closed, maybe by another thread just now
+            return None
+
+
+def _place(count: int) -> int:
+    return _COUNT.size + count % 2 * _SAMPLE.size
+
+
+def _sample(values: tuple[Any, ...]) -> Sample:
+    timestamp_s, received_ns, sampled_ns, *rest = values
+    joints, pose, speed, wrench = (tuple(rest[i : i + 6]) for i in range(0, 24, 6))
+    return Sample(timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, *rest[24:])

@@ -1,0 +1,166 @@
+"""A first word with the controller before ur-rtde meets it, every step with a deadline.
+
+ur-rtde's constructors wait for ever on a peer that accepts and says nothing. This asks the same
+port for the protocol and the controller's version, in plain Python, and tells what is wrong.
+"""
+
+import socket
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.clock import NS_PER_S, Clock, SystemClock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError
+
+RTDE_PORT, SCRIPT_PORT = 30004, 30003
+PROTOCOL_VERSION = 2
+SERIES = 5
+"""Major version of PolyScope on an e-Series arm such as the UR5e."""
+_HEADER = struct.Struct(">HB")
+_VERSION, _CONTROLLER, _OUTPUTS, _START, _DATA, _TEXT = b"V", b"v", b"O", b"S", b"U", b"M"
+_TRIAL_HZ = 125.0
+_LONGEST = 4096
+Version = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Deadline:
+    """A moment until which something has to be done, on a clock."""
+
+    clock: Clock
+    time_ns: int
+
+    @classmethod
+    def after(cls, timeout_s: float, clock: Clock | None = None) -> "Deadline":
+        """The deadline `timeout_s` from now."""
+        clock = clock or SystemClock()
+        return cls(clock, clock.now_ns() + seconds(timeout_s))
+
+    def left_s(self) -> float:
+        """Time left, s; zero when it has passed."""
+        return max(0.0, (self.time_ns - self.clock.now_ns()) / NS_PER_S)
+
+
+def greet(host: str, timeout_s: float) -> Version:
+    """Ask the controller for its version, see its time move on, and that it takes scripts.
+
+    Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` when it says nothing within
+    `timeout_s`, `DeviceError` when it is not there, is no e-Series controller, or talks nonsense.
+    """
+    deadline = Deadline.after(timeout_s)
+    with connect(host, RTDE_PORT, deadline) as connection:
+        accepted = _ask(connection, _VERSION, struct.pack(">H", PROTOCOL_VERSION), deadline)
+        if accepted != b"\x01":
+            raise DeviceError(
+                f"arm: {host} refuses version {PROTOCOL_VERSION} of the real-time data exchange; "
+                "update the controller's software"
+            )
+        version = parse_version(_ask(connection, _CONTROLLER, b"", deadline))
+        _see_it_run(connection, deadline)
+    if version[0] != SERIES:
+        raise DeviceError(
+            f"arm: {host} runs software {version[0]}.{version[1]}; this driver is for e-Series ({SERIES}.x)"
+        )
+    connect(host, SCRIPT_PORT, deadline).close()
+    return version
+
+
+def _see_it_run(connection: socket.socket, deadline: Deadline) -> None:
+    """Have time stamps sent until they move on: a frozen controller goes on sending old ones."""
+    kinds = _ask(connection, _OUTPUTS, struct.pack(">d", _TRIAL_HZ) + b"timestamp", deadline)
+    if kinds[1:] != b"DOUBLE":
+        raise DeviceError(
+            f"arm: the controller refuses to send its time ({kinds[1:].decode(errors='replace')}); "
+            "see that no other client or fieldbus keeps it busy, restart it"
+        )
+    if _ask(connection, _START, b"", deadline) != b"\x01":
+        raise DeviceError("arm: the controller refuses to start sending its state; restart it")
+    first = _timestamp(connection, deadline)
+    while _timestamp(connection, deadline) == first:
+        if not deadline.left_s():
+            raise DeviceTimeoutError(
+                "arm: the controller's time stands still, so its state is unknown; restart it"
+            )
+
+
+def _timestamp(connection: socket.socket, deadline: Deadline) -> bytes:
+    kind, payload = b"", b""
+    while kind != _DATA:
+        kind, payload = read_package(lambda most: receive(connection, most, deadline, "state"))
+    return payload[1:]
+
+
+def parse_version(payload: bytes) -> Version:
+    """Read the answer to the question for the controller's version. Raises `DeviceError`."""
+    if len(payload) != 16:
+        raise DeviceError(
+            f"arm: the controller's version has {len(payload)} bytes instead of 16; is this a UR controller?"
+        )
+    major, minor, bugfix, build = struct.unpack(">4I", payload)
+    return major, minor, bugfix, build
+
+
+def connect(host: str, port: int, deadline: Deadline) -> socket.socket:
+    """Open a connection. Raises `DeviceError` with what to check."""
+    try:
+        connection = socket.create_connection((host, port), timeout=max(deadline.left_s(), 1e-3))
+    except TimeoutError as error:
+        raise DeviceTimeoutError(
+            f"arm: no answer from {host} port {port}; check its address, power and network cable"
+        ) from error
+    except (OSError, UnicodeError) as error:
+        raise DeviceError(
+            f"arm: cannot reach {host} port {port} ({error}); check its address, power and network cable"
+        ) from error
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection
+
+
+def receive(connection: socket.socket, most: int, deadline: Deadline, what: str) -> bytes:
+    """Wait for up to `most` bytes, at least one. Raises `DeviceError` or `DeviceTimeoutError`."""
+    connection.settimeout(max(deadline.left_s(), 1e-3))
+    try:
+        data = connection.recv(most)
+    except TimeoutError as error:
+        raise DeviceTimeoutError(
+            f"arm: the controller takes connections but does not answer ({what}); restart it"
+        ) from error
+    except OSError as error:
+        raise DeviceError(f"arm: the connection broke at {what} ({error}); check the network") from error
+    if not data:
+        raise DeviceError(f"arm: the controller closed the connection at {what}; is it starting up?")
+    return data
+
+
+def read_package(read: Callable[[int], bytes]) -> tuple[bytes, bytes]:
+    """Read one package of the real-time data exchange: its type and its payload.
+
+    read: returns at most so many bytes, at least one. Raises `DeviceError` for an impossible size.
+    """
+    size, kind = _HEADER.unpack(_exactly(read, _HEADER.size))
+    if not _HEADER.size <= size <= _LONGEST:
+        raise DeviceError(f"arm: a package of {size} bytes came at the start; is this a UR controller?")
+    return bytes([kind]), _exactly(read, size - _HEADER.size)
+
+
+def _exactly(read: Callable[[int], bytes], count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        data += read(count - len(data))
+    return data
+
+
+def _ask(connection: socket.socket, kind: bytes, payload: bytes, deadline: Deadline) -> bytes:
+    """Send a package and return the payload of its answer; messages in between are passed over."""
+    what = f"request '{kind.decode()}' on port {RTDE_PORT}"
+    try:
+        connection.sendall(_HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload)
+    except OSError as error:
+        raise DeviceError(f"arm: the connection broke at {what} ({error}); check the network") from error
+    while deadline.left_s():
+        answered, answer = read_package(lambda most: receive(connection, most, deadline, what))
+        if answered == kind:
+            return answer
+        if answered != _TEXT:
+            raise DeviceError(f"arm: {what} was answered with {answered!r}; is this a UR controller?")
+    raise DeviceTimeoutError(f"arm: the controller does not answer {what} in time; restart it")

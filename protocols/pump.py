@@ -12,15 +12,19 @@ from drivers.types import Frame
 from protocols.watch import Watch
 
 FRAME_TIMEOUT_S = 0.25
+JITTER = 0.1
+"""Share of its period by which a frame may be captured before it is due."""
+CATCH_UP_S = 3.0
 FROZEN_FRAMES = 20
 """A live sensor has noise: this many identical frames in a row mean that it froze."""
 
 
 class Pump:
-    """Reads the sources one by one, always the one whose next frame is due first.
+    """Delivers the frames of all sources one by one, in the order in which they were captured.
 
-    A single reader keeps the order of frames, and with it every result, the same on each run;
-    the sources' backlogs hold what arrives meanwhile.
+    A frame is held back while another source may still bring an earlier one. A single reader
+    keeps the order, and with it every result, the same on each run; the sources' backlogs hold
+    what arrives meanwhile.
     """
 
     def __init__(self, bench: Bench, watch: Watch) -> None:
@@ -32,12 +36,12 @@ class Pump:
         """Skip what was captured before now."""
         self._bench.clock.sleep_until(self._bench.clock.now_ns() + seconds(0.05))
         for stream in self._streams:
-            stream.accept(stream.source.newest_frame(max_age_s=FRAME_TIMEOUT_S))
+            stream.skip()
 
     def run_for(self, duration_s: float) -> None:
-        """Deliver frames for a while."""
+        """Deliver all frames captured from now on for a while; returns when the last one is delivered."""
         end = self._bench.clock.now_ns() + seconds(duration_s)
-        self.run_until(lambda: self._bench.clock.now_ns() >= end, duration_s + 1.0)
+        self.run_until(lambda: min(s.next_ns for s in self._streams) >= end, duration_s + CATCH_UP_S)
 
     def run_until(self, done: Callable[[], bool], timeout_s: float) -> None:
         """Deliver frames until `done`. Raises `DeviceTimeoutError`, or what a source raises."""
@@ -45,12 +49,18 @@ class Pump:
         while not done():
             if self._bench.clock.now_ns() > deadline:
                 raise DeviceTimeoutError(f"bench: still not done after {timeout_s:.1f} s; stopped waiting")
-            self._deliver(min(self._streams, key=lambda stream: stream.due_ns))
+            self._deliver(*self._next())
 
-    def _deliver(self, stream: "_Stream") -> None:
-        frame = stream.source.next_frame(FRAME_TIMEOUT_S)
-        stream.accept(frame)
-        if stream.source is self._bench.camera:
+    def _next(self) -> tuple[FrameSource, Frame]:
+        """Take the earliest frame there is."""
+        while True:
+            first = min(self._streams, key=lambda stream: stream.next_ns)
+            if first.waiting is not None:
+                return first.source, first.take()
+            first.fetch()
+
+    def _deliver(self, source: FrameSource, frame: Frame) -> None:
+        if source is self._bench.camera:
             # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
             self._watch.arm(self._bench.arm.state())
             self._watch.gripper(self._bench.gripper.state())
@@ -58,15 +68,39 @@ class Pump:
 
 
 class _Stream:
-    """One source, when its next frame is due, and how often it repeated itself."""
+    """One source: the frame of it that waits to be delivered, and how often it repeated itself."""
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
-        self.due_ns = 0
+        self.waiting: Frame | None = None
+        self._earliest_ns = 0
         self._last: Frame | None = None
         self._repeats = 0
 
-    def accept(self, frame: Frame) -> None:
+    @property
+    def next_ns(self) -> int:
+        """When the next frame was captured; the earliest it can be where it is not here yet."""
+        return self.waiting.time_ns if self.waiting is not None else self._earliest_ns
+
+    def skip(self) -> None:
+        """Leave out what was captured before now. Raises `StaleFrameError`."""
+        self.waiting = None
+        self._accept(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S))
+
+    def fetch(self) -> None:
+        """Wait for the next frame. Raises `DeviceTimeoutError`, `StaleFrameError` when it froze."""
+        frame = self.source.next_frame(FRAME_TIMEOUT_S)
+        self._accept(frame)
+        self.waiting = frame
+
+    def take(self) -> Frame:
+        """Return the waiting frame, which then waits no longer."""
+        frame, self.waiting = self.waiting, None
+        if frame is None:
+            raise StaleFrameError(f"{self.source.serial}: no frame waits to be taken")
+        return frame
+
+    def _accept(self, frame: Frame) -> None:
         same = self._last is not None and _same_picture(frame, self._last)
         self._repeats = self._repeats + 1 if same else 0
         if self._repeats >= FROZEN_FRAMES:
@@ -75,7 +109,7 @@ class _Stream:
                 "replug it, then start again"
             )
         self._last = frame
-        self.due_ns = frame.time_ns + round(NS_PER_S / self.source.rate_hz)
+        self._earliest_ns = frame.time_ns + round((1.0 - JITTER) * NS_PER_S / self.source.rate_hz)
 
 
 def _same_picture(one: Frame, other: Frame) -> bool:

@@ -91,10 +91,11 @@ def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> Out
 
 
 def _estimated_onset(watched: LiftMeasurement) -> int | None:
-    answered = [(s.time_ns, s.angle_deg) for s in watched.fused if s.angle_deg is not None]
+    # Two fingertips may capture at the same time; the later answer knows of both.
+    answered = {s.time_ns: s.angle_deg for s in watched.fused if s.angle_deg is not None}
     if not answered:
         return None
-    times, angles = zip(*answered, strict=True)
+    times, angles = zip(*sorted(answered.items()), strict=True)
     return slip_onset_ns(np.array(times, np.int64), np.array(angles, float))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock
-from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError
+from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
 from drivers.frame_buffer import FrameBuffer
 from drivers.frame_count import FrameCount, MeasuredRate
 from drivers.frame_stream import CaptureTimes, FrameStream, Shot
@@ -168,7 +168,7 @@ class FrameReader(FrameSource):
             frames = self._counts["frames"]
             try:
                 self._read_one_stream(run)
-            except DeviceError as error:
+            except RigError as error:
                 over = run.stream is not None and run.stream.ends
                 run.buffer.fail(str(error), over)
                 if over:

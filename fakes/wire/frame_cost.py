@@ -55,7 +55,7 @@ def lift_costs_ms(name: str, kind: Kind) -> np.ndarray:
     sensor = MjpegSensor(render, source.rate_hz, clock, kind)
     costs = []
     while clock.now_ns() < seconds(DURATION_S):
-        clock.sleep_until(sensor.due_ns(0)[0])
+        clock.sleep_until(sensor.due_ns(NS_PER_S)[0])
         world.moment_at(clock.now_ns())  # the world's own steps are another process's work
         began = time.thread_time()
         sensor.capture()

@@ -121,13 +121,15 @@ class MjpegSensor:
                 return False
             return True
 
-    def due_ns(self, latest_ns: int) -> tuple[int, int]:
-        """Capture time of the next image, and how many before it are given up.
+    def due_ns(self, patience_ns: int) -> tuple[int, int]:
+        """Capture time of the next image, and how many were given up for it.
 
-        They are those captured before `latest_ns` which nobody has fetched yet.
+        An image nobody fetched for `patience_ns` is given up, with all that were due since: what
+        comes next is fresh.
         """
         with self._lock:
-            missed = self._skip_until(latest_ns)
+            now = self._clock.now_ns()
+            missed = self._skip_until(now) if now - self._due_ns > patience_ns else 0
             return self._due_ns, missed
 
     def capture(self) -> Capture | None:

@@ -21,8 +21,8 @@ from fakes.wire.mjpeg_sensor import Capture, Kind, MjpegSensor, OnLight, Render
 
 LATENCY_S = 0.004
 """From capture to rendering: by then the world has come as far as the image shows it."""
-LATEST_S = 0.25
-"""An image that could not be rendered in this time is given up, and counted as missed."""
+PATIENCE_S = 0.25
+"""Images that could not be rendered in this time are given up, and counted as missed."""
 QUEUE = 32
 POLL_S = 0.1
 
@@ -140,7 +140,7 @@ class MjpegServer:
             self._capture_next()
 
     def _capture_next(self) -> None:
-        due_ns, missed = self.sensor.due_ns(self._clock.now_ns() - seconds(LATEST_S))
+        due_ns, missed = self.sensor.due_ns(seconds(PATIENCE_S))
         self._clock.sleep_until(due_ns + seconds(LATENCY_S))
         capture = self.sensor.capture()
         with self._changed:

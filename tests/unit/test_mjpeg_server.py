@@ -129,6 +129,24 @@ def test_a_digit_that_no_digit_is_like_is_refused() -> None:
         MjpegServer("D1", drawn, 25.0, SystemClock())
 
 
+def test_what_could_not_be_rendered_in_time_is_counted_and_the_next_is_fresh() -> None:
+    pauses_s = iter([0.0] * 5 + [0.6])
+
+    def render(time_ns: int) -> np.ndarray:
+        time.sleep(next(pauses_s, 0.0))
+        return drawn(time_ns)
+
+    server = MjpegServer("D1", render, 60.0, SystemClock())
+    server.start()
+    captures = [capture for capture, _ in zip(server.captures(), range(20), strict=False)]
+    late_ns = SystemClock().now_ns() - captures[-1].time_ns
+    server.stop()
+    missed = server.snapshot()["missed"]
+    assert 20 < missed < 50
+    assert captures[-1].number - captures[0].number == 19 + missed
+    assert late_ns < 0.2e9
+
+
 def test_stopping_ends_the_streams_and_frees_the_port() -> None:
     server = MjpegServer("D1", drawn, 60.0, SystemClock())
     server.start()

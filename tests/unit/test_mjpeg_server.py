@@ -129,7 +129,7 @@ def test_a_digit_that_no_digit_is_like_is_refused() -> None:
         MjpegServer("D1", drawn, 25.0, SystemClock())
 
 
-def test_what_could_not_be_rendered_in_time_is_counted_and_the_next_is_fresh() -> None:
+def test_what_could_not_be_rendered_in_time_is_counted_and_left_behind() -> None:
     pauses_s = iter([0.0] * 5 + [0.6])
 
     def render(time_ns: int) -> np.ndarray:
@@ -138,13 +138,10 @@ def test_what_could_not_be_rendered_in_time_is_counted_and_the_next_is_fresh() -
 
     server = MjpegServer("D1", render, 60.0, SystemClock())
     server.start()
-    captures = [capture for capture, _ in zip(server.captures(), range(20), strict=False)]
-    late_ns = SystemClock().now_ns() - captures[-1].time_ns
+    numbers = [capture.number for capture, _ in zip(server.captures(), range(20), strict=False)]
     server.stop()
-    missed = server.snapshot()["missed"]
-    assert 20 < missed < 50
-    assert captures[-1].number - captures[0].number == 19 + missed
-    assert late_ns < 0.2e9
+    assert numbers[-1] - numbers[0] == 19 + server.snapshot()["missed"]
+    assert max(np.diff(numbers)) > 0.5 * 60.0  # one gap up to the present, not a trail of late images
 
 
 def test_stopping_ends_the_streams_and_frees_the_port() -> None:

@@ -38,6 +38,11 @@ class Pump:
         for stream in self._streams:
             stream.skip()
 
+    @property
+    def seen_ns(self) -> int:
+        """The time up to which everything captured has been delivered: not later than now."""
+        return min(self._bench.clock.now_ns(), *(stream.next_ns for stream in self._streams))
+
     def run_for(self, duration_s: float) -> None:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered."""
         end = self._bench.clock.now_ns() + seconds(duration_s)

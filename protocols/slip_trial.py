@@ -36,6 +36,7 @@ class LiftPlan:
 def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
     """Carry out one lift; whatever happens, it ends with the arm stopped or the object set down.
 
+    A phase begins where the frames seen so far end, so that each frame belongs to one phase.
     Raises the device's error after the safe end, with a note on how it ended; the watch has seen
     everything until then.
     """
@@ -43,16 +44,16 @@ def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
         pump = Pump(bench, watch)
         approach(bench, plan.base_T_grasp, plan.width_m)
         pump.start()
-        _phase(bench, watch, Phase.REFERENCE)
+        watch.phase(Phase.REFERENCE, pump.seen_ns)
         pump.run_for(REFERENCE_S)
-        _phase(bench, watch, Phase.GRASP)
+        watch.phase(Phase.GRASP, pump.seen_ns)
         _grasp(bench, pump, watch, plan)
-        _phase(bench, watch, Phase.LIFT)
+        watch.phase(Phase.LIFT, pump.seen_ns)
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(rising.done, LIFT_TIMEOUT_S)
-        _phase(bench, watch, Phase.HOLD)
+        watch.phase(Phase.HOLD, pump.seen_ns)
         pump.run_for(HOLD_S)
-        _phase(bench, watch, Phase.LOWER)
+        watch.phase(Phase.LOWER, pump.seen_ns)
     except BaseException as error:
         error.add_note(make_safe(bench, plan.base_T_grasp, plan.width_m))
         raise
@@ -67,7 +68,3 @@ def _grasp(bench: Bench, pump: Pump, watch: Watch, plan: LiftPlan) -> None:
         step_fingers(bench, pump, watch, counts)
     spent_s = (bench.clock.now_ns() - began_ns) / 1e9
     pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
-
-
-def _phase(bench: Bench, watch: Watch, phase: Phase) -> None:
-    watch.phase(phase, bench.clock.now_ns())

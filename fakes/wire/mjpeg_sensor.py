@@ -50,17 +50,25 @@ class _Fault:
 class MjpegSensor:
     """The state of one sensor. `render(time_ns)` draws (H, W, 3) uint8 RGB, upright.
 
-    rate_hz: until somebody sets another. on_light: told of the LEDs' intensities, 0 to 1.
+    rate_hz: until somebody sets another. on_light: told of the LEDs' intensities, 0 to 1. phase:
+    when in a period it captures, 0 to 1, so that no two sensors do it together.
     Several threads may use it. Raises `InputError` for a rate that a DIGIT does not have.
     """
 
     def __init__(
-        self, render: Render, rate_hz: float, clock: Clock, kind: Kind, on_light: OnLight | None = None
+        self,
+        render: Render,
+        rate_hz: float,
+        clock: Clock,
+        kind: Kind,
+        on_light: OnLight | None = None,
+        phase: float = 0.0,
     ) -> None:
         self._render = render
         self._clock = clock
         self._kind: Kind = kind
         self._on_light = on_light
+        self._phase = phase
         self._lock = threading.RLock()
         height, width = render(clock.now_ns()).shape[:2]
         self._size = (height, width) if kind == "digit" else (width, height)
@@ -185,7 +193,8 @@ class MjpegSensor:
         if rate_hz not in self._rates[self._size]:
             raise InputError(f"sensor: no rate {rate_hz:g} Hz at {self._size}; {self._rates[self._size]}")
         self._rate_hz = rate_hz
-        self._due_ns = max(self._due_ns, self._clock.now_ns())
+        period_ns = round(NS_PER_S / rate_hz)
+        self._due_ns = round(self._phase * period_ns) + period_ns * -(-self._clock.now_ns() // period_ns)
 
     def _set_light(self, light: tuple[float, ...]) -> None:
         if not all(0.0 <= value <= 1.0 for value in light):

@@ -14,6 +14,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from typing import Any
+from zlib import crc32
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, seconds
 from fakes.wire.mjpeg_http import HttpSide
@@ -47,7 +48,7 @@ class MjpegServer:
         on_light: OnLight | None = None,
     ) -> None:
         self.serial = serial
-        self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light)
+        self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, _phase_of(serial))
         self._clock = clock
         self._to_monotonic_ns = SystemClock().now_ns() - clock.now_ns()
         self._http = HttpSide(host, port, self)
@@ -162,3 +163,8 @@ class MjpegServer:
                 self._counts["skipped"] += 1
             queue.append(capture)
         self._changed.notify_all()
+
+
+def _phase_of(serial: str) -> float:
+    """A unit captures at a moment of its own within a period, the same on every run."""
+    return crc32(serial.encode()) % 1000 / 1000.0

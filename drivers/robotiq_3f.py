@@ -11,14 +11,14 @@ the same way ends at once, at the contact. The driver clears rGTO in `stop` only
 often wears the gripper out, says the manual.
 """
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 
-from drivers.clock import Clock, SystemClock, seconds
-from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
-from drivers.robotiq_hand import Hand, echoes, require_ready, require_sound, under_way
+from drivers.robotiq_hand import ECHO_TIMEOUT_S, Hand, Sent, require_ready, require_sound, under_way
 from drivers.robotiq_line import GripperLine, Sample
 from drivers.robotiq_modbus import Link, rtu_link, tcp_link
 from drivers.robotiq_motion import GripperMotion
@@ -29,24 +29,12 @@ __all__ = ["NOMINAL_LIMITS", "GraspMode", "GripperMotion", "Robotiq3F", "rtu_lin
 
 NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=0.155 / 249)
 """Bare fingers; 6 is what an open finger reads (manual, status example after opening)."""
+ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
 ACTIVATION_TIMEOUT_S = 30.0
 """The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D."""
 MODE_CHANGE_TIMEOUT_S = 25.0
 """Interference ends in fault 0x0E after 20 s (manual, FAULT STATUS)."""
-ECHO_TIMEOUT_S = 0.8
-"""How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
-REFRESH_S = 0.006
-"""Until one refresh after a command, an unchanged echo says nothing."""
-WATCH_S = 0.01
-
-
-@dataclass(frozen=True, slots=True)
-class _Sent:
-    """A motion command that has not shown in the status yet, and when it was acknowledged."""
-
-    command: Command
-    time_ns: int | None
 
 
 class Robotiq3F(Gripper):
@@ -70,13 +58,16 @@ class Robotiq3F(Gripper):
         self._hand = Hand.of(fingers, limits, speed_m_s, force_n)
         self._clock = clock or SystemClock()
         self._line: GripperLine | None = None
+        self._lock = threading.Lock()
+        self._sequence = ""
+        """The activation or mode change in progress, if any."""
+        self._stopped = False
         self._forget()
 
     def _forget(self) -> None:
-        self._sent: _Sent | None = None
+        self._sent: Sent | None = None
         self._parked: dict[str, int] | None = None
         self._was_ready = False
-        self._activating = False
 
     @property
     def limits(self) -> GripperLimits:
@@ -108,27 +99,23 @@ class Robotiq3F(Gripper):
         Ends in basic mode, without faults. Raises `GripperFaultError` (0x0D: something was in
         the way), `DeviceTimeoutError`, and `DeviceError` when `stop` ended it.
         """
-        self._forget()
-        self._activating = True
-        try:
+        with self._as_sequence(ACTIVATION):
+            self._forget()
             self._send(Command())
             self._watch("the reset", lambda s: not s.activated and s.stage is Stage.RESET, RESET_TIMEOUT_S)
             self._send(Command(activate=True))
             self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
             self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
-        finally:
-            self._activating = False
 
     def set_mode(self, mode: GraspMode) -> None:
         """Turn the scissor axis to a grasping mode: fingers B and C move, so only on request.
 
         Raises `GripperFaultError` (0x0E: something was in the way) and `DeviceTimeoutError`.
         """
-        require_ready(self._status(), self._link.name)
-        self._send(Command(activate=True, mode=mode))
-        self._watch(
-            f"mode {mode.name}", lambda s: self._sound(s).ready and s.mode is mode, MODE_CHANGE_TIMEOUT_S
-        )
+        with self._as_sequence("mode change"):
+            require_ready(self._status(), self._link.name)
+            self._send(Command(activate=True, mode=mode))
+            self._watch("the mode", lambda s: self._sound(s).ready and s.mode is mode, MODE_CHANGE_TIMEOUT_S)
 
     def state(self) -> GripperState:
         """Newest state, from the last 10 ms while the line is good.
@@ -169,13 +156,15 @@ class Robotiq3F(Gripper):
         Returns when the gripper shows that it has stopped. Raises `DeviceError` when it cannot
         be reached: nobody has stopped it then.
         """
+        with self._lock:  # from here on the sequence in progress sends nothing any more
+            self._stopped = True
         status = self._connected().sample().status
-        if status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
+        if self._sequence or status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
             self._was_ready = False
-            self._send(Command())
+            self._write(Command())
         elif status.activated:
-            self._send(Command(activate=True, mode=status.mode))
-        self._watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
+            self._write(Command(activate=True, mode=status.mode))
+        self._connected().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
 
     def identity(self) -> dict[str, str]:
         """What is known of the unit; its registers hold no serial number and no version."""
@@ -200,49 +189,57 @@ class Robotiq3F(Gripper):
 
     def _sound(self, status: Status) -> Status:
         require_sound(status, self._link.name, self._was_ready)
-        self._was_ready = not self._activating and (self._was_ready or status.ready)
+        self._was_ready = self._sequence != ACTIVATION and (self._was_ready or status.ready)
         return status
 
+    @contextmanager
+    def _as_sequence(self, name: str) -> Iterator[None]:
+        """Name what goes on, so that `stop` ends it whatever the status shows at that moment."""
+        self._stopped, self._sequence = False, name
+        try:
+            yield
+        finally:
+            self._sequence = ""
+
     def _send(self, command: Command) -> None:
-        self._sent = _Sent(command, None) if command.go_to else None
+        with self._lock:
+            self._require_unstopped()
+            self._write(command)
+
+    def _require_unstopped(self) -> None:
+        if self._sequence and self._stopped:
+            raise DeviceError(f"{self._link.name}: the {self._sequence} was ended by a stop")
+
+    def _write(self, command: Command) -> None:
+        self._sent = Sent(command, None) if command.go_to else None
         try:
             self._connected().send(pack_command(command))
         except DeviceError:
             self._sent = None
             raise
         if command.go_to:
-            self._sent = _Sent(command, self._clock.now_ns())
+            self._sent = Sent(command, self._clock.now_ns())
 
     def _still_activating(self, status: Status) -> bool:
         if not status.activated:
-            raise DeviceError(f"{self._link.name}: the activation was ended by a stop or a reset")
+            raise DeviceError(f"{self._link.name}: the activation was ended by a reset from elsewhere")
         return self._sound(status).ready
 
     def _awaits_echo(self, sample: Sample) -> bool:
         """Whether the last motion is still to show in the status; raises when it never does."""
         sent = self._sent
-        if sent is None or sent.time_ns is None:
-            return sent is not None
-        if sample.time_ns >= sent.time_ns + seconds(REFRESH_S) and echoes(sample.status, sent.command):
-            self._sent = None if self._sent is sent else self._sent
+        if sent is None:
             return False
-        if sample.time_ns > sent.time_ns + seconds(ECHO_TIMEOUT_S):
-            raise DeviceTimeoutError(
-                f"{self._link.name}: acknowledged a motion but did not take it up within {ECHO_TIMEOUT_S} s; "
-                "check the preset (rtu, tcp, tcp-2014), then activate again"
-            )
-        return True
+        if sent.awaited(sample.status, sample.time_ns, self._link.name):
+            return True
+        self._sent = None if self._sent is sent else self._sent
+        return False
 
     def _watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
-        """Wait until `reached`, at the earliest one register refresh from now."""
-        start = self._clock.now_ns()
-        while True:
-            sample = self._connected().sample()
-            if sample.time_ns >= start + seconds(REFRESH_S) and reached(sample.status):
-                return
-            if self._clock.now_ns() > start + seconds(timeout_s):
-                raise DeviceTimeoutError(
-                    f"{self._link.name}: {what} not reached within {timeout_s} s; "
-                    "check power and preset, then activate again"
-                )
-            self._clock.sleep_until(self._clock.now_ns() + seconds(WATCH_S))
+        """Wait for a step of a sequence; raises when `stop` has ended it."""
+
+        def reached_unstopped(status: Status) -> bool:
+            self._require_unstopped()
+            return reached(status)
+
+        self._connected().watch(what, reached_unstopped, timeout_s)

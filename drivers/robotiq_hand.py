@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from drivers.errors import GripperFaultError, InputError, OutOfLimitsError
+from drivers.clock import seconds
+from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError, OutOfLimitsError
 from drivers.robotiq_registers import (
     AXES,
     FINGERS,
+    REFRESH_S,
     AxisRequest,
     AxisState,
     Command,
@@ -21,6 +23,8 @@ from drivers.robotiq_registers import (
 )
 from drivers.types import GripperLimits
 
+ECHO_TIMEOUT_S = 0.8
+"""How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
 NOT_ACTIVE = (Fault.ACTIVATION_NEEDED, Fault.NOT_ACTIVATED)
 
 
@@ -67,6 +71,30 @@ class Hand:
             return replace(command, axes=(asked, *command.axes[1:]))
         fingers = [replace(asked, position=parked[n]) if n in parked else asked for n in FINGERS]
         return replace(command, individual_fingers=True, axes=(*fingers, AxisRequest()))
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A motion command, and the time (ns) of its acknowledgement, None before it."""
+
+    command: Command
+    time_ns: int | None
+
+    def awaited(self, status: Status, time_ns: int, name: str) -> bool:
+        """Whether a status of `time_ns` does not show the command yet.
+
+        Raises `DeviceTimeoutError` when the gripper `name` never took it up.
+        """
+        if self.time_ns is None:
+            return True
+        if time_ns >= self.time_ns + seconds(REFRESH_S) and echoes(status, self.command):
+            return False
+        if time_ns > self.time_ns + seconds(ECHO_TIMEOUT_S):
+            raise DeviceTimeoutError(
+                f"{name}: acknowledged a motion but did not take it up within {ECHO_TIMEOUT_S} s; "
+                "check the preset (rtu, tcp, tcp-2014), then activate again"
+            )
+        return True
 
 
 def under_way(status: Status) -> bool:

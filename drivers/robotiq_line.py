@@ -6,17 +6,17 @@ queues a command; nobody waits longer than `ANSWER_S`, however the line fails.
 
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 
 from drivers.clock import Clock, seconds
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.robotiq_modbus import Link, Requests
-from drivers.robotiq_registers import Status, unpack_status
+from drivers.robotiq_registers import REFRESH_S, Status, unpack_status
 
 POLL_S = 0.01
-"""Pause between status reads. The gripper refreshes its registers every 5 ms (manual, FC23 note)."""
+"""Pause between status reads, and between looks at them."""
 RETRY_S = 0.1
 """Pause between attempts on a dead line."""
 ANSWER_S = 0.9
@@ -84,6 +84,23 @@ class GripperLine:
             if self._newest is None or self._clock.now_ns() > self._newest.time_ns + seconds(ANSWER_S):
                 raise DeviceTimeoutError(f"{self._name}: no status for {ANSWER_S} s; check power and cable")
             return self._newest
+
+    def watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
+        """Wait until a status is `reached`, at the earliest one register refresh from now.
+
+        what: names it in the `DeviceTimeoutError` raised after `timeout_s`.
+        """
+        start = self._clock.now_ns()
+        while True:
+            sample = self.sample()
+            if sample.time_ns >= start + seconds(REFRESH_S) and reached(sample.status):
+                return
+            if self._clock.now_ns() > start + seconds(timeout_s):
+                raise DeviceTimeoutError(
+                    f"{self._name}: {what} not reached within {timeout_s} s; "
+                    "check power and preset, then activate again"
+                )
+            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
 
     def round_trips_s(self) -> Sequence[float]:
         """Durations of the last requests that were answered, s; at most 1000."""

@@ -17,6 +17,8 @@ FINGERS = ("A", "B", "C")
 AXES = (*FINGERS, "S")
 """The three fingers and the scissor axis, in the order of their bytes (3, 6, 9, 12)."""
 
+REFRESH_S = 0.006
+"""The status is refreshed at 200 Hz (manual, FC23 note): sooner, an unchanged echo says nothing."""
 MIN_FORCE_N, MAX_FORCE_N = 15.0, 60.0
 FORCE_PER_COUNT_N = 0.175
 """rFR: 0 is 15 N, not zero force; about 0.175 N a count, not linear (manual, FORCE register)."""

@@ -161,7 +161,8 @@ def test_modes_change_only_on_request_and_motions_keep_them(
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
 
 
-def test_stop_ends_an_activation() -> None:
+@pytest.mark.parametrize("after_s", [0.0, 0.01, 0.02, 0.03, 0.05, 0.3])
+def test_stop_ends_an_activation_at_any_moment(after_s: float) -> None:
     slow = GripperServer(make_world(), SystemClock(), activation_s=60.0)
     slow.start()
     gripper = Robotiq3F(tcp_link(*slow.address))
@@ -176,14 +177,17 @@ def test_stop_ends_an_activation() -> None:
 
     activation = threading.Thread(target=activate)
     activation.start()
-    while not gripper.state().moving:
-        time.sleep(0.005)
+    while not gripper._sequence:
+        time.sleep(0.001)
+    time.sleep(after_s)
     gripper.stop()
-    activation.join(2.0)
-    assert "ended by a stop" in str(errors[0])
+    activation.join(5.0)
+    assert "activation was ended by a stop" in str(errors[0])
+    time.sleep(0.05)
     state = gripper.state()
     assert not state.activated
     assert not state.moving
+    assert written(slow) == bytes(16)
     gripper.disconnect()
     slow.stop()
 

@@ -1,8 +1,10 @@
 """A DIGIT fingertip sensor: a UVC camera under a gel, found by serial, its LEDs set.
 
-Facts of the device: it streams 640 x 480 at 30 or 15 Hz and 320 x 240 at 60 or 30 Hz, lying on
-its side; its LEDs are set through the UVC zoom control, four bits each of red, green and blue
-(firmware below 2.00: one value for all three). Users report that 640 x 480 glitches.
+Facts of the device, as the makers' digit-interface 0.2.1 uses it: it streams 640 x 480 at 30 or
+15 Hz and 320 x 240 at 60 or 30 Hz, lying on its side; its LEDs are set through the UVC zoom
+control, four bits each of red, green and blue (firmware below 2.00: one value for all three).
+Its users report first images that are green or dark (its issue 16), reads that hang (17), and
+glitches and shifts at 640 x 480 (10). No DIGIT was at hand to try this driver on.
 """
 
 from drivers.addressed_source import AddressedSource
@@ -60,7 +62,7 @@ class Digit(AddressedSource, TactileSensor):
             raise OutOfLimitsError(f"{self.serial}: light {(red, green, blue)}: give each colour from 0 to 1")
         self._light = (red, green, blue)
         source = self._source
-        if source is not None and not self._apply_light(source):
+        if self.connected and source is not None and not self._apply_light(source):
             raise DeviceError(f"{self.serial}: {source.address} has no LEDs to set")
 
     def _prepare(self, source: Opened) -> None:

@@ -85,6 +85,11 @@ class FrameReader(FrameSource):
         """Requested frame rate."""
         return self._rate_hz
 
+    @property
+    def connected(self) -> bool:
+        """Whether it is between `connect` and `disconnect`; frames may be missing all the same."""
+        return self._run is not None
+
     def connect(self) -> None:
         """Open the source, discard its warm-up images, and return with the first frame there.
 

@@ -121,6 +121,15 @@ def test_light_is_set_again_after_reopening(server: MjpegServer, digit: Digit, l
         digit.set_light(1.1, 0.0, 0.0)
 
 
+def test_light_set_while_disconnected_is_set_on_connecting(server: MjpegServer, light: list[Any]) -> None:
+    digit = Digit("D1", 60.0, address=server.url)
+    digit.set_light(0.0, 0.0, 1.0)
+    digit.connect()
+    digit.disconnect()
+    digit.set_light(0.0, 1.0, 0.0)
+    assert light == [(0.0, 0.0, 1.0)]
+
+
 def test_a_sensor_without_light_control_says_so(tmp_path) -> None:
     write_folder(tmp_path, drawn, 60.0, 30)
     digit = Digit("D1", 60.0, address=str(tmp_path))

@@ -39,6 +39,7 @@ class FakeCapture:
         self._values: dict[int, float] = {cv2.CAP_PROP_FOURCC: YUYV}
         self._start_s = time.monotonic()
         self.number = 0
+        self.lost = 0
 
     def isOpened(self) -> bool:  # noqa: N802
         return self._opens
@@ -61,7 +62,8 @@ class FakeCapture:
         if self._left == 0:
             return False, None
         self._left -= 1
-        self.number += 1
+        self.number += 1 + self.lost
+        self.lost = 0
         time.sleep(max(self._stamp_s + 0.001 - time.monotonic(), 0.0))
         upright = GEL.render(None, 0.0, np.random.default_rng(self._left))
         raw = np.ascontiguousarray(np.rot90(upright, -1))
@@ -119,7 +121,7 @@ def test_missing_buffers_are_found_by_the_kernels_times() -> None:
     digit.connect()
     for _ in range(15):
         digit.next_frame(1.0)
-    capture.number += 7
+    capture.lost = 7
     frames = [digit.next_frame(1.0).sequence for _ in range(40)]
     digit.disconnect()
     assert digit.counters()["dropped"] == 7

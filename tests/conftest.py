@@ -21,6 +21,12 @@ settings.load_profile("rig")
 ROOT = Path(__file__).parent.parent
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("hardware")
+    group.addoption("--bench", metavar="FILE", help="bench file of real hardware for the contract suite")
+    group.addoption("--moves", action="store_true", help="let the contract suite move that hardware")
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real recordings: RIG_TEST_DATA, by default ../shared/data beside the project."""

@@ -15,7 +15,7 @@ def source(bench: Bench, request: pytest.FixtureRequest) -> FrameSource:
 
 
 def test_next_frames_come_in_order_at_the_rate_none_twice(bench: Bench, source: FrameSource) -> None:
-    source.newest_frame(0.2)
+    source.newest_frame(1.0)
     frames = [source.next_frame(0.5) for _ in range(20)]
     assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 19
     periods = np.diff([frame.time_ns for frame in frames]) / 1e9
@@ -38,17 +38,16 @@ def test_a_late_reader_loses_the_oldest_and_can_tell(bench: Bench, source: Frame
 
 def test_the_newest_frame_skips_the_backlog(bench: Bench, source: FrameSource) -> None:
     source.next_frame(0.5)
-    bench.clock.sleep_until(bench.clock.now_ns() + seconds(0.3))
-    frame = source.newest_frame(0.1)
-    assert bench.clock.now_ns() - frame.time_ns < seconds(0.1)
+    bench.clock.sleep_until(bench.clock.now_ns() + seconds(0.9))
+    frame = source.newest_frame(0.4)
+    assert bench.clock.now_ns() - frame.time_ns < seconds(0.5)
     assert source.next_frame(0.5).sequence == frame.sequence + 1
 
 
 def test_limits_on_age_and_waiting_raise(bench: Bench, source: FrameSource) -> None:
     with pytest.raises(StaleFrameError, match="old"):
         source.newest_frame(1e-6)
-    while bench.clock.now_ns() - source.newest_frame(1.0).time_ns > seconds(0.01):
-        bench.clock.sleep_until(bench.clock.now_ns() + seconds(0.001))
+    source.newest_frame(1.0)
     with pytest.raises(DeviceTimeoutError, match="no frame"):
         source.next_frame(1e-6)
 

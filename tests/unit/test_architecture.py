@@ -3,6 +3,7 @@
 import importlib
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import files, version
 from pathlib import Path
 
@@ -30,7 +31,17 @@ def test_imports_keep_the_layers() -> None:
         [sys.executable, "-c", code, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 kept, 0 broken" in done.stdout
+    assert "5 kept, 0 broken" in done.stdout
+
+
+def test_no_driver_is_left_out_of_the_contract_that_keeps_fakes_from_it() -> None:
+    vocabulary = {"drivers.interfaces", "drivers.bench", "drivers.types", "drivers.errors", "drivers.clock"}
+    modules = {f"drivers.{path.stem}" for path in (ROOT / "drivers").glob("*.py")} - {"drivers.__init__"}
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    forbidden = next(
+        set(c["forbidden_modules"]) for c in contracts if "protocols" in c.get("source_modules", ())
+    )
+    assert modules - vocabulary <= forbidden
 
 
 def test_all_packages_come_from_one_place() -> None:

@@ -49,6 +49,7 @@ class _Run:
     buffer: FrameBuffer
     stopping: threading.Event = field(default_factory=threading.Event)
     stream: FrameStream | None = None
+    streams: int = 0
     thread: threading.Thread | None = None
 
 
@@ -132,7 +133,7 @@ class FrameReader(FrameSource):
 
         frames: delivered; unread: of these, lost because nobody read them in time; dropped: never
         came; frozen: identical to the one before (delivered all the same); green, shifted,
-        damaged: withheld; warm_up: discarded after opening; reopened: how often.
+        damaged: withheld; warm_up: discarded after opening; reopened: after failures.
         """
         return {"dropped": self._count.dropped} | {kind: self._counts[kind] for kind in KINDS}
 
@@ -191,7 +192,7 @@ class FrameReader(FrameSource):
         times = CaptureTimes(stream.stamp)
         try:
             self._warm_up(run, stream)
-            self._opened()
+            self._opened(run)
             last: Developed | None = None
             while not run.stopping.is_set():
                 last = self._take(run, stream, times, last)
@@ -205,9 +206,9 @@ class FrameReader(FrameSource):
             stream.read()
             self._counts["warm_up"] += 1
 
-    def _opened(self) -> None:
-        if self._counts["frames"]:
-            self._counts["reopened"] += 1
+    def _opened(self, run: _Run) -> None:
+        self._counts["reopened"] += run.streams > 0
+        run.streams += 1
         self._count.interrupted()
         self._rate.clear()
 

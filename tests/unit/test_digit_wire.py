@@ -214,6 +214,7 @@ def test_the_same_driver_connects_again(digit: Digit) -> None:
         digit.disconnect()
         digit.connect()
         assert digit.newest_frame(0.5).image.shape == (320, 240, 3)
+    assert digit.counters()["reopened"] == 0
 
 
 def test_modes_a_digit_does_not_have_are_refused_with_those_it_has() -> None:

@@ -28,6 +28,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     "deaf": {},
 }
 """Kinds of fault and the arguments they take, with their defaults; `duration_s` fits all."""
+HIGHEST = {"delay_s": 3600, "duration_s": 3600, "size": 256, "seed": 2**31, "code": 255}
 Send = Callable[[bytes], None]
 
 
@@ -93,22 +94,22 @@ class WireGripper(ABC):
 
     def inject(self, kind: str, **arguments: Any) -> None:
         """Begin a fault, for `duration_s` or until "clear". Raises `InputError` for an unknown one."""
-        duration_s = arguments.pop("duration_s", None)
-        if kind != "clear" and (kind not in FAULTS or not set(arguments) <= set(FAULTS[kind])):
-            known = ", ".join(f"{name}({', '.join(takes)})" for name, takes in FAULTS.items())
-            raise InputError(
-                f"simulated gripper: no fault '{kind}' with {sorted(arguments)}; use {known}, clear"
-            )
+        if kind == "clear":
+            self._clear()
+            return
+        settings, duration_s = _checked(kind, arguments)
         with self._lock:
             now = self._clock.now_ns()
-            if kind == "clear":
-                self._faults = {}
-                self._model.clear_fault()
-            else:
-                ends = None if duration_s is None else now + round(duration_s * NS_PER_S)
-                self._faults[kind] = (FAULTS[kind] | arguments, ends)
-                self._begin(kind, FAULTS[kind] | arguments, now)
-            self._model.blocked, self._model.deaf = "blocked" in self._faults, "deaf" in self._faults
+            ends = None if duration_s is None else now + round(duration_s * NS_PER_S)
+            self._faults[kind] = (settings, ends)
+            self._begin(kind, settings, now)
+            self._apply()
+
+    def _clear(self) -> None:
+        with self._lock:
+            self._faults = {}
+            self._model.clear_fault()
+            self._apply()
 
     def _begin(self, kind: str, settings: dict[str, Any], now_ns: int) -> None:
         if kind == "fault":
@@ -117,6 +118,9 @@ class WireGripper(ABC):
             self._model.lose_power(now_ns)
         elif kind == "garbage":
             self._random.seed(settings["seed"])
+
+    def _apply(self) -> None:
+        self._model.blocked, self._model.deaf = "blocked" in self._faults, "deaf" in self._faults
 
     def snapshot(self) -> dict[str, Any]:
         """What happened so far: requests and replies, both register images in hex, faults that are on."""
@@ -180,7 +184,7 @@ class WireGripper(ABC):
         for kind, (_, ends) in list(self._faults.items()):
             if ends is not None and now_ns >= ends:
                 del self._faults[kind]
-        self._model.blocked, self._model.deaf = "blocked" in self._faults, "deaf" in self._faults
+                self._apply()
 
     def _handle(self, request: frames.Request, send: Send) -> None:
         with self._lock:
@@ -211,6 +215,20 @@ class WireGripper(ABC):
         with contextlib.suppress(OSError):  # the client has gone
             send(frame)
             self._replies += 1
+
+
+def _checked(kind: str, arguments: dict[str, Any]) -> tuple[dict[str, Any], float | None]:
+    """Settings and duration of a fault. Raises `InputError` naming what there is."""
+    known = ", ".join(f"{name}({', '.join(takes)})" for name, takes in FAULTS.items())
+    if kind not in FAULTS or not set(arguments) <= {*FAULTS[kind], "duration_s"}:
+        raise InputError(f"simulated gripper: no fault '{kind}' with {sorted(arguments)}; use {known}, clear")
+    for name, value in arguments.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= HIGHEST[name]:
+            raise InputError(
+                f"simulated gripper: {kind}: {name} {value!r} is not a number to {HIGHEST[name]}"
+            )
+    duration_s = arguments.get("duration_s")
+    return FAULTS[kind] | {n: v for n, v in arguments.items() if n != "duration_s"}, duration_s
 
 
 def _require_inside(start: int, count: int) -> None:

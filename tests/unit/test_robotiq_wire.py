@@ -4,7 +4,7 @@ import os
 import select
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -37,7 +37,7 @@ def server() -> Iterator[GripperServer]:
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[GripperRtu]:
-    line = GripperRtu(make_world(), SystemClock(), tmp_path / "line", activation_s=0.1)
+    line = GripperRtu(make_world(), SystemClock(), tmp_path / "line", activation_s=1.0)
     line.start()
     yield line
     line.stop()
@@ -66,27 +66,33 @@ def talk_hex(line: GripperRtu, frame: str, timeout_s: float = 1.0) -> str:
     return talk(line, bytes.fromhex(frame), timeout_s).hex(" ").upper()
 
 
+def replies_until(ask: Callable[[], str], beginning: str) -> list[str]:
+    """All replies up to one that begins so; fails when none does."""
+    replies, give_up = [ask()], time.monotonic() + 10.0
+    while not replies[-1].startswith(beginning):
+        assert time.monotonic() < give_up, replies[-3:]
+        time.sleep(0.01)
+        replies.append(ask())
+    return replies
+
+
 @pytest.mark.parametrize(
     ("preset", "command", "status"), [("tcp", "00 00", "00 00"), ("tcp-2014", "03 E8", "07 D0")]
 )
 def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> None:
     """Activation, its progress, closing: manual 2018 pages 55 to 57, 2014 pages 78 to 82."""
-    server = GripperServer(make_world(), SystemClock(), preset=preset, activation_s=0.3)
+    server = GripperServer(make_world(), SystemClock(), preset=preset, activation_s=1.0)
     server.start()
     with socket.create_connection(server.address) as stream:
         activate = f"33 9A 00 00 00 0D 02 10 {command} 00 03 06 01 00 00 00 00 00"
         assert exchange(stream, activate) == f"33 9A 00 00 00 06 02 10 {command} 00 03"
-        time.sleep(0.03)
         ask = f"45 33 00 00 00 06 02 04 {status} 00 01"
-        assert exchange(stream, ask) == "45 33 00 00 00 05 02 04 02 11 00"
-        while (reply := exchange(stream, ask)).endswith("11 00"):
-            time.sleep(0.02)
-        assert reply == "45 33 00 00 00 05 02 04 02 31 00"
+        seen = replies_until(lambda: exchange(stream, ask), "45 33 00 00 00 05 02 04 02 31 00")
+        assert "45 33 00 00 00 05 02 04 02 11 00" in seen
         close = f"71 EE 00 00 00 0D 02 10 {command} 00 03 06 09 00 00 FF FF FF"
         assert exchange(stream, close) == f"71 EE 00 00 00 06 02 10 {command} 00 03"
-        time.sleep(0.1)
-        grip = exchange(stream, f"77 6B 00 00 00 06 02 04 {status} 00 08")
-        assert grip.startswith("77 6B 00 00 00 13 02 04 10 39 C0 00 FF")
+        ask = f"77 6B 00 00 00 06 02 04 {status} 00 08"
+        grip = replies_until(lambda: exchange(stream, ask), "77 6B 00 00 00 13 02 04 10 39 C0 00 FF")[-1]
         assert grip.endswith("0F 00 89 00 00"), "currents while closing, the scissor at 0x89"
     server.stop()
 
@@ -94,18 +100,13 @@ def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> N
 def test_rtu_frames_are_the_manuals(line: GripperRtu) -> None:
     """Manual 2014, pages 66 to 74, with the CRCs printed there."""
     assert talk_hex(line, "09 10 03 E8 00 03 06 01 00 00 00 00 00 72 E1") == "09 10 03 E8 00 03 01 30"
-    time.sleep(0.03)
-    assert talk_hex(line, "09 03 07 D0 00 01 85 CF") == "09 03 02 11 00 55 D5"
-    while (reply := talk_hex(line, "09 03 07 D0 00 01 85 CF")) == "09 03 02 11 00 55 D5":
-        time.sleep(0.02)
-    assert reply == "09 03 02 31 00 4C 15"
+    ask = "09 03 07 D0 00 01 85 CF"
+    assert "09 03 02 11 00 55 D5" in replies_until(lambda: talk_hex(line, ask), "09 03 02 31 00 4C 15")
     assert talk_hex(line, "09 10 03 E8 00 03 06 09 00 00 FF FF FF 42 29") == "09 10 03 E8 00 03 01 30"
-    time.sleep(0.2)
-    assert talk_hex(line, STATUS).startswith("09 03 10 39 C0 00 FF")
+    replies_until(lambda: talk_hex(line, STATUS), "09 03 10 39 C0 00 FF")
     assert talk_hex(line, "09 10 03 E8 00 03 06 09 00 00 00 FF FF 72 19") == "09 10 03 E8 00 03 01 30"
-    while not (reply := talk_hex(line, STATUS)).startswith("09 03 10 F9 FF 00 00"):
-        time.sleep(0.02)
-    assert reply.startswith("09 03 10 F9 FF 00 00 06 00 00 06 00 00 06 00 00 89 00 00"), "open reads 6 or 7"
+    opened = replies_until(lambda: talk_hex(line, STATUS), "09 03 10 F9 FF 00 00")[-1]
+    assert opened.startswith("09 03 10 F9 FF 00 00 06 00 00 06 00 00 06 00 00 89 00 00"), "open reads 6 or 7"
 
 
 def test_the_serial_line_is_silent_to_what_it_does_not_take(line: GripperRtu) -> None:
@@ -180,6 +181,13 @@ def test_a_place_that_is_taken_is_named(server: GripperServer, tmp_path: Path) -
 def test_faults_are_named_and_their_arguments_checked(server: GripperServer) -> None:
     for kind, arguments in (("explode", {}), ("silent", {"code": 1})):
         with pytest.raises(InputError, match="power_lost"):
+            server.inject(kind, **arguments)
+    for kind, arguments in (
+        ("fault", {"code": 300}),
+        ("delay", {"delay_s": "long"}),
+        ("silent", {"duration_s": -1}),
+    ):
+        with pytest.raises(InputError, match="not a number"):
             server.inject(kind, **arguments)
     server.inject("silent", duration_s=0.02)
     assert server.snapshot()["faults"] == ["silent"]

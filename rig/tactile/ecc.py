@@ -34,7 +34,7 @@ LEAST_CONTRAST = 0.15
 # A contact gone for longer is a new grasp.
 FORGET_S = 0.5
 ECC_ITERATIONS, ECC_STEP = 30, 1e-5
-LEAST_CORRELATION = 0.6
+LEAST_CORRELATION, LEAST_POLAR_CORRELATION = 0.6, 0.4
 # Turns beside the last one from which a lost contact is looked for.
 SEARCH_RAD = tuple(math.radians(turn) for turn in (0, -20, 20, -40, 40))
 POLAR_ROWS, POLAR_COLUMNS = 360, 32
@@ -113,7 +113,7 @@ class PolarMatcher(Matcher):
         turned = -np.arange(POLAR_ROWS) * POLAR_STEP_RAD
         from_last = (turned - last.angle_rad + math.pi) % (2 * math.pi) - math.pi
         best = int(np.argmax(np.where(np.abs(from_last) <= MAX_JUMP_RAD, scores, -1.0)))
-        if not scores[best] >= LEAST_CORRELATION:
+        if not scores[best] >= LEAST_POLAR_CORRELATION:
             return None
         before, at, after = scores[best - 1], scores[best], scores[(best + 1) % POLAR_ROWS]
         bend = before - 2 * at + after

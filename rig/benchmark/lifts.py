@@ -1,0 +1,191 @@
+"""Every contender on the stored frames of a session's lifts, scored as a trial scores its own."""
+
+import heapq
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, seconds
+from drivers.errors import SessionError
+from drivers.types import Frame, Image
+from protocols.watch import Phase
+from rig.benchmark.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unfiltered
+from rig.benchmark.scores import SeriesScore, score_series
+from rig.fusion import FusedSample, fuse
+from rig.lift import ZERO_S, Fingertip
+from rig.records.files import read_lines
+from rig.records.reading import phase_times, recorded_frames, recorded_values
+from rig.records.recorder import TRUTH_TOPIC
+from rig.records.session import read_manifest
+from rig.slip_onset import slip_onset_ns
+from rig.tactile.background import mean_background
+from rig.tactile.estimator import DEFAULT_ESTIMATOR
+from rig.tactile.sample import SlipSample
+from rig.trial import RESULTS
+from rig.truth import TruthSeries, interpolate
+
+Scores = dict[tuple[str, int], SeriesScore]
+Passes = dict[str, dict[str, list[SlipSample]]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedLift:
+    """One stored lift: its row in the session, and what the contenders need of its recording.
+
+    signs: of the fingertips by serial. backgrounds: their frames without contact.
+    """
+
+    row: Mapping[str, Any]
+    recording: Path
+    signs: Mapping[str, int]
+    phases: Mapping[Phase, int]
+    backgrounds: Mapping[str, Image]
+
+    def frames(self, serial: str) -> Iterator[Frame]:
+        """Yield a fingertip's frames from phase A on."""
+        for frame in recorded_frames(self.recording, serial):
+            if frame.time_ns >= self.phases[Phase.GRASP]:
+                yield frame
+
+
+@dataclass(frozen=True, slots=True)
+class LiftScores:
+    """One lift: a score per contender and window, and how far `--no-skip` is from skipping.
+
+    skip_gap_deg: largest difference of the two unfiltered angles. skip_apart: frames that only one
+    of them answers. skipped: stages left out, by name, and `frames` looked at.
+    """
+
+    scores: Scores
+    skip_gap_deg: float
+    skip_apart: int
+    frames: int
+    skipped: dict[str, int] = field(default_factory=dict)
+
+
+def session_lifts(folder: Path) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """Return the fingertips' signs and the rows of a session's accepted lifts. Raises `SessionError`."""
+    manifest = read_manifest(folder)
+    if manifest.get("kind") != "trial":
+        raise SessionError(f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts")
+    rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
+    if not rows:
+        raise SessionError(f"{folder}: no finished lift; run the trial with --resume first")
+    return manifest["signs"], rows
+
+
+def open_lift(folder: Path, signs: Mapping[str, int], row: Mapping[str, Any]) -> RecordedLift:
+    """Read what comes before the grasp. Raises `SessionError` for a missing or damaged recording."""
+    recording = folder / row["recording"]
+    phases = phase_times(recording)
+    backgrounds = {}
+    for serial in signs:
+        frames = (f for f in recorded_frames(recording, serial))
+        backgrounds[serial] = mean_background([f.image for f in _until(frames, phases[Phase.GRASP])])
+    return RecordedLift(row, recording, signs, phases, backgrounds)
+
+
+def score_lift(folder: Path, signs: Mapping[str, int], row: Mapping[str, Any]) -> LiftScores:
+    """Run every contender over one lift's frames; what a worker process does."""
+    cv2.setNumThreads(1)
+    lift = open_lift(folder, signs, row)
+    passes = run_passes(lift)
+    truth = _truth(lift, passes[DEFAULT_ESTIMATOR])
+    scores = {
+        (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
+        for name in CONTENDERS
+        for window in WINDOWS
+        if name != NO_SKIP or window == 1
+    }
+    gap, apart = _skip_gap(passes)
+    ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
+    skipped: dict[str, int] = {}
+    for stage in (stage for sample in ours for stage in sample.skipped):
+        skipped[stage] = skipped.get(stage, 0) + 1
+    return LiftScores(scores, gap, apart, len(ours), skipped)
+
+
+def run_passes(lift: RecordedLift) -> Passes:
+    """Return every contender's unfiltered samples of every fingertip, from phase A on."""
+    passes: Passes = {name: {} for name in CONTENDERS}
+    for serial, background in lift.backgrounds.items():
+        estimators = unfiltered(background)
+        samples: dict[str, list[SlipSample]] = {name: [] for name in CONTENDERS}
+        for frame in lift.frames(serial):
+            for name, estimator in estimators.items():
+                samples[name].append(estimator.update(frame.image, frame.time_ns))
+        for name, made in samples.items():
+            passes[name][serial] = made
+    return passes
+
+
+def _until(frames: Iterator[Frame], time_ns: int) -> Iterator[Frame]:
+    for frame in frames:
+        if frame.time_ns >= time_ns:
+            return
+        yield frame
+
+
+def _scored(
+    lift: RecordedLift, truth: Mapping[int, float | None], samples: Mapping[str, list[SlipSample]]
+) -> SeriesScore:
+    """Score the fused angle over phases B and C, as `rig.result` does."""
+    lift_ns, hold_ns = lift.phases[Phase.LIFT], lift.phases[Phase.HOLD]
+    fused = [s for s in _fused(lift, samples) if s.time_ns < lift.phases[Phase.LOWER]]
+    answered = [(s.time_ns, s.angle_deg) for s in fused if s.angle_deg is not None]
+    onset_ns = None
+    if answered:
+        times, angles = zip(*answered, strict=True)
+        onset_ns = slip_onset_ns(np.array(times, np.int64), np.array(angles, float))
+    return score_series(
+        f"{lift.row['object']}/{lift.row['lift']}",
+        [s.angle_deg for s in fused],
+        [s.sigma_deg for s in fused],
+        [truth[s.time_ns] for s in fused],
+        np.array([s.time_ns < hold_ns for s in fused], bool),
+        (lift.row["onset_truth_s"], None if onset_ns is None else (onset_ns - lift_ns) / NS_PER_S),
+    )
+
+
+def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
+    """Fuse the fingertips in the order of capture, from the lift on."""
+    lift_ns = lift.phases[Phase.LIFT]
+    tips = {serial: Fingertip(sign) for serial, sign in lift.signs.items()}
+    for serial, tip in tips.items():
+        still = [s for s in samples[serial] if lift_ns - seconds(ZERO_S) <= s.time_ns < lift_ns]
+        known = [s.angle_deg for s in still if s.angle_deg is not None]
+        tip.zero_deg = float(np.mean(known)) if known else None
+    merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))
+    fused = []
+    for time_ns, serial, sample in merged:
+        tips[serial].samples.append(sample)
+        if time_ns >= lift_ns:
+            others = [t.answer(t.samples[-1]) for k, t in tips.items() if k != serial and t.samples]
+            fused.append(fuse(tips[serial].answer(sample), others))
+    return fused
+
+
+def _truth(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
+    """Return the true angle in degrees at every tactile frame, None where there is no truth."""
+    values = recorded_values(lift.recording, TRUTH_TOPIC)
+    times, angles, sigmas = (
+        np.array([v[key] for v in values]) for key in ("time_ns", "angle_deg", "sigma_deg")
+    )
+    series = TruthSeries(times.astype(np.int64), angles.astype(float), sigmas.astype(float), 0.0, None, {})
+    return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
+
+
+def _skip_gap(passes: Passes) -> tuple[float, int]:
+    """Largest difference in degrees between skipping and not, and frames that one alone answers."""
+    gap, apart = 0.0, 0
+    for serial, samples in passes[DEFAULT_ESTIMATOR].items():
+        for a, b in zip(samples, passes[NO_SKIP][serial], strict=True):
+            if a.angle_deg is not None and b.angle_deg is not None:
+                gap = max(gap, abs(a.angle_deg - b.angle_deg))
+            else:
+                apart += (a.angle_deg is None) != (b.angle_deg is None)
+    return gap, apart

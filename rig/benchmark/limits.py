@@ -1,0 +1,102 @@
+"""The limits that the estimator has to keep, and whether a run of the benchmark kept them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rig.benchmark.contenders import PAPER
+from rig.benchmark.scores import Score
+from rig.benchmark.stress import StressRow
+from rig.benchmark.timing import TimingReport
+from rig.tactile.estimator import DEFAULT_ESTIMATOR
+
+MARE_DEG, ELONGATED_DEG, WORST_DEG = 0.5, 0.25, 2.0
+ANSWERED, REFUSED = 0.95, 0.95
+WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
+TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
+MEDIAN_MS, P99_MS = 1.0, 3.0
+SKIP_GAP_DEG = 0.02
+FRAME_SIZE_PX = (240, 320)
+"""The limits on time are for this size."""
+
+Scores = Mapping[tuple[str, int], Score]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One limit: what was measured (None: nothing to measure), in words what was asked, and whether it holds."""
+
+    name: str
+    value: float | None
+    asked: str
+    met: bool
+
+
+def judge(
+    scores: Scores, timing: TimingReport, skip_gap_deg: float, skip_apart: int, stress: Sequence[StressRow]
+) -> list[Limit]:
+    """Return all limits in the order of the table."""
+    ours = scores[DEFAULT_ESTIMATOR, 1]
+    return [
+        *_accuracy(ours, scores),
+        _refused(stress),
+        *_times(timing),
+        _most("largest difference of skipping and --no-skip, deg", skip_gap_deg, SKIP_GAP_DEG),
+        _most("frames answered by only one of skipping and --no-skip", float(skip_apart), 0.0),
+    ]
+
+
+def paper_best(scores: Scores) -> tuple[str, int] | None:
+    """Return the paper's method and window (2 to 10, mended or published) of smallest MARE over B and C."""
+    known = {
+        key: score.mare.mean_deg
+        for key, score in scores.items()
+        if key[0] in PAPER and key[1] >= 2 and score.mare
+    }
+    return min(known, key=lambda key: known[key]) if known else None
+
+
+def _accuracy(ours: Score, scores: Scores) -> list[Limit]:
+    mare = ours.mare.mean_deg if ours.mare else None
+    long = ours.mare_elongated.mean_deg if ours.mare_elongated else None
+    best = paper_best(scores)
+    theirs = scores[best].mare if best else None
+    ratio = theirs.mean_deg / mare if theirs and mare else None
+    within = ours.within_two_sigma
+    named = f" ({best[0]}, window {best[1]})" if best else ""
+    return [
+        _most("MARE over all lifts, deg", mare, MARE_DEG),
+        _most("MARE over elongated objects, deg", long, ELONGATED_DEG),
+        _most("mean error of the worst lift, deg", ours.worst_deg, WORST_DEG),
+        _least("share of frames answered", ours.answered, ANSWERED),
+        Limit(
+            "share of errors within two sigma",
+            within,
+            f"{WITHIN_LEAST:g} to {WITHIN_MOST:g}",
+            within is not None and WITHIN_LEAST <= within <= WITHIN_MOST,
+        ),
+        _least(f"times as accurate as the paper's best method{named}", ratio, TIMES_MORE_ACCURATE),
+    ]
+
+
+def _refused(stress: Sequence[StressRow]) -> Limit:
+    shares = [1.0 - r.score.answered for r in stress if r.refused and r.estimator == DEFAULT_ESTIMATOR]
+    return _least("share of frames refused on smooth round contacts", min(shares, default=None), REFUSED)
+
+
+def _times(timing: TimingReport) -> list[Limit]:
+    ours = timing.contenders[DEFAULT_ESTIMATOR].contact
+    known = timing.size_px == FRAME_SIZE_PX and ours.count > 0
+    ratio = timing.published.stage.p50_ms / ours.p50_ms if known else None
+    return [
+        _most("frame in to angle out, median, ms", ours.p50_ms if known else None, MEDIAN_MS),
+        _most("frame in to angle out, 99th percentile, ms", ours.p99_ms if known else None, P99_MS),
+        _least("times as fast as the published second stage", ratio, TIMES_FASTER),
+    ]
+
+
+def _most(name: str, value: float | None, limit: float) -> Limit:
+    return Limit(name, value, f"at most {limit:g}", value is not None and value <= limit)
+
+
+def _least(name: str, value: float | None, limit: float) -> Limit:
+    return Limit(name, value, f"at least {limit:g}", value is not None and value >= limit)

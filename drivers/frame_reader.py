@@ -207,9 +207,10 @@ class FrameReader(FrameSource):
             self._counts["warm_up"] += 1
 
     def _opened(self, run: _Run) -> None:
-        self._counts["reopened"] += run.streams > 0
+        failed_before = run.streams > 0
         run.streams += 1
-        self._count.interrupted()
+        self._counts["reopened"] += failed_before
+        self._count.opened(wanted=failed_before)
         self._rate.clear()
 
     def _take(

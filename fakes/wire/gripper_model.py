@@ -11,6 +11,8 @@ from fakes.world import FINGER_STIFFNESS_N_M, World
 
 REFRESH_NS = 5_000_000
 """The registers are refreshed at 200 Hz: a status read sooner still tells of what was before."""
+LATEST_NS = 2_000_000_000
+"""How late a tick may come and still stop the fingers where they met the object."""
 IMAGE_BYTES = 16
 RESET, ACTIVATING, CHANGING_MODE, READY = range(4)
 SCISSOR_MODE = 3
@@ -52,11 +54,15 @@ class GripperModel:
         self._releasing = False
         self._mode = 0
         self._fault = 0
+        self._ticked_ns = now_ns
         self.image = self._status(now_ns)
 
     def tick(self, now_ns: int) -> None:
         """Take up what was written, move, and refresh the status image."""
         before = [self.axes[name].path for name in self._fingers]
+        for missed_ns in range(max(self._ticked_ns, now_ns - LATEST_NS) + REFRESH_NS, now_ns, REFRESH_NS):
+            self._stop_at_contact(missed_ns)
+        self._ticked_ns = now_ns
         request = self._latched if self.deaf else bytes(self.written)
         self._take(request, now_ns)
         self._latched = request
@@ -192,10 +198,11 @@ class GripperModel:
         return metres / self._world.layout.opening_per_count_m
 
     def _stop_at_contact(self, now_ns: int) -> None:
+        moving = [(name, axis) for name, axis in self.axes.items() if axis.moving(now_ns)]
+        if not moving:
+            return
         resistance = FINGER_STIFFNESS_N_M * self._world.squeeze_at(now_ns)
-        for name, axis in self.axes.items():
-            if not axis.moving(now_ns):
-                continue
+        for name, axis in moving:
             limit = WEAKEST_N + FORCE_PER_COUNT_N * axis.asked[2]
             if self.blocked or (name != "S" and axis.closing and resistance >= limit):
                 axis.stop(now_ns)

@@ -85,6 +85,18 @@ def test_a_finger_in_contact_stays_until_sent_back_pressed_harder_or_set_going_a
     assert model.image[1] == 0b11_10_10_11
 
 
+def test_a_late_tick_stops_the_fingers_where_they_met_the_object() -> None:
+    """A busy computer misses refreshes; the object does not give way for that."""
+    world = make_world()
+    world.place(find_object("t1"))
+    world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
+    model, now = ready_model(world)
+    now = run(model, "09 04 00 06 FF 00 FF FF 00 FF FF 00", now, 0.1)
+    model.tick(now + 1_800_000_000)
+    assert model.image[1] == 0b11_10_10_11
+    assert FINGER_STIFFNESS_N_M * world.squeeze_at(now + 1_800_000_000) == pytest.approx(15.0, abs=1.0)
+
+
 def test_an_emergency_release_opens_slowly_and_wants_a_reset() -> None:
     model, now = ready_model(make_world())
     now = run(model, "09 00 00 40 FF FF", now, 3.0)

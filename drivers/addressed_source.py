@@ -3,7 +3,8 @@
 from abc import abstractmethod
 
 from drivers.clock import Clock
-from drivers.frame_reader import Developed, FrameReader
+from drivers.develop import Developed
+from drivers.frame_reader import FrameReader
 from drivers.frame_stream import FrameStream, Shot
 from drivers.streams import Opened, Wanted, open_wanted
 from drivers.udev import Discover

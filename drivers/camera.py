@@ -2,8 +2,7 @@
 
 from drivers.addressed_source import AddressedSource
 from drivers.clock import Clock, SystemClock
-from drivers.develop import developed
-from drivers.frame_reader import Developed
+from drivers.develop import Developed, developed
 from drivers.frame_stream import Shot
 from drivers.interfaces import Camera
 from drivers.streams import Opened, Wanted

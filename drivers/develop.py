@@ -1,15 +1,29 @@
 """From a shot to a picture: decoded, upright, of the size that was asked for."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from drivers.errors import DamagedFrameError, DeviceError
-from drivers.frame_reader import Developed
 from drivers.frame_stream import Shot
 from drivers.jpeg import decode, turned_left, whole_jpeg
+from drivers.types import Image
 
 _PNG, _PNG_END = b"\x89PNG", b"IEND"
 _EXIF = b"Exif\x00\x00"
 _HEAD = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Developed:
+    """A shot made into a picture: (H, W, 3) uint8 RGB, upright, and its bytes where it has any.
+
+    flaw: why it is no picture of the scene ("green", "shifted"); such a frame is withheld.
+    """
+
+    image: Image
+    jpeg: bytes | None
+    flaw: str | None = None
 
 
 def developed(shot: Shot, size_px: tuple[int, int] | None, upright: bool) -> Developed:
@@ -30,6 +44,13 @@ def developed(shot: Shot, size_px: tuple[int, int] | None, upright: bool) -> Dev
             "correct size_px in the bench file"
         )
     return picture
+
+
+def same_picture(one: Developed, other: Developed) -> bool:
+    """Whether two pictures are equal to the last bit, as no live sensor's are."""
+    if one.jpeg is not None and other.jpeg is not None:
+        return one.jpeg == other.jpeg
+    return one.image.shape == other.image.shape and bool((one.image == other.image).all())
 
 
 def _picture(shot: Shot) -> Developed:

@@ -9,10 +9,9 @@ glitches and shifts at 640 x 480 (10). No DIGIT was at hand to try this driver o
 
 from drivers.addressed_source import AddressedSource
 from drivers.clock import Clock, SystemClock
-from drivers.develop import developed
+from drivers.develop import Developed, developed
 from drivers.errors import DeviceError, InputError, OutOfLimitsError
 from drivers.frame_checks import GlitchCheck
-from drivers.frame_reader import Developed
 from drivers.frame_stream import Shot
 from drivers.interfaces import TactileSensor
 from drivers.mjpeg_stream import MjpegStream

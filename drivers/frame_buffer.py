@@ -7,18 +7,20 @@ from drivers.clock import NS_PER_S, Clock, seconds
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.types import Frame
 
-BACKLOG_FRAMES = 32
 _HINT = "check that it still streams, its cable and its port"
 
 
 class FrameBuffer:
-    """The newest frame, the frames nobody has read yet, and why there are no more of them."""
+    """The newest frame, the frames nobody has read yet, and why there are no more of them.
 
-    def __init__(self, serial: str, clock: Clock) -> None:
+    backlog: how many unread frames are kept.
+    """
+
+    def __init__(self, serial: str, clock: Clock, backlog: int) -> None:
         self._serial = serial
         self._clock = clock
         self._changed = threading.Condition()
-        self._backlog: deque[Frame] = deque(maxlen=BACKLOG_FRAMES)
+        self._backlog: deque[Frame] = deque(maxlen=backlog)
         self._newest: Frame | None = None
         self._trouble = ""
         self._remark = _HINT
@@ -28,7 +30,7 @@ class FrameBuffer:
     def put(self, frame: Frame) -> bool:
         """Add a frame. Returns whether the oldest unread one had to go for it."""
         with self._changed:
-            full = len(self._backlog) == BACKLOG_FRAMES
+            full = len(self._backlog) == self._backlog.maxlen
             self._backlog.append(frame)
             self._newest, self._trouble, self._remark = frame, "", _HINT
             self._changed.notify_all()

@@ -2,7 +2,7 @@
 
 A source left to itself hands out its oldest image first and stops for good at the first failure
 (measured with OpenCV: a reader that pauses 3 s then gets the image of 3 s ago). So one thread
-reads all the time, keeps the newest 32 frames, and opens the source again after a failure.
+reads all the time, keeps the frames of the last two seconds, and opens the source again after a failure.
 """
 
 import threading
@@ -11,31 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock
+from drivers.develop import Developed, same_picture
 from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
 from drivers.frame_buffer import FrameBuffer
 from drivers.frame_count import FrameCount, MeasuredRate
 from drivers.frame_stream import CaptureTimes, FrameStream, Shot
 from drivers.interfaces import FrameSource
-from drivers.types import Frame, Image
+from drivers.types import Frame
 
+BACKLOG_S = 2.0
+"""Unread frames are kept so long: a busy computer catches up with them and loses none."""
 OPEN_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 0.8
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
 SLOW_SHARE = 0.95
 """A measured rate below this share of the requested one is reported."""
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Developed:
-    """A shot made into a picture: (H, W, 3) uint8 RGB, upright, and its bytes where it has any.
-
-    flaw: why it is no picture of the scene ("green", "shifted"); such a frame is withheld.
-    """
-
-    image: Image
-    jpeg: bytes | None
-    flaw: str | None = None
 
 
 Develop = Callable[[Shot], Developed]
@@ -97,7 +88,8 @@ class FrameReader(FrameSource):
         Raises `DeviceError` when it cannot be opened, or gives none within 5 s.
         """
         self.disconnect()
-        run = _Run(FrameBuffer(self._serial, self._clock))
+        backlog = max(round(BACKLOG_S * self._rate_hz), 1)
+        run = _Run(FrameBuffer(self._serial, self._clock, backlog))
         run.thread = threading.Thread(target=self._work, args=(run,), name=self._serial, daemon=True)
         self._run = run
         run.thread.start()
@@ -228,7 +220,7 @@ class FrameReader(FrameSource):
         if picture.flaw is not None:
             self._withhold(run, picture.flaw, f"its images are {picture.flaw}; check its cable")
             return picture
-        self._counts["frozen"] += last is not None and _same(picture, last)
+        self._counts["frozen"] += last is not None and same_picture(picture, last)
         frame = Frame(picture.image, time_ns, sequence, self._serial, picture.jpeg)
         self._times = times
         self._rate.add(time_ns)
@@ -239,10 +231,3 @@ class FrameReader(FrameSource):
     def _withhold(self, run: _Run, kind: str, remark: str) -> None:
         self._counts[kind] += 1
         run.buffer.withhold(remark)
-
-
-def _same(one: Developed, other: Developed) -> bool:
-    """Whether two pictures are equal to the last bit, as no live sensor's are."""
-    if one.jpeg is not None and other.jpeg is not None:
-        return one.jpeg == other.jpeg
-    return one.image.shape == other.image.shape and bool((one.image == other.image).all())

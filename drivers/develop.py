@@ -10,8 +10,6 @@ from drivers.jpeg import decode, turned_left, whole_jpeg
 from drivers.types import Image
 
 _PNG, _PNG_END = b"\x89PNG", b"IEND"
-_EXIF = b"Exif\x00\x00"
-_HEAD = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

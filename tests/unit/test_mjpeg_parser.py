@@ -192,3 +192,9 @@ def test_turning_leaves_the_coded_image_and_turns_what_is_seen() -> None:
     turned = turned_left(IMAGES[0])
     assert turned.endswith(IMAGES[0][2:])
     assert np.array_equal(decode(turned), np.rot90(decode(IMAGES[0])))
+
+
+def test_an_orientation_that_is_already_there_does_not_count() -> None:
+    upright = turned_left(IMAGES[0]).replace(b"\x00\x01\x00\x08", b"\x00\x01\x00\x01", 1)
+    assert np.array_equal(decode(upright), decode(IMAGES[0]))
+    assert np.array_equal(decode(turned_left(upright)), np.rot90(decode(IMAGES[0])))

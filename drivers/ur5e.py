@@ -137,19 +137,26 @@ class UR5e(Arm):
     def stop(self) -> None:
         """Stop as fast as the arm can, from any thread, at any time, without an error.
 
-        Through the control program; should that not answer, the program is ended over the
-        dashboard, which stops the arm too. Returns when the arm stands, or after 0.6 s.
+        Through the control program; unless the arm is then seen to stand, the program is ended
+        over the dashboard, which stops the arm too. Returns when it stands, after 1.5 s at the latest.
         """
         self._stops += 1
         link = self._link
-        if link is None:
-            return
+        if link is not None and not self._stop_motion(link):
+            link.end_control()
+            self._end_program(link)
+
+    def _stop_motion(self, link: ArmLink) -> bool:
         try:
             link.call("stop", STOP_DECELERATION_M_S2, timeout_s=STOP_CALL_S)
+            wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
         except DeviceError:
-            link.end_control()
-            self._stop_program()
+            return False
+        return True
+
+    def _end_program(self, link: ArmLink) -> None:
         with contextlib.suppress(DeviceError):
+            self._require_dashboard().ask("stop")
             wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
@@ -238,11 +245,6 @@ class UR5e(Arm):
         self._require_remote_control()
         if self._tells_remote and (serial := serial_number(dashboard.ask("get serial number"))):
             self._identity["serial"] = serial
-
-    def _stop_program(self) -> None:
-        if self._dashboard is not None:
-            with contextlib.suppress(DeviceError):
-                self._dashboard.ask("stop")
 
     def _stands(self, link: ArmLink) -> bool:
         """Whether the arm stands and the stop's own operation has ended, so that a motion may follow."""

@@ -24,7 +24,7 @@ from typing import Any
 from drivers.clock import SystemClock, seconds
 from drivers.ur_board import Board
 
-START_LIMIT_S = 12.0
+START_LIMIT_S = 10.0
 STATE_LIMIT_S = 0.6
 """Age of the arm's state at which this process gives up; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05

@@ -4,12 +4,11 @@ ur-rtde's own client waits 2.5 s for a line; a stop has less. Wording of request
 Universal Robots, "Dashboard Server e-Series".
 """
 
-import contextlib
 import re
 import threading
 from types import TracebackType
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur_handshake import Deadline, connect, receive
 
 PORT = 29999
@@ -23,16 +22,10 @@ class Dashboard:
 
     def __init__(self, host: str, timeout_s: float = TIMEOUT_S) -> None:
         """Connect and read the greeting. Raises `DeviceError` or `DeviceTimeoutError`."""
-        self._timeout_s = timeout_s
+        self._host, self._timeout_s = host, timeout_s
         self._lock = threading.Lock()
-        self._rest = b""
-        deadline = Deadline.after(timeout_s)
-        self._connection = connect(host, PORT, deadline)
-        try:
-            self._line(deadline, "greeting")
-        except DeviceError:
-            self._connection.close()
-            raise
+        self._closed = False
+        self._connect()
 
     def __enter__(self) -> "Dashboard":
         return self
@@ -44,21 +37,47 @@ class Dashboard:
 
     def close(self) -> None:
         """Close the connection. Safe to call twice."""
-        with contextlib.suppress(OSError):
-            self._connection.close()
+        self._closed = True
+        self._connection.close()
 
     def ask(self, request: str) -> str:
-        """Ask one line and return the answer. Raises `DeviceError` or `DeviceTimeoutError`."""
-        deadline = Deadline.after(self._timeout_s)
+        """Ask one line and return the answer. Raises `DeviceError` or `DeviceTimeoutError`.
+
+        A connection that broke is opened once more: the controller drops it now and then, and a
+        stop must not fail for that.
+        """
         with self._lock:
             try:
-                self._connection.settimeout(self._timeout_s)
-                self._connection.sendall(request.encode() + b"\n")
-            except OSError as error:
-                raise DeviceError(
-                    f"arm: the dashboard connection broke at '{request}' ({error}); check the network"
-                ) from error
-            return self._line(deadline, f"'{request}'")
+                return self._ask(request)
+            except DeviceTimeoutError:
+                self._connection.close()  # a late answer must not be taken for that of the next request
+                raise
+            except DeviceError:
+                self._connection.close()
+                if self._closed:
+                    raise
+                self._connect()
+                return self._ask(request)
+
+    def _connect(self) -> None:
+        deadline = Deadline.after(self._timeout_s)
+        self._rest = b""
+        self._connection = connect(self._host, PORT, deadline)
+        try:
+            self._line(deadline, "greeting")
+        except DeviceError:
+            self._connection.close()
+            raise
+
+    def _ask(self, request: str) -> str:
+        try:
+            self._connection.settimeout(self._timeout_s)
+            self._connection.sendall(request.encode() + b"\n")
+        except OSError as error:
+            raise DeviceError(
+                f"arm: the dashboard connection broke at '{request}' ({error}); check the network"
+            ) from error
+        return self._line(Deadline.after(self._timeout_s), f"'{request}'")
 
     def _line(self, deadline: Deadline, what: str) -> str:
         while b"\n" not in self._rest:

@@ -12,8 +12,8 @@ from drivers.ur_process import CallableProcess, ChildProcess
 
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""
-STREAM_START_S = 5.0
-CONTROL_START_S = 10.0
+STREAM_START_S = 3.0
+CONTROL_START_S = 8.0
 START_TRIES = 3
 """After a stop the control interface's first attempts fail now and then (users' reports)."""
 CALL_S = 1.0

@@ -23,6 +23,8 @@ STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 HISTORY_CYCLES = 500
 MAX_JOINT_SPEED = math.pi
 """180 degrees per second, every joint of a UR5e (data sheet)."""
+MAX_STEP_RAD = 4 * MAX_JOINT_SPEED * 0.002
+"""A joint that would go further in one cycle is stopped: far beyond what the arm can."""
 SERVO_ACCELERATION = 40.0
 """rad/s^2; servoj follows its target no faster (ours to define)."""
 _LEAST = 1e-4
@@ -68,13 +70,18 @@ class Body:
         """Take the TCP a small step on. Raises `OutOfReachError`."""
         flange = compose(base_T_tcp, inverse(self.tool))
         joints = tracked_inverse(flange, self.q)
-        if joints is None:
+        if joints is None or not self._can_step_to(joints):
             raise OutOfReachError
         self.q, self.flange = joints, flange
 
     def bend(self, joints_rad: Vector6) -> None:
-        """Take the joints a small step on."""
+        """Take the joints a small step on. Raises `OutOfReachError`."""
+        if not self._can_step_to(joints_rad):
+            raise OutOfReachError
         self.q, self.flange = joints_rad, forward(joints_rad)
+
+    def _can_step_to(self, joints_rad: Vector6) -> bool:
+        return all(abs(b - a) <= MAX_STEP_RAD for a, b in zip(self.q, joints_rad, strict=True))
 
     def step(self, dt_s: float, scale: float) -> bool:
         """One control cycle at a speed scale of 0 to 1; return whether the arm moved."""

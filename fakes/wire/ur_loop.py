@@ -5,6 +5,7 @@ the first integer output register says 1 (ready) or 2 (done). While a command ru
 not look at the registers. A generator that yields once a cycle is a thread of the program.
 """
 
+import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,12 @@ class ControlLoop:
 
     def step(self) -> bool:
         """One cycle; returns whether the program goes on. Raises `ProgramError`."""
+        try:
+            return self._step()
+        except (ValueError, ArithmeticError) as error:
+            raise ProgramError(f"a calculation failed: {error}") from error
+
+    def _step(self) -> bool:
         if _ended(self._main):
             return False
         if self._moving is not None and _ended(self._moving):
@@ -75,12 +82,15 @@ class ControlLoop:
         return int(self.robot.inputs[f"input_int_register_{index + self.program.offset}"])  # type: ignore[arg-type]
 
     def doubles(self, first: int, count: int = 6) -> tuple[float, ...]:
-        """Consecutive floating-point input registers."""
+        """Consecutive floating-point input registers. Raises `ProgramError` unless they are numbers."""
         first += self.program.offset
-        return tuple(
+        values = tuple(
             float(self.robot.inputs[f"input_double_register_{i}"])  # type: ignore[arg-type]
             for i in range(first, first + count)
         )
+        if not all(map(math.isfinite, values)):
+            raise ProgramError(f"registers {first} to {first + count - 1} hold {values}")
+        return values
 
     def joints(self, first: int) -> Vector6:
         """Six input registers as joint values."""

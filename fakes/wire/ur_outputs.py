@@ -52,4 +52,3 @@ class IoBoard:
     def _slide(self, fraction: float) -> None:
         self.speed_scale = max(0.0, min(1.0, fraction))
         self._bank.set("target_speed_fraction", self.speed_scale)
-        self._bank.set("speed_scaling", self.speed_scale)

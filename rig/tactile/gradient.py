@@ -30,6 +30,8 @@ WINDOW_BLUR_PX = 2.0
 HIGHEST_FREQUENCY = 0.25
 # Ridge on the constant and on the varying part of the map, in units of the curl's scale.
 RIDGE_CONSTANT, RIDGE_VARYING = 1e-3, 1e-2
+# Ridge on what the map makes of a grey change, the same in all channels.
+RIDGE_GREY = 0.03
 CHANNELS = 3
 # 1, x and y times each channel.
 FEATURES = 3 * CHANNELS
@@ -80,7 +82,8 @@ def learn_map(difference: Field, mask: Image) -> GradientMap | None:
     ridge[:CHANNELS] = RIDGE_CONSTANT
     if not scale > 0.0:
         return None
-    weights = np.linalg.solve(curl + np.diag(np.tile(ridge, 2)) * scale / CHANNELS, volume)
+    penalty = np.diag(ridge) + RIDGE_GREY * np.kron(np.eye(3), np.ones((CHANNELS, CHANNELS)))
+    weights = np.linalg.solve(curl + np.kron(np.eye(2), penalty) * scale / CHANNELS, volume)
     total = float(volume @ weights)
     if not total > 0.0:
         return None

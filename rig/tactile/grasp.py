@@ -93,7 +93,7 @@ class GraspTracker:
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
         self._weights = None
         found = [self._aligned(self._key, gradient, mask, guesses[i]) for i in best]
-        fitting = [f for f in found if f is not None]
+        fitting = [f for f in found if f is not None and f.good]
         return self._accept(min(fitting, key=lambda f: f.alignment.misfit)) if fitting else None
 
     def add_key(self, frame: Keyframe, pose: Pose, variance: float) -> None:

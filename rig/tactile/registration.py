@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.gradient import Field, relief
+from rig.tactile.relative import upper_median
 
 # The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
 # around it depend on more than the object.
@@ -29,8 +30,10 @@ MIN_POINTS, MAX_POINTS = 24, 1000
 SLOPE_PRIOR, GAIN_PRIOR = 50.0, 50.0
 # Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
 ROBUST_WIDTH = 2.5
+# A gradient of this share of the template's rms length counts half.
+STEEP_SHARE = 0.8
 MAX_ITERATIONS = 12
-DONE_RAD, DONE_PX = 3e-5, 3e-3
+DONE_RAD, DONE_PX = 1e-4, 5e-3
 PARAMETERS = 6
 
 
@@ -39,17 +42,22 @@ class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
     center_px: (2,) x and y. points_px: (N, 2) from the center. template: (N, 2) gradients.
+    squares: (N,) of their lengths. weights: (N,), lower where steep.
     jacobian: (2N, 6) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share
     of the template's energy that a rotation by 1 rad changes beyond what translation, gain and
-    slope can imitate: 0 for a smooth ball, about 1 and more for an edge.
+    slope can imitate: 0 for a smooth ball, about 1 and more for an edge. clipped: whether the contact
+    reaches the image's edge.
     """
 
     center_px: NDArray[np.float64]
     points_px: NDArray[np.float32]
     template: NDArray[np.float32]
+    squares: NDArray[np.float32]
+    weights: NDArray[np.float32]
     jacobian: NDArray[np.float32]
     energy: float
     contrast: float
+    clipped: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,9 +97,16 @@ def make_keyframe(gradient: Field, mask: Image) -> Keyframe | None:
     energy = float(np.mean(template**2))
     if not energy > 0.0:
         return None
+    # Colours saturate and the gel gives way on steep flanks: errors there grow with the slope.
+    squares = np.sum(template**2, axis=1)
+    steepness = squares / (2.0 * energy * STEEP_SHARE**2)
+    weights = (1.0 / (1.0 + steepness)).astype(np.float32)
     normal = _normal(jacobian, np.ones(len(points), np.float32), energy)
     contrast = 1.0 / (np.linalg.inv(normal)[0, 0] * energy * 2 * len(points))
-    return Keyframe(center, points, template, jacobian, energy, float(contrast))
+    inner = mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+    clipped = cv2.countNonZero(inner) < cv2.countNonZero(mask)
+    weights /= weights.mean()
+    return Keyframe(center, points, template, squares, weights, jacobian, energy, float(contrast), clipped)
 
 
 def align(
@@ -107,7 +122,7 @@ def align(
     gradient: (h, w, 2). mask: (h, w) uint8, 1 in the contact; points that fall outside do not count.
     """
     field = cv2.merge([gradient, mask.astype(np.float32)])
-    weights = np.ones(len(key.points_px), np.float32) if weights is None else weights
+    weights = key.weights if weights is None else weights * key.weights
     shift = np.array(shift_px, np.float64)
     inverse, used, step, residual = None, weights, np.zeros(PARAMETERS), key.template
     iteration = 0
@@ -156,13 +171,13 @@ def _judged(
     step: NDArray[np.float64],
 ) -> Alignment:
     seen = used > 0.0
-    squares = np.einsum("ij,ij->i", remaining, remaining)
-    total = float(used.sum())
-    variance = float(used @ squares) / max(2.0 * total, 1e-12)
-    signal = float(used @ np.einsum("ij,ij->i", key.template, key.template)) / max(2.0 * total, 1e-12)
-    misfit = math.sqrt(variance / signal) if signal > 0.0 and np.isfinite(variance) else math.inf
+    squares = remaining[:, 0] ** 2 + remaining[:, 1] ** 2
+    unexplained, signal = float(used @ squares), float(used @ key.squares)
+    misfit = math.sqrt(unexplained / signal) if signal > 0.0 and math.isfinite(unexplained) else math.inf
+    variance = unexplained / max(2.0 * float(used.sum()), 1e-12)
     count = int(np.count_nonzero(seen))
-    width = ROBUST_WIDTH**2 * (float(np.median(squares[seen])) / 1.39 if count else 1.0) + 1e-20
+    # 1.39 is the median of the squared length of a pair of unit normal errors.
+    width = ROBUST_WIDTH**2 * (float(upper_median(squares[seen])) / 1.39 if count else 1.0) + 1e-20
     weights = np.where(seen, 1.0 / (1.0 + squares / width), 1.0).astype(np.float32)
     noise = math.sqrt(max(inverse[0, 0] * variance, 0.0))
     return Alignment(
@@ -197,12 +212,10 @@ def _normal(
 ) -> NDArray[np.float64]:
     weighted = (jacobian.reshape(len(weights), -1) * weights[:, None]).reshape(jacobian.shape)
     normal = (jacobian.T @ weighted).astype(np.float64)
-    normal[3, 3] += GAIN_PRIOR * energy
-    normal[4, 4] += SLOPE_PRIOR
-    normal[5, 5] += SLOPE_PRIOR
-    # Rounding keeps a direction without information from being exactly singular.
-    normal[np.diag_indices(PARAMETERS)] *= 1.0 + 1e-9
-    normal[np.diag_indices(PARAMETERS)] += 1e-12 * np.trace(normal) + 1e-30
+    diagonal = normal.reshape(-1)[:: PARAMETERS + 1]
+    # A direction without information must not make the matrix exactly singular.
+    diagonal += 1e-9 * diagonal + 1e-12 * diagonal.sum() + 1e-30
+    diagonal[3:] += (GAIN_PRIOR * energy, SLOPE_PRIOR, SLOPE_PRIOR)
     return normal
 
 

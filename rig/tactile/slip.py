@@ -18,7 +18,7 @@ from rig.tactile.gate import ContactGate, Region
 from rig.tactile.gradient import Field, GradientMap, learn_map
 from rig.tactile.grasp import GraspTracker, Tracked
 from rig.tactile.motion import RateFilter
-from rig.tactile.registration import make_keyframe
+from rig.tactile.registration import Keyframe, make_keyframe
 from rig.tactile.relative import RelativeDifference, check_frame
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
@@ -28,8 +28,9 @@ from rig.tactile.uncertainty import angle_variance
 WORK_LONG_SIDE_PX = 80
 NOISE_BLUR_PX = 0.7
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
-# 1.3 about 0.2) and the angle is refused.
-LEAST_CONTRAST = 0.17
+# 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
+# the rest makes up a direction (real balls reach 0.6).
+LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.17, 0.7
 # A contact is settled when strength and area have stayed within this share for so many frames; until
 # then the keyframe is renewed when it has changed by the larger share.
 SETTLED_SHARE, SETTLED_FRAMES, RENEWED_SHARE = 0.05, 5, 0.3
@@ -46,15 +47,16 @@ class SlipTracker(SlipEstimator):
     """The estimator `slip`.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
-    on the gel, from `rig calibrate tactile`; 1 where unknown. skip: leave out what a frame does not
+    on the gel, from `rig calibrate tactile`; None where unknown (taken as 1, with a larger sigma). skip: leave out what a frame does not
     need; without it the answers are the same within 0.02 degrees, later.
     """
 
-    def __init__(self, background: Image, aspect: float = 1.0, skip: bool = True) -> None:
+    def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
         check_frame(background)
         self._shape = background.shape
         self._skip = skip
-        size = _work_size(background.shape, aspect)
+        self._aspect_known = aspect is not None
+        size = _work_size(background.shape, aspect or 1.0)
         self._px_per_work = background.shape[0] / size[1]
         self._light = RelativeDifference(background, size)
         self._gate = ContactGate()
@@ -63,7 +65,7 @@ class SlipTracker(SlipEstimator):
         self._work: Image | None = None
         self._seen_ns: int | None = None
         self._fitted_ns = 0
-        self._angle_rad, self._variance, self._answered = 0.0, 0.0, False
+        self._angle_rad, self._variance, self._unseen, self._answered = 0.0, 0.0, 0.0, False
         self._release()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -122,15 +124,15 @@ class SlipTracker(SlipEstimator):
         rekeyed = begun and self._answered
         if not tracked.good:
             frame = make_keyframe(gradient, region.mask)
-            if frame is not None and frame.contrast >= LEAST_CONTRAST:
-                self._grasp.add_key(frame, tracked.pose, angle_variance(tracked))
+            if frame is not None and _observable(frame):
+                self._grasp.add_key(frame, tracked.pose, angle_variance(tracked, self._aspect_known))
                 rekeyed = True
             watch.lap("keyframe")
         return State.REKEYED if rekeyed else State.TRACKING, tracked
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
         self._answered = True
-        self._variance = angle_variance(tracked)
+        self._variance = angle_variance(tracked, self._aspect_known)
         sigma = max(tracked.alignment.noise_rad, 1e-5)
         angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, sigma)
         self._angle_rad = angle
@@ -157,11 +159,12 @@ class SlipTracker(SlipEstimator):
         self._patience = PATIENCE_FRAMES
         learnt = learn_map(difference, region.mask)
         frame = None if learnt is None else make_keyframe(learnt.apply(difference), region.mask)
-        if frame is None or frame.contrast < LEAST_CONTRAST:
+        if frame is None or not _observable(frame):
             self._grasp, self._map = None, None
             return False
         moved = self._point_px - self._origin_px if self._grasp is not None else np.zeros(2)
-        self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._variance)
+        # Until it settles, a contact has not turned yet: the zero is that of its latest keyframe.
+        self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen)
         self._point_px, self._origin_px = frame.center_px, frame.center_px - moved
         return True
 
@@ -194,7 +197,7 @@ class SlipTracker(SlipEstimator):
         self._point_px = self._origin_px = np.zeros(2)
         self._filter.restart()
         if self._answered:
-            self._variance += UNSEEN_RAD**2
+            self._unseen = self._variance + UNSEEN_RAD**2
 
 
 def _work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
@@ -210,6 +213,10 @@ def _work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
 
     best = min((h for h in heights if 8 <= round(h * wanted) <= longest), key=misfit, default=longest)
     return round(best * wanted), best
+
+
+def _observable(frame: Keyframe) -> bool:
+    return frame.contrast >= (LEAST_CONTRAST_CLIPPED if frame.clipped else LEAST_CONTRAST)
 
 
 def _changed(region: Region, before: Region | None, share: float) -> bool:

@@ -159,7 +159,7 @@ class TimedArm(Arm):
 
 
 class FaultyBench(BenchSource):
-    """The bench behind wires, with a fault in the first attempt at each lift.
+    """The bench behind wires, with a fault in the first attempt at each lift that comes to mid-lift.
 
     Lift n meets the n-th case. Between attempts somebody mends what the rig cannot.
     """
@@ -186,10 +186,10 @@ class FaultyBench(BenchSource):
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Give the bench, mended where the time has come, with the fault on its way."""
         result = self._results[int(lift.rpartition("/")[2]) - 1]
-        if attempt >= result.case.mended_after:
+        if len(result.faults) >= result.case.mended_after:
             self._control.call("fault", device="all", kind="clear")
         with self._inner.for_lift(seed, lift, attempt) as (bench, operator):
-            if attempt > 0:
+            if result.injected_ns:
                 yield bench, operator
                 return
             timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: self._note_stop(result, now_ns)))
@@ -244,9 +244,9 @@ def run_faults(
     def note(done: int, total: int, row: dict[str, Any]) -> None:
         result = results[row["lift"] - 1]
         if row["accepted"]:
-            result.recovered = True
+            result.recovered = bool(result.injected_ns)
             progress(result)
-        else:
+        elif result.injected_ns:
             result.faults.append(row["fault"])
 
     with started_fakes(load_bench("wire")) as config:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.cli.benchmark_wire import wire
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
 
 if TYPE_CHECKING:
@@ -16,6 +17,9 @@ benchmark = typer.Typer(no_args_is_help=True, help="Measure what the rig does, a
 @benchmark.callback()
 def _benchmark() -> None:
     """Measure what the rig does, and print it as tables."""
+
+
+benchmark.command("wire")(wire)
 
 
 @benchmark.command("faults")
@@ -56,7 +60,16 @@ def faults(
 
 
 def _outcome(result: "FaultResult") -> str:
-    return result.faults[0] if result.faults else "no fault was noticed"
+    return "; then: ".join(result.faults) if result.faults else "no fault was noticed"
+
+
+def _short(result: "FaultResult") -> str:
+    """What failed, without the advice, and how the bench was left."""
+    parts = []
+    for fault in result.faults:
+        text, _, left = fault.partition(" [")
+        parts.append(f"{text.partition('; ')[0]} ({left.partition(' (')[0].rstrip(']') or 'nothing moved'})")
+    return "; then: ".join(parts) or "no fault was noticed"
 
 
 def _plain(result: "FaultResult") -> dict[str, object]:
@@ -72,6 +85,7 @@ def _plain(result: "FaultResult") -> dict[str, object]:
 
 def _print_table(results: "list[FaultResult]") -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
@@ -79,7 +93,6 @@ def _print_table(results: "list[FaultResult]") -> None:
     for result in results:
         times = ["never" if t is None else f"{t:.3f}" for t in (result.detected_s, result.safe_s)]
         after = "done" if result.recovered else "not done"
-        table.add_row(
-            result.case.name, *times, _outcome(result), after, "passed" if result.passed else "FAILED"
-        )
+        verdict = "passed" if result.passed else "FAILED"
+        table.add_row(result.case.name, *times, escape(_short(result)), after, verdict)
     Console(width=None if Console().is_terminal else 200).print(table)

@@ -62,12 +62,15 @@ def _plain(finding: "Finding") -> dict[str, object]:
 
 def _print_table(title: str, findings: "list[Finding]") -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table("device", "check", "", "found", "what to do", title=title)
     for finding in findings:
         verdict = f"[{COLOURS[finding.verdict]}]{finding.verdict}[/]"
-        table.add_row(finding.device, finding.check, verdict, finding.seen, finding.todo)
+        texts = (finding.device, finding.check, finding.seen, finding.todo)
+        device, check, seen, todo = map(escape, texts)
+        table.add_row(device, check, verdict, seen, todo)
     console = Console()
     if not console.is_terminal:
         console = Console(width=200)

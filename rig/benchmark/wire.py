@@ -1,0 +1,140 @@
+"""A whole lift on the bench behind wires, in real time: frames lost, rates, and agreement.
+
+What the fakes say that they served is held against what the recording holds, and the lift's
+result against the same lift on the simulated bench in this process, over several seeds.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from protocols.watch import Operator
+from rig.attempt import LiftTask, TrialSettings, attempt_lift
+from rig.bench_source import BenchSource, StandingBench
+from rig.config import BenchConfig, load_bench
+from rig.fakes_process import fakes_control, started_fakes
+from rig.operators import ConsoleOperator
+from rig.records.files import read_lines
+from rig.records.reading import recorded_frames
+from rig.tactile.estimator import choose_estimator
+from rig.trial import RESULTS, run_trial
+
+SPREADS = 2.0
+"""A result agrees when it is this many standard deviations from the seeds' mean, or nearer."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamCount:
+    """Frames of one source between the first and the last that was recorded."""
+
+    serial: str
+    served: int
+    recorded: int
+    missing: int
+
+
+@dataclass(frozen=True, slots=True)
+class WireReport:
+    """What a lift behind wires came to.
+
+    state_hz: states a second that the arm's driver received; controller_core: share of a core that
+    the fake controller used. row: the lift's. seeds: rows of the same lift in this process.
+    """
+
+    streams: tuple[StreamCount, ...]
+    state_hz: float
+    controller_core: float
+    wall_s: float
+    row: dict[str, Any]
+    seeds: tuple[dict[str, Any], ...]
+
+    @property
+    def errors_deg(self) -> list[float]:
+        """Mean error over phase B of each seed's lift in this process."""
+        return [row["re_b"]["mean_deg"] for row in self.seeds if row.get("re_b")]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether outcome and error are within the spread of the seeds'."""
+        if self.row["outcome"] not in {row["outcome"] for row in self.seeds} or not self.row.get("re_b"):
+            return False
+        mean, spread = float(np.mean(self.errors_deg)), float(np.std(self.errors_deg, ddof=1))
+        return abs(self.row["re_b"]["mean_deg"] - mean) <= SPREADS * spread
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame that was served is in the recording."""
+        return not any(stream.missing for stream in self.streams)
+
+
+def measure_wire(folder: Path, object_id: str, seeds: int = 8) -> WireReport:
+    """Do one lift behind wires, kept as a session in `folder`, and the seeds' lifts in this process."""
+    choice = choose_estimator()
+    with started_fakes(load_bench("wire")) as config:
+        benches = _Counted(config)
+        began = time.perf_counter()
+        try:
+            settings = TrialSettings(config, 0, choice)
+            run_trial(folder, settings, [object_id], 1, benches=benches)
+        finally:
+            benches.close()
+        wall_s = time.perf_counter() - began
+        status = fakes_control(config).call("status")
+    row = next(row for row in read_lines(folder / RESULTS) if row["accepted"])
+    recording = folder / row["recording"]
+    streams = tuple(
+        _counted(recording, serial, status["devices"][serial]["ranges"]) for serial in _serials(config)
+    )
+    controller_core = status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S)
+    task = LiftTask(1, row["object"], row["lift"], row["attempt"])
+    fake = load_bench("fake")
+    again = tuple(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
+    return WireReport(streams, benches.state_hz, controller_core, wall_s, row, again)
+
+
+class _Counted(BenchSource):
+    """The bench behind wires, with the arm's states counted over each lift."""
+
+    def __init__(self, config: BenchConfig) -> None:
+        self._inner = StandingBench(config, ConsoleOperator(lambda _: True), "")
+        self.state_hz = 0.0
+
+    @property
+    def after_fault(self) -> bool:
+        return self._inner.after_fault
+
+    def displaced(self) -> None:
+        self._inner.displaced()
+
+    def close(self) -> None:
+        self._inner.close()
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        with self._inner.for_lift(seed, lift, attempt) as (bench, operator):
+            before, began = _samples(bench), time.monotonic()
+            yield bench, operator
+            self.state_hz = (_samples(bench) - before) / (time.monotonic() - began)
+
+
+def _samples(bench: Bench) -> int:
+    counters = getattr(bench.arm, "counters", dict)()
+    return counters.get("samples", 0)
+
+
+def _serials(config: BenchConfig) -> list[str]:
+    return [*(tactile.serial for tactile in config.tactile), config.camera.serial]
+
+
+def _counted(recording: Path, serial: str, ranges: list[list[int]]) -> StreamCount:
+    recorded = [frame.sequence for frame in recorded_frames(recording, serial)]
+    first, last = min(recorded), max(recorded)
+    served = {n for low, high in ranges for n in range(max(low, first), min(high, last) + 1)}
+    return StreamCount(serial, len(served), len(recorded), len(served - set(recorded)))

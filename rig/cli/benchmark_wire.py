@@ -1,0 +1,104 @@
+"""`rig benchmark wire`: a lift with the real drivers, held against what the fakes served."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
+
+if TYPE_CHECKING:
+    from rig.benchmark.wire import WireReport
+
+LEAST_STATE_HZ = 490.0
+MOST_CONTROLLER_CORE = 0.25
+
+
+def wire(
+    object_name: Annotated[str, typer.Option("--object", help="Object id or name.")] = "wrench",
+    seeds: Annotated[
+        int, typer.Option("--seeds", min=3, max=100, help="Lifts in this process to compare with.")
+    ] = 8,
+    out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lift.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
+
+    Exit code 4 when a frame that was served is not in the recording, fewer than 490 arm states a
+    second arrived, the fake controller used more than a quarter of a core, or the result is
+    outside the spread of the same lift in this process.
+
+    Examples:
+      rig benchmark wire
+
+      rig benchmark wire --object spam --seeds 20 --json
+
+    """
+    from protocols.grasps import find_grasp_file
+    from rig.benchmark.wire import measure_wire
+
+    folder = session_folder(out, False, "wire")
+    say(f"SIMULATED bench 'wire', one lift in real time, session {folder}")
+    report = measure_wire(folder, find_grasp_file(object_name).id, seeds)
+    missed = _missed(report)
+    if json:
+        emit_json({"session": str(folder), **_plain(report), "missed": missed})
+    else:
+        _print_table(report)
+    for text in missed:
+        say(f"rig: {text}")
+    if missed:
+        raise typer.Exit(Exit.LIMIT_MISSED)
+
+
+def _missed(report: "WireReport") -> list[str]:
+    limits = {
+        "a frame that was served is not in the recording": report.complete,
+        f"fewer than {LEAST_STATE_HZ:g} arm states a second": report.state_hz >= LEAST_STATE_HZ,
+        f"the fake controller used more than {MOST_CONTROLLER_CORE:g} core": report.controller_core
+        <= MOST_CONTROLLER_CORE,
+        "the result is outside the spread of the seeds": report.agrees,
+    }
+    return [text for text, kept in limits.items() if not kept]
+
+
+def _plain(report: "WireReport") -> dict[str, object]:
+    from dataclasses import asdict
+
+    return {
+        "streams": [asdict(stream) for stream in report.streams],
+        "state_hz": report.state_hz,
+        "controller_core": report.controller_core,
+        "wall_s": report.wall_s,
+        "outcome": report.row["outcome"],
+        "re_b_deg": report.row["re_b"]["mean_deg"] if report.row.get("re_b") else None,
+        "final_truth_deg": report.row.get("final_truth_deg"),
+        "seeds_re_b_deg": report.errors_deg,
+        "seeds_outcomes": [row["outcome"] for row in report.seeds],
+    }
+
+
+def _print_table(report: "WireReport") -> None:
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(
+        "source", "served", "recorded", "missing", title="SIMULATED bench 'wire': frames of one lift"
+    )
+    for stream in report.streams:
+        table.add_row(stream.serial, *map(str, (stream.served, stream.recorded, stream.missing)))
+    console = Console(width=None if Console().is_terminal else 200)
+    console.print(table)
+    console.print(
+        f"arm states {report.state_hz:.1f}/s, fake controller {report.controller_core:.2f} core, "
+        f"{report.wall_s:.1f} s",
+        highlight=False,
+    )
+    errors, own = report.errors_deg, report.row.get("re_b")
+    found = f"{own['mean_deg']:.2f} deg" if own else "none"
+    console.print(
+        f"{report.row['outcome']}, mean error over phase B {found}; in this process "
+        f"{np.mean(errors):.2f} +- {np.std(errors, ddof=1):.2f} deg over {len(errors)} seeds",
+        highlight=False,
+    )

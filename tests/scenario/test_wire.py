@@ -1,0 +1,37 @@
+"""Lifts with the real drivers against fakes behind wires, in real time."""
+
+from pathlib import Path
+
+import pytest
+
+from rig.benchmark.faults import CASES, run_faults
+from rig.benchmark.wire import measure_wire
+from rig.records.files import read_json, read_lines
+from rig.replay import run_replay
+
+SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
+"""One fault of each kind of device; `rig benchmark faults` runs all of them."""
+
+
+@pytest.mark.timeout(300)
+def test_a_lift_agrees_with_the_bench_in_this_process_and_loses_no_frame(tmp_path: Path) -> None:
+    report = measure_wire(tmp_path / "s", "t1", seeds=6)
+    assert report.complete, report.streams
+    assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
+    assert min(stream.recorded for stream in report.streams) > 100
+    assert report.row["simulated"] is True
+    assert report.agrees, (report.row["re_b"], report.errors_deg)
+    manifest = read_json(tmp_path / "s" / "session.json")
+    assert (manifest["bench"], manifest["simulated"]) == ("wire", True)
+    assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
+
+
+@pytest.mark.timeout(300)
+def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(tmp_path: Path) -> None:
+    cases = tuple(case for case in CASES if case.name in SOME)
+    results = run_faults(tmp_path / "s", cases)
+    assert [result.case.name for result in results] == list(SOME)
+    for result in results:
+        assert result.passed, (result.case.name, result.faults, result.detected_s, result.safe_s)
+    rows = read_lines(tmp_path / "s" / "lifts.jsonl")
+    assert sum(row["accepted"] for row in rows) == len(SOME)

@@ -16,6 +16,7 @@ from protocols.watch import Phase
 from rig.fusion import FusedSample, TipAnswer, fuse
 from rig.records.encoding import stored
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.slip_onset import OnsetAlarm
 from rig.tactile.background import mean_background
 from rig.tactile.estimator import EstimatorChoice
 from rig.tactile.sample import SlipEstimator, SlipSample, State
@@ -46,7 +47,8 @@ class Fingertip:
         """Sign an estimate and take it from its zero; without a zero there is no answer."""
         if sample.angle_deg is None or self.zero_deg is None:
             return TipAnswer(sample, None, None)
-        return TipAnswer(sample, self.sign * (sample.angle_deg - self.zero_deg), sample.sigma_deg)
+        rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
+        return TipAnswer(sample, self.sign * (sample.angle_deg - self.zero_deg), sample.sigma_deg, rate)
 
     def count(self, sequence: int) -> None:
         """Count a frame; gaps in the sequence are drops."""
@@ -76,6 +78,7 @@ class LiftMeasurement:
         self.camera = Fingertip(0)
         self.truth = truth
         self.fused: list[FusedSample] = []
+        self.alarm = OnsetAlarm()
         self.phases: dict[Phase, int] = {}
         self._estimator = estimator
         self._recorder = recorder
@@ -158,7 +161,9 @@ class LiftMeasurement:
         tip.touching_frames = 0 if sample.state is State.NO_CONTACT else tip.touching_frames + 1
         if Phase.LIFT in self.phases:
             others = [other.answer(other.samples[-1]) for other in self.tips.values() if other is not tip]
-            self.fused.append(fuse(tip.answer(sample), others))
+            fused = fuse(tip.answer(sample), others)
+            self.fused.append(fused)
+            self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
 
     def _make_estimators(self) -> None:
         for serial, tip in self.tips.items():

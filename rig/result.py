@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, seconds
 from protocols.watch import Phase
+from rig.fusion import Disagreement
 from rig.lift import ZERO_S, LiftMeasurement
 from rig.metrics import Floats, hold_last, summarize
 from rig.tactile.sample import State
@@ -53,6 +54,7 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
         ),
         "onset_truth_s": _since(onset, lift_ns),
         "onset_estimate_s": _since(_estimated_onset(watched), lift_ns),
+        "onset_alarm_s": _since(watched.alarm.raised_ns, lift_ns),
         "phases_s": {p.value: t / NS_PER_S for p, t in watched.phases.items()},
         **_counts(watched),
     }
@@ -131,4 +133,7 @@ def _counts(watched: LiftMeasurement) -> dict[str, Any]:
         "dropped": {name: source.dropped for name, source in sources.items()},
         "states": {state.value: sum(s.state is state for s in samples) for state in State},
         "skipped": skipped,
+        "disagreements": {
+            why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement
+        },
     }

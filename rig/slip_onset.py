@@ -1,5 +1,7 @@
 """When a slip begins, from an angle over time (contract, metrics)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,32 @@ LONGEST_GAP_NS = 50_000_000
 """Over a longer gap there is no truth (contract, metrics)."""
 LEAST_GROWTH_DEG = 0.1
 MOST_FALL_DEG = 0.1
+
+
+ALARM_DEG = 0.4
+ALARM_RATE_DEG_S = 2.0
+"""The event is raised a little before the contract's 0.5 degrees and on less evidence than 100 ms of
+growth, as a controller cannot wait for them; so it can be false, and `rig benchmark` says how often."""
+
+
+@dataclass(slots=True)
+class OnsetAlarm:
+    """Raises the slip event while a lift runs, once. Angles are from the trial's zero."""
+
+    raised_ns: int | None = None
+
+    def update(self, time_ns: int, angle_deg: float | None, rate_deg_s: float | None) -> bool:
+        """Take a fused answer; True at the moment the event is raised.
+
+        The angle has left rest, is still moving away, and faster than the rest's own noise.
+        """
+        if self.raised_ns is not None or angle_deg is None or rate_deg_s is None:
+            return False
+        away = abs(angle_deg) >= ALARM_DEG and angle_deg * rate_deg_s > 0.0
+        if not (away and abs(rate_deg_s) >= ALARM_RATE_DEG_S):
+            return False
+        self.raised_ns = time_ns
+        return True
 
 
 def slip_onset_ns(

@@ -23,7 +23,7 @@ from drivers.ur_setup import Tool, refusal, release, take_over, wait_until
 from drivers.ur_status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
-GREETING_S = 1.0
+GREETING_S = 1.5
 STOP_CALL_S = 0.3
 STOP_LIMIT_S = 0.6
 ZEROED_N = 3.0

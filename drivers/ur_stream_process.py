@@ -98,10 +98,13 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
 def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
     """Connect, listen, and end; the exit code says how."""
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
-    from rtde_receive import RTDEReceiveInterface
-
     variables = [*VARIABLES, "payload"] if with_payload else list(VARIABLES)
-    receive = RTDEReceiveInterface(host, rate_hz, variables)
+    try:
+        from rtde_receive import RTDEReceiveInterface
+
+        receive = RTDEReceiveInterface(host, rate_hz, variables)
+    except (ImportError, RuntimeError, ValueError) as error:
+        sys.exit(" ".join(str(error).split()))
     faulthandler.cancel_dump_traceback_later()
     board = Board(board_fd)
     listen(receive, board, parent_pid, rate_hz, with_payload)

@@ -178,9 +178,7 @@ class URController:
     def _service(self, port: int) -> tuple[Feed, RtdeSession | None]:
         if port == RTDE_PORT:
             robot = self.robot
-            session = RtdeSession(
-                robot.bank, robot.version, robot.write_inputs, lambda _: self.faults.refusal
-            )
+            session = RtdeSession(robot.bank, robot.version, robot.write_inputs, self.faults.refused)
             return session.feed, session
         if port == DASHBOARD_PORT:
             lines = LineReader()

@@ -16,10 +16,10 @@ KINDS = {
     "socket_dropped": "all connections are closed; new ones are taken",
     "silent": "connections are taken and nothing is answered, on any port",
     "remote_control_off": "the pendant is switched to local: no program is taken from outside",
-    "recipe_refused": 'further recipes are answered with reply="NOT_FOUND" or "IN_USE"',
+    "recipe_refused": 'variables (those that begin with prefix=) are refused: reply="NOT_FOUND" or "IN_USE"',
     "clear": "ends all of these but the protective stop, which the arm's own way releases",
 }
-_ARGUMENTS = {"stream_frozen": {"repeat"}, "recipe_refused": {"reply"}}
+_ARGUMENTS = {"stream_frozen": {"repeat"}, "recipe_refused": {"reply", "prefix"}}
 _LASTING = {"stream_frozen", "silent", "remote_control_off", "recipe_refused"}
 
 
@@ -33,6 +33,7 @@ class Faults:
     repeat: bool = False
     silent: bool = False
     refusal: str | None = None
+    refused_prefix: str = ""
     _ends_ns: int | None = None
 
     def check(self, kind: str, arguments: dict[str, Any]) -> None:
@@ -59,12 +60,18 @@ class Faults:
             "socket_dropped": self.drop,
             "silent": lambda: self._set(silent=True),
             "remote_control_off": lambda: self._remote(on=False),
-            "recipe_refused": lambda: self._refuse(arguments.get("reply", "IN_USE")),
+            "recipe_refused": lambda: self._refuse(
+                arguments.get("reply", "IN_USE"), str(arguments.get("prefix", ""))
+            ),
             "clear": self.clear,
         }
         actions[kind]()
         if arguments.get("duration_s") is not None:
             self._ends_ns = robot.time_ns + seconds(float(arguments["duration_s"]))
+
+    def refused(self, variable: str) -> str | None:
+        """How a recipe with this variable is refused; None when it is not."""
+        return self.refusal if variable.startswith(self.refused_prefix) else None
 
     def step(self, time_ns: int) -> None:
         """End what has had its time."""
@@ -87,5 +94,5 @@ class Faults:
     def _remote(self, on: bool) -> None:
         self.robot.safety.remote_control = on
 
-    def _refuse(self, reply: str) -> None:
-        self.refusal = reply
+    def _refuse(self, reply: str, prefix: str) -> None:
+        self.refusal, self.refused_prefix = reply, prefix

@@ -238,6 +238,8 @@ def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
         ("remote_control_off", {}, "remote control is off"),
         ("recipe_refused", {"reply": "IN_USE"}, "IN_USE"),
         ("recipe_refused", {"reply": "NOT_FOUND"}, "NOT_FOUND"),
+        ("recipe_refused", {"prefix": "actual_q"}, "no state.*actual_q"),
+        ("recipe_refused", {"prefix": "input_"}, "already in use"),
         ("emergency_stop", {}, "emergency stop"),
     ],
 )

@@ -116,11 +116,16 @@ class RtdeSession:
             raise InputError(f"RTDE output setup: {len(payload)} bytes, but the rate alone takes 8")
         (rate_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        kinds = [self._refused(name) or output_type(name, self._version) or "NOT_FOUND" for name in names]
-        found = bool(names) and not {"NOT_FOUND", "IN_USE"} & set(kinds)
+        kinds = [self._output_kind(name) for name in names]
+        found = bool(names) and "NOT_FOUND" not in kinds
         self._outputs = names if found else ()
         self._every = _cycles(rate_hz)
         return bytes([found]) + ",".join(kinds).encode()
+
+    def _output_kind(self, name: str) -> str:
+        """An output may be unknown; only an input can be in somebody's use."""
+        missing = self._refused(name) == "NOT_FOUND"
+        return "NOT_FOUND" if missing else output_type(name, self._version) or "NOT_FOUND"
 
     def _setup_inputs(self, payload: bytes) -> bytes:
         """Recipes are numbered from 1 in the order of the requests; a refused one has no number."""

@@ -236,10 +236,9 @@ def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
         ("stream_frozen", {}, "does not answer"),
         ("stream_frozen", {"repeat": True}, "time stands still|does not answer"),
         ("remote_control_off", {}, "remote control is off"),
-        ("recipe_refused", {"reply": "IN_USE"}, "IN_USE"),
+        ("recipe_refused", {"reply": "IN_USE"}, "already in use"),
         ("recipe_refused", {"reply": "NOT_FOUND"}, "NOT_FOUND"),
-        ("recipe_refused", {"prefix": "actual_q"}, "no state.*actual_q"),
-        ("recipe_refused", {"prefix": "input_"}, "already in use"),
+        ("recipe_refused", {"reply": "NOT_FOUND", "prefix": "actual_q"}, "no state.*actual_q"),
         ("emergency_stop", {}, "emergency stop"),
     ],
 )

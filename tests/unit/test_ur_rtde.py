@@ -123,6 +123,7 @@ def test_an_unknown_recipe_or_request_is_counted_and_left() -> None:
 def test_a_refusal_on_request() -> None:
     assert Client(refused="IN_USE").ask("I", b"input_int_register_0") == b"\x00IN_USE"
     assert Client(refused="NOT_FOUND").outputs("timestamp") == b"\x00NOT_FOUND"
+    assert Client(refused="IN_USE").outputs("timestamp") == b"\x01DOUBLE", "an output is never in use"
 
 
 def test_an_impossible_size_ends_the_conversation() -> None:

@@ -1,7 +1,7 @@
 """Single Modbus requests to a Robotiq 3-Finger gripper: where it is, how it is asked, what may come back.
 
 pymodbus sits behind this module alone. Whatever it raises or returns for silence, a cut line,
-an exception reply or garbage becomes one `DeviceError` within two attempts of `TIMEOUT_S`.
+an exception reply or garbage becomes one `DeviceError` within two attempts.
 """
 
 import logging
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
     ModbusClient = ModbusTcpClient | ModbusSerialClient
 
-TIMEOUT_S = 0.2
-"""Wait for one reply. A gripper replies within some milliseconds."""
+TCP_TIMEOUT_S, RTU_TIMEOUT_S = 0.3, 0.2
+"""Wait for one reply, which takes some milliseconds; two of them, and on RTU the settling time
+between, stay under the second in which a dead line has to be known."""
 # Our errors say what failed; without a handler pymodbus would say it again on stderr.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
@@ -73,7 +74,7 @@ def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
     def make_client() -> "ModbusClient":
         from pymodbus.client import ModbusTcpClient
 
-        return ModbusTcpClient(host, port=port, timeout=TIMEOUT_S, retries=0)
+        return ModbusTcpClient(host, port=port, timeout=TCP_TIMEOUT_S, retries=0)
 
     return Link(f"gripper at {host}:{port}", _preset(preset), make_client)
 
@@ -84,9 +85,9 @@ def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
     def make_client() -> "ModbusClient":
         from pymodbus.client import ModbusSerialClient
 
-        return ModbusSerialClient(device, baudrate=baudrate, timeout=TIMEOUT_S, retries=0)
+        return ModbusSerialClient(device, baudrate=baudrate, timeout=RTU_TIMEOUT_S, retries=0)
 
-    return Link(f"gripper on {device}", _preset(preset), make_client, settle_s=TIMEOUT_S)
+    return Link(f"gripper on {device}", _preset(preset), make_client, settle_s=RTU_TIMEOUT_S)
 
 
 class Requests:
@@ -167,7 +168,7 @@ class Requests:
             raise
         except ModbusIOException as error:
             raise DeviceTimeoutError(
-                f"{name}: no readable reply within {TIMEOUT_S} s; check power, cable, unit and preset"
+                f"{name}: no readable reply in time; check power, cable, unit and preset"
             ) from error
         except Exception as error:  # garbage makes pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error

@@ -17,7 +17,7 @@ BASES = {"rtu": (0x03E8, 0x07D0), "tcp": (0x0000, 0x0000), "tcp-2014": (0x03E8, 
 """First command and first status register by edition of the manual."""
 FAULTS: dict[str, dict[str, Any]] = {
     "silent": {},
-    "delay": {"delay_s": 0.3},
+    "delay": {"delay_s": 0.35},
     "truncate": {"size": 4},
     "garbage": {"seed": 0},
     "exception": {"code": 4},

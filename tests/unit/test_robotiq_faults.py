@@ -86,7 +86,7 @@ def reach(gripper: Robotiq3F, counts: int) -> None:
 
 FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
     ("silent", {}, DeviceTimeoutError, "reply"),
-    ("delay", {"delay_s": 1.5}, DeviceTimeoutError, "reply"),
+    ("delay", {"delay_s": 1.75}, DeviceTimeoutError, "reply"),
     ("truncate", {"size": 4}, DeviceTimeoutError, "reply"),
     ("garbage", {}, DeviceError, "check power"),
     ("exception", {"code": 2}, DeviceError, "exception 2"),

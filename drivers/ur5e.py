@@ -19,14 +19,13 @@ from drivers.ur_handshake import Version, greet
 from drivers.ur_limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur_link import ArmLink
 from drivers.ur_motion import ArmMotion, is_still
-from drivers.ur_setup import Tool, refusal, release, take_over, wait_until
+from drivers.ur_setup import Tool, refusal, release, take_over, wait_until, zero_force_sensor
 from drivers.ur_status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
 GREETING_S = 1.5
 STOP_CALL_S = 0.3
 STOP_LIMIT_S = 0.6
-ZEROED_N = 3.0
 REMOTE_SINCE: Version = (5, 6, 0, 0)
 
 
@@ -96,9 +95,9 @@ class UR5e(Arm):
     def disconnect(self) -> None:
         """Stop any motion and let go. Safe to call twice."""
         if self._link is not None:
+            if not self._known_to_stand(self._link):
+                self.stop()
             with contextlib.suppress(DeviceError):
-                if not is_still(self._link.sample()):
-                    self.stop()
                 self._link.call("end", timeout_s=STOP_CALL_S)
         self._let_go()
 
@@ -127,9 +126,12 @@ class UR5e(Arm):
             take_over(link, self._tool, self._clock)
         pose = to_ur(base_T_tcp)
         check_joints(link.call("plan", pose, sample.joints_rad), self._joint_limits, base_T_tcp)
-        if self._stops != stops:
-            raise DeviceError("arm: stopped while a motion was being prepared; it was not sent")
-        started, before = link.call("move", pose, speed_m_s, acceleration_m_s2)
+
+        def not_stopped() -> None:
+            if self._stops != stops:
+                raise DeviceError("arm: stopped while a motion was being prepared; it was not sent")
+
+        started, before = link.call("move", pose, speed_m_s, acceleration_m_s2, check=not_stopped)
         if not started:
             raise refusal(link, "moveL", self._clock)
         return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
@@ -183,13 +185,8 @@ class UR5e(Arm):
 
         Raises `DeviceError` when it moves, or still reads more than 3 N afterwards.
         """
-        link = self._require_link()
         self.moving_sample()
-        if not link.call("steady"):
-            raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
-        if not link.call("zero_ft")[1]:
-            raise refusal(link, "zeroFtSensor", self._clock)
-        wait_until(lambda: _force_n(link.sample()) < ZEROED_N, 0.2, "zero its force sensor", self._clock)
+        zero_force_sensor(self._require_link(), self._clock)
 
     def identity(self) -> dict[str, str]:
         """Serial number, firmware and model, as far as the controller told them at `connect`."""
@@ -246,13 +243,15 @@ class UR5e(Arm):
         if self._tells_remote and (serial := serial_number(dashboard.ask("get serial number"))):
             self._identity["serial"] = serial
 
+    def _known_to_stand(self, link: ArmLink) -> bool:
+        try:
+            return is_still(link.sample())
+        except DeviceError:
+            return False
+
     def _stands(self, link: ArmLink) -> bool:
         """Whether the arm stands and the stop's own operation has ended, so that a motion may follow."""
         sample = link.sample()
         if not is_still(sample):
             return False
         return bool(program_reason(sample)) or not link.has_control or not link.call("progress")[1]
-
-
-def _force_n(sample: Sample) -> float:
-    return math.hypot(*sample.wrench[:3])

@@ -43,7 +43,7 @@ def calls(control: Any, watchdog: "Watchdog") -> dict[str, Call]:
         "move": lambda pose, speed, acceleration: _move(control, pose, speed, acceleration),
         "progress": lambda: _progress(control),
         "stop": lambda deceleration: control.stopL(deceleration, True),
-        "zero_ft": lambda: [control.isSteady(), control.zeroFtSensor()],
+        "zero_ft": control.zeroFtSensor,
         "steady": control.isSteady,
         "end": control.stopScript,
     }

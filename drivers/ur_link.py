@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+from collections.abc import Callable
 from typing import Any
 
 from drivers.clock import NS_PER_S, SystemClock, seconds
@@ -99,11 +100,20 @@ class ArmLink:
         """Whether the process that commands is there."""
         return self._control is not None and self._control.alive
 
-    def call(self, name: str, *arguments: object, timeout_s: float = CALL_S) -> Any:
-        """Have something done (`drivers.ur_control_process.calls`). Raises `DeviceError`."""
+    def call(
+        self,
+        name: str,
+        *arguments: object,
+        timeout_s: float = CALL_S,
+        check: Callable[[], object] = lambda: None,
+    ) -> Any:
+        """Have something done (`drivers.ur_control_process.calls`). Raises `DeviceError`.
+
+        check: is called when no other call is under way any more, and may raise.
+        """
         if self._control is None:
             raise NotConnectedError("arm: nothing commands it (it was stopped); recover or connect it again")
-        return self._control.call(name, *arguments, timeout_s=timeout_s)
+        return self._control.call(name, *arguments, timeout_s=timeout_s, check=check)
 
     def _wait_for_state(self) -> None:
         deadline = Deadline.after(STREAM_START_S)

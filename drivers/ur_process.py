@@ -95,8 +95,10 @@ class CallableProcess(ChildProcess):
         with self._lock:
             self._receive(timeout_s, "start", check)
 
-    def call(self, name: str, *arguments: object, timeout_s: float) -> Any:
-        """Ask, and return the answer.
+    def call(
+        self, name: str, *arguments: object, timeout_s: float, check: Callable[[], object] = lambda: None
+    ) -> Any:
+        """Ask, and return the answer. check: is called when it is this call's turn, and may raise.
 
         Raises `DeviceError` when the child died or answers with an error, `DeviceTimeoutError` when
         it does not answer; it is then ended, lest it does later what was asked now.
@@ -104,6 +106,7 @@ class CallableProcess(ChildProcess):
         if not self._lock.acquire(timeout=timeout_s):
             raise DeviceTimeoutError(f"arm: {self._name} is busy; '{name}' was not asked")
         try:
+            check()
             self._send(name, arguments)
             return self._receive(timeout_s, name)
         finally:

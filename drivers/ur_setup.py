@@ -18,6 +18,7 @@ RELEASE_LIMIT_S = 8.0
 RELEASE_PAUSE_S = 0.5
 NORMAL_LIMIT_S = 3.0
 PAYLOAD_LIMIT_S = 0.5
+ZERO_LIMIT_S, ZEROED_N = 0.2, 3.0
 REASON_LIMIT_S = 0.1
 """How far the state that tells why may be behind the answer to a command."""
 _POLL_S = 0.004
@@ -67,6 +68,19 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
     except DeviceTimeoutError as error:
         raise DeviceError(f"arm: the protective stop cannot be released: '{replies[-1]}'") from error
     wait_until(lambda: stop_reason(link.sample()) is None, NORMAL_LIMIT_S, "leave the stop", clock)
+
+
+def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
+    """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
+    if not link.call("steady"):
+        raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
+    if not link.call("zero_ft"):
+        raise refusal(link, "zeroFtSensor", clock)
+
+    def zeroed() -> bool:
+        return math.hypot(*link.sample().wrench[:3]) < ZEROED_N
+
+    wait_until(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
 
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:

@@ -118,6 +118,11 @@ def _until_contact(loop: ControlLoop) -> Thread:
     yield from loop.return_to_contact(cycles)
 
 
+def _stop_contact_watch(loop: ControlLoop) -> None:
+    loop.watch_contact(on=False)
+    loop.answer_integer(loop.contact_cycles)
+
+
 def _payload(loop: ControlLoop) -> None:
     mass, *cog = loop.doubles(0, 4)
     loop.robot.load(mass, tuple(cog) if any(cog) else None)
@@ -212,7 +217,7 @@ COMMANDS: dict[int, Command] = {
     60: _tell(lambda loop: loop.robot.reachable(loop.frame(0))),
     61: _tell(lambda loop: loop.robot.reachable(loop.frame(0))),
     62: lambda loop: loop.watch_contact(on=True),
-    63: lambda loop: (loop.watch_contact(on=False), loop.answer_integer(loop.contact_cycles))[0],
+    63: _stop_contact_watch,
     64: _tell(lambda loop: loop.contact_cycles),
     65: _target_payload,
     67: _matrix(_zeros),

@@ -16,7 +16,7 @@ KINDS = {
     "socket_dropped": "all connections are closed; new ones are taken",
     "silent": "connections are taken and nothing is answered, on any port",
     "remote_control_off": "the pendant is switched to local: no program is taken from outside",
-    "recipe_refused": 'variables (that begin with prefix=) are refused: reply="NOT_FOUND", or "IN_USE" (inputs)',
+    "recipe_refused": 'variables (that begin with prefix=) are refused: reply="NOT_FOUND" or "IN_USE"',
     "clear": "ends all of these but the protective stop, which the arm's own way releases",
 }
 _ARGUMENTS = {"stream_frozen": {"repeat"}, "recipe_refused": {"reply", "prefix"}}

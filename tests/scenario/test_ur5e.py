@@ -140,6 +140,25 @@ def test_a_stop_from_another_thread(controller: URController, arm: UR5e) -> None
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
+def test_a_stop_during_the_preparation_of_a_motion_keeps_it_from_being_sent(
+    controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop_meanwhile(*_: object) -> None:
+        arm.stop()
+
+    monkeypatch.setattr("drivers.ur5e.check_joints", stop_meanwhile)
+    with pytest.raises(DeviceError, match="not sent"):
+        arm.move_linear(HOME.translated(z_m=-0.1), 0.1, 1.0)
+    assert "3" not in controller.snapshot()["commands"]
+
+
+def test_letting_go_stops_a_motion(controller: URController, arm: UR5e) -> None:
+    arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
+    arm.disconnect()
+    assert stands(controller)
+    assert not controller.snapshot()["program_running"]
+
+
 def test_a_motion_that_takes_too_long_is_stopped(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.02, 1.0)
     with pytest.raises(DeviceTimeoutError, match="stopped it"):

@@ -49,14 +49,17 @@ class MarkerTracker:
     """Follows two markers of one dictionary through the pictures of one camera.
 
     ids: the two marker ids, in the order of the answer. dictionary: OpenCV's name, as
-    "DICT_4X4_50". The same pictures in the same order give the same numbers, bit for bit.
+    "DICT_4X4_50". search_everywhere: search every whole picture (slow). The same pictures in the same order give the same numbers, bit for bit.
     Raises `InputError` for equal ids or an unknown dictionary.
     """
 
-    def __init__(self, ids: tuple[int, int], dictionary: str = "DICT_4X4_50") -> None:
+    def __init__(
+        self, ids: tuple[int, int], dictionary: str = "DICT_4X4_50", search_everywhere: bool = False
+    ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
         self._ids = ids
+        self._everywhere = search_everywhere
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
         self.counts = SearchCounts()
@@ -95,7 +98,7 @@ class MarkerTracker:
 
     def _search(self, gray: Image) -> tuple[Corners | Refusal, bool]:
         expected = None if self._last is None else self._last + self._motion
-        if expected is not None:
+        if expected is not None and not self._everywhere:
             self.counts.region_searches += 1
             found = self._search_regions(gray, expected)
             if not isinstance(found, Refusal):

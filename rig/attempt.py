@@ -138,10 +138,15 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
     """Make the watch of one lift, the same for a lift as it happens and for its replay."""
     camera = settings.bench.camera
     truth = MarkerTruth(
-        camera.marker_ids, camera.marker_dictionary, camera.base_T_camera(), camera.intrinsics()
+        camera.marker_ids,
+        camera.marker_dictionary,
+        camera.base_T_camera(),
+        camera.intrinsics(),
+        search_everywhere=not settings.estimator.skip,
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    return LiftMeasurement(signs, settings.estimator, truth, recorder)
+    aspects = {tactile.serial: tactile.pixel_aspect for tactile in settings.bench.tactile}
+    return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects)
 
 
 def _carry_out(

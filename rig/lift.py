@@ -65,7 +65,10 @@ class Fingertip:
 
 
 class LiftMeasurement:
-    """Watches one lift. `signs` maps the serials of the fingertips to their signs."""
+    """Watches one lift.
+
+    signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
+    """
 
     def __init__(
         self,
@@ -73,6 +76,7 @@ class LiftMeasurement:
         estimator: EstimatorChoice,
         truth: MarkerTruth,
         recorder: LiftRecorder | None = None,
+        aspects: Mapping[str, float | None] | None = None,
     ) -> None:
         self.tips = {serial: Fingertip(sign) for serial, sign in signs.items()}
         self.camera = Fingertip(0)
@@ -81,6 +85,7 @@ class LiftMeasurement:
         self.alarm = OnsetAlarm()
         self.phases: dict[Phase, int] = {}
         self._estimator = estimator
+        self._aspects = aspects or {}
         self._recorder = recorder
         self._tcp: Pose | None = None
 
@@ -170,7 +175,7 @@ class LiftMeasurement:
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
-            tip.estimator = self._estimator.make(background)
+            tip.estimator = self._estimator.make(background, self._aspects.get(serial))
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:

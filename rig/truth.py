@@ -63,7 +63,7 @@ class MarkerTruth:
     ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
     base_T_camera: from the hand-eye calibration. intrinsics: of the external camera; without
     them the markers' tilt is unknown, lens distortion stays, and the wrist is taken off about
-    the camera's axis instead of the markers' normal.
+    the camera's axis instead of the markers' normal. search_everywhere: search each whole picture.
     """
 
     def __init__(
@@ -72,8 +72,9 @@ class MarkerTruth:
         dictionary: str,
         base_T_camera: Pose,  # noqa: N803
         intrinsics: Intrinsics | None = None,
+        search_everywhere: bool = False,
     ) -> None:
-        self._tracker = MarkerTracker(ids, dictionary)
+        self._tracker = MarkerTracker(ids, dictionary, search_everywhere)
         self._camera_R_base = base_T_camera.rotation.inv()
         self._intrinsics = intrinsics
         self._sightings: list[_Sighting] = []

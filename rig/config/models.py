@@ -101,6 +101,8 @@ class TactileConfig(_Strict):
     sign: Literal[1, -1]
     rate_hz: Rate
     size_px: tuple[Pixels, Pixels] = (240, 320)
+    pixel_aspect: float | None = Field(default=None, gt=0.5, lt=2.0)
+    """Width over height of a pixel on the gel; unknown where it was not measured."""
 
 
 class CameraConfig(_Strict):

@@ -32,13 +32,17 @@ class EstimatorChoice:
     window: int
     skip: bool = True
 
-    def make(self, background: Image) -> SlipEstimator:
-        """Build the estimator of one sensor from its frame without contact, (H, W, 3) uint8 RGB."""
+    def make(self, background: Image, aspect: float | None = None) -> SlipEstimator:
+        """Build the estimator of one sensor.
+
+        background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
+        pixel on the gel where known (`slip` only; the paper's methods take pixels as square).
+        """
         if self.name.endswith(PUBLISHED):
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
             return PublishedEstimator(ContactFinder(background), method, self.window)
         if self.name == DEFAULT_ESTIMATOR:
-            estimator: SlipEstimator = SlipTracker(background, skip=self.skip)
+            estimator: SlipEstimator = SlipTracker(background, aspect, self.skip)
         elif self.name in MATCHERS:
             estimator = ReferenceEstimator(background, MATCHERS[self.name])
         else:

@@ -66,9 +66,13 @@ class Tracked:
 
 
 class GraspTracker:
-    """Follows one grasp from its first keyframe on."""
+    """Follows one grasp from its first keyframe on.
 
-    def __init__(self, first: Keyframe, angle_rad: float, variance: float) -> None:
+    angle_rad, variance: of the pose at the first keyframe. to_the_end: see `align`.
+    """
+
+    def __init__(self, first: Keyframe, angle_rad: float, variance: float, to_the_end: bool = False) -> None:
+        self._to_the_end = to_the_end
         self._keys = [Key(first, Pose(angle_rad, first.center_px), variance)]
         self._key = self._keys[0]
         self._pose = self._key.pose
@@ -116,7 +120,7 @@ class GraspTracker:
     def _aligned(self, key: Key, gradient: Field, mask: Image, expected: Pose) -> Tracked | None:
         weights = self._weights if key is self._key else None
         angle, shift = self._start(key, expected)
-        alignment = align(key.frame, gradient, mask, angle, shift, weights)
+        alignment = align(key.frame, gradient, mask, angle, shift, weights, self._to_the_end)
         if not (alignment.misfit <= WORST_MISFIT and alignment.overlap >= WORST_OVERLAP):
             return None
         lever = key.pose.point_px - key.frame.center_px

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 # or two, so the filter must not hold the angle back.
 ACCELERATION_RAD_S2 = 40.0
 FIRST_RATE_RAD_S = 0.5
+# A rate says nothing of what an object does after so long.
+HORIZON_S = 0.1
 
 
 @dataclass(slots=True)
@@ -32,7 +34,7 @@ class RateFilter:
         """Return the angle expected at a time, rad."""
         if self.time_s is None:
             return 0.0
-        return float(self.state[0] + self.state[1] * (time_s - self.time_s))
+        return float(self.state[0] + self.state[1] * min(time_s - self.time_s, HORIZON_S))
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
         """Take an angle measured at a time; return the filtered one, rad."""

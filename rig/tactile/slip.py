@@ -15,10 +15,10 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.gate import ContactGate, Region
-from rig.tactile.gradient import Field, GradientMap, learn_map
+from rig.tactile.gradient import Box, Field, GradientMap, learn_map
 from rig.tactile.grasp import GraspTracker, Tracked
 from rig.tactile.motion import RateFilter
-from rig.tactile.registration import Keyframe, make_keyframe
+from rig.tactile.registration import MAX_ITERATIONS, Keyframe, make_keyframe
 from rig.tactile.relative import RelativeDifference, check_frame
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
@@ -27,6 +27,7 @@ from rig.tactile.uncertainty import angle_variance
 # Long side of the copy that is looked at: a quarter of a DIGIT's, fine for gel that is 0.2 mm soft.
 WORK_LONG_SIDE_PX = 80
 NOISE_BLUR_PX = 0.7
+BOX_MARGIN_PX = 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
 # 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
 # the rest makes up a direction (real balls reach 0.6).
@@ -41,6 +42,8 @@ FORGET_S, GIVE_UP_S = 0.5, 0.25
 # What is not known of a turn that nobody saw.
 UNSEEN_RAD = math.radians(30.0)
 STAGES = ("contact", "gradient", "alignment", "filter")
+OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
+"""What a frame with a contact can do without."""
 
 
 class SlipTracker(SlipEstimator):
@@ -110,7 +113,7 @@ class SlipTracker(SlipEstimator):
         if self._grasp is None or self._map is None:
             self._patience -= 1
             return State.UNOBSERVABLE, None
-        gradient = self._map.apply(difference, cv2.boundingRect(region.mask))
+        gradient = self._map.apply(difference, _box(region.mask) if self._skip else None)
         watch.lap("gradient")
         expected = self._angle_rad if begun else self._filter.predicted(time_ns / NS_PER_S)
         tracked = self._grasp.track(gradient, region.mask, expected)
@@ -141,11 +144,18 @@ class SlipTracker(SlipEstimator):
         watch.lap("filter")
         return replace(
             sample,
+            skipped=self._left_out(tracked),
             angle_deg=math.degrees(angle),
             sigma_deg=math.degrees(math.sqrt(self._variance)),
             rate_deg_s=math.degrees(self._filter.rate_rad_s),
             shift_px=(float(shift[0]), float(shift[1])),
         )
+
+    def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
+        """Name what this frame did not need."""
+        if not self._skip:
+            return ()
+        return (OUTSIDE, ITERATIONS) if tracked.alignment.iterations < MAX_ITERATIONS else (OUTSIDE,)
 
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
         """Answer for a frame that is the last one again: nothing was learnt but that time passed."""
@@ -164,7 +174,7 @@ class SlipTracker(SlipEstimator):
             return False
         moved = self._point_px - self._origin_px if self._grasp is not None else np.zeros(2)
         # Until it settles, a contact has not turned yet: the zero is that of its latest keyframe.
-        self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen)
+        self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen, not self._skip)
         self._point_px, self._origin_px = frame.center_px, frame.center_px - moved
         return True
 
@@ -213,6 +223,14 @@ def _work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
 
     best = min((h for h in heights if 8 <= round(h * wanted) <= longest), key=misfit, default=longest)
     return round(best * wanted), best
+
+
+def _box(mask: Image) -> Box:
+    """Return the box around a mask with room for interpolation and slopes at its edge."""
+    left, top, width, height = cv2.boundingRect(mask)
+    right, bottom = left + width + BOX_MARGIN_PX, top + height + BOX_MARGIN_PX
+    left, top = max(left - BOX_MARGIN_PX, 0), max(top - BOX_MARGIN_PX, 0)
+    return left, top, min(right, mask.shape[1]) - left, min(bottom, mask.shape[0]) - top
 
 
 def _observable(frame: Keyframe) -> bool:

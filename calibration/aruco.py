@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
+from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 
 Corners = NDArray[np.float64]
@@ -99,9 +99,26 @@ def _parameters() -> cv2.aruco.DetectorParameters:
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    if name.endswith((".yml", ".yaml")):
+        return _dictionary_file(name)
     if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
         raise InputError(f"markers: OpenCV has no dictionary {name!r}; use a name such as DICT_4X4_50")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _dictionary_file(path: str) -> cv2.aruco.Dictionary:
+    """A dictionary of one's own in OpenCV's format (nmarkers, markersize, marker_0 ...)."""
+    words = cv2.aruco.Dictionary()
+    try:
+        storage = cv2.FileStorage(path, cv2.FILE_STORAGE_READ)
+        read = storage.isOpened() and words.readDictionary(storage.root())
+    except cv2.error as error:
+        raise CalibrationError(f"{path}: holds no marker dictionary OpenCV can read ({error.err})") from error
+    if not read or len(words.bytesList) == 0:
+        raise CalibrationError(
+            f"{path}: no marker dictionary there; nmarkers, markersize, marker_0 are needed"
+        )
+    return words
 
 
 def _add_apart(others: list[Corners], quad: Corners) -> None:

@@ -20,10 +20,9 @@ from rig.benchmark.scores import Score, score_all
 from rig.benchmark.stress import CONTACTS, ClipScore, StressRow, run_stress, stress_rows, stress_tasks
 from rig.benchmark.timing import TimingReport, time_lifts
 from rig.config import load_bench
-from rig.records.files import read_lines
 from rig.records.session import MANIFEST, read_manifest
 from rig.tactile.estimator import choose_estimator
-from rig.trial import RESULTS, run_trial
+from rig.trial import run_trial
 from rig.workers import run_tasks
 
 SCHEMA = 1
@@ -39,7 +38,8 @@ class BenchmarkSettings:
     """What to run.
 
     session: a finished trial to use the lifts of; None records them in `out`/session, and goes on
-    there where that was interrupted. jobs: worker processes; timing always has one.
+    there where that was interrupted. jobs: worker processes; timing always has one. groups: of
+    stress conditions, all when None.
     """
 
     out: Path
@@ -50,6 +50,7 @@ class BenchmarkSettings:
     objects: tuple[str, ...] = TRIAL_OBJECTS
     lifts: int | None = None
     timed_lifts: int | None = None
+    groups: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +179,7 @@ def _lifts(
 
 def _stress(settings: BenchmarkSettings, progress: Progress) -> list[StressRow]:
     tasks = stress_tasks(settings.full, settings.seed)
+    tasks = [task for task in tasks if settings.groups is None or task.group in settings.groups]
     done: dict[int, list[ClipScore]] = {}
     order = {task: place for place, task in enumerate(tasks)}
     for task, scores in run_tasks(run_stress, list(tasks), settings.jobs):

@@ -23,7 +23,7 @@ Scores = Mapping[tuple[str, int], Score]
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One limit: what was measured (None: nothing to measure), in words what was asked, and whether it holds."""
+    """A limit: what was measured (None: nothing to measure it on), what was asked, whether it holds."""
 
     name: str
     value: float | None

@@ -1,0 +1,206 @@
+"""The gel's colour map from presses of balls of known diameter, and what presses left out say of it.
+
+Inside a ball's contact the gel takes the ball's shape, so the surface normal there is the place
+relative to the centre over the radius: n = (p - c) / R. The centres are not known; they are found
+together with the map, each in turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.gel.gradient_map import GradientMap, fit_gradient_map
+from calibration.gel.presses import Press, rim_radius
+from calibration.verdict import Judgement, Rejected, floor, limit
+from drivers.errors import CalibrationError
+
+Array = NDArray[np.floating]
+
+FEWEST_PRESSES = 8
+_CORE = 0.7
+"""Share of the rim's radius that is surely in contact; beyond, the gel leaves the ball."""
+_ROUNDS = 5
+_THIN = 5
+"""Every fifth pixel: neighbours say the same, smoothed as they are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BallPress:
+    """A press and the ball's radius in mm."""
+
+    press: Press
+    radius_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BallFit:
+    """The map, and what it says of presses it had not seen.
+
+    held_out_mm: radius each press gives when it is left out, by id. normal_rms: rms error of a
+    normal part in those. null_rms: rms of a normal part where nothing touches. centres_px: found.
+    """
+
+    judgement: Judgement
+    map: GradientMap
+    held_out_mm: dict[str, float]
+    true_mm: dict[str, float]
+    normal_rms: float
+    null_rms: float
+    centres_px: dict[str, tuple[float, float]]
+    rejected: tuple[Rejected, ...]
+
+    def radius_error(self) -> dict[float, float]:
+        """Relative error of the median held-out radius, by true radius in mm."""
+        errors: dict[float, float] = {}
+        for radius in sorted(set(self.true_mm.values())):
+            found = [self.held_out_mm[i] for i, true in self.true_mm.items() if true == radius]
+            errors[radius] = float(np.median(found)) / radius - 1.0
+        return errors
+
+
+def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
+    """Fit the colour map to presses all over the gel; every press is left out once to check it.
+
+    mm_per_px: along x and y. Raises `CalibrationError` for fewer than eight presses, or a ball
+    too small for its press.
+    """
+    good, rejected = _usable(presses, mm_per_px)
+    if len(good) < FEWEST_PRESSES:
+        why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
+        raise CalibrationError(f"gel: {len(good)} usable presses, {FEWEST_PRESSES} are the least ({why})")
+    good = find_centres(good, mm_per_px)
+    held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
+    normal_rms = float(np.sqrt(np.mean(np.square(errors))))
+    null_rms = float(np.sqrt(np.mean(np.square(nulls)))) if nulls else 0.0
+    true = {p.press.id: p.radius_mm for p in good}
+    centres = {p.press.id: p.press.centre_px for p in good}
+    fitted = fit_to(good, mm_per_px)
+    result = BallFit(Judgement(), fitted, held_out, true, normal_rms, null_rms, centres, tuple(rejected))
+    return replace(result, judgement=_judge(result))
+
+
+def find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
+    """Fit map and centres in turn: the centre of a press is where its normals, times R, point back to."""
+    presses = list(presses)
+    for _ in range(_ROUNDS):
+        fitted = fit_to(presses, mm_per_px)
+        presses = [_centred(press, fitted, mm_per_px) for press in presses]
+    return presses
+
+
+def fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
+    """The map for presses whose centres are taken as they are."""
+    rows, columns = presses[0].press.strength.shape
+    change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
+    return fit_gradient_map(np.vstack(change), np.vstack(places), np.vstack(normals), (rows, columns))
+
+
+def ball_radius_mm(press: Press, fitted: GradientMap, mm_per_px: tuple[float, float]) -> float:
+    """Radius of the ball of a press, mm, from the map's normals: p = c + R n by least squares.
+
+    The place is regressed on the normal, not the other way round: a fitted map gives the mean
+    normal for a colour, which leaves its errors uncorrelated with what it gives.
+    """
+    change, places = core_pixels(press)
+    normals = fitted.normals(change, places)
+    where = places * mm_per_px
+    from_mean, off = normals - normals.mean(axis=0), where - where.mean(axis=0)
+    return float((from_mean * off).sum() / max((from_mean**2).sum(), 1e-12))
+
+
+def core_pixels(press: Press) -> tuple[Array, Array]:
+    """(N, 3) colour changes and (N, 2) px of the pixels that are surely in contact, thinned."""
+    x, y = _pixels(press.strength.shape, _THIN)
+    core = np.hypot(x - press.centre_px[0], y - press.centre_px[1]) < _CORE * press.rim_px
+    x, y = x[core], y[core]
+    return press.change[y, x], np.column_stack([x, y]).astype(np.float64)
+
+
+def _samples(press: BallPress, mm_per_px: tuple[float, float]) -> tuple[Array, Array, Array]:
+    change, places = core_pixels(press.press)
+    return change, places, (places - press.press.centre_px) * mm_per_px / press.radius_mm
+
+
+def _centred(press: BallPress, fitted: GradientMap, mm_per_px: tuple[float, float]) -> BallPress:
+    change, places = core_pixels(press.press)
+    back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
+    x, y = (float(v) for v in back.mean(axis=0))
+    p = press.press
+    moved = replace(p, centre_px=(x, y), rim_px=rim_radius(p.strength, (x, y), p.reach_px))
+    return replace(press, press=moved)
+
+
+def _held_out(
+    presses: list[BallPress], mm_per_px: tuple[float, float], folds: int
+) -> tuple[dict[str, float], list[float], list[float]]:
+    radii: dict[str, float] = {}
+    errors: list[float] = []
+    nulls: list[float] = []
+    for fold in range(folds):
+        fitted = fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
+        for press in presses[fold::folds]:
+            radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
+            change, places, truth = _samples(press, mm_per_px)
+            errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
+            nulls.append(_null(press.press, fitted))
+    return radii, errors, nulls
+
+
+def _null(press: Press, fitted: GradientMap) -> float:
+    """Rms normal part far from the contact, where it should be zero."""
+    x, y = _pixels(press.strength.shape, 8 * _THIN)
+    far = np.hypot(x - press.centre_px[0], y - press.centre_px[1]) > 2.5 * press.reach_px
+    if not far.any():
+        return 0.0
+    places = np.column_stack([x[far], y[far]]).astype(np.float64)
+    return float(np.sqrt((fitted.normals(press.change[y[far], x[far]], places) ** 2).mean()))
+
+
+@lru_cache(maxsize=4)
+def _pixels(shape: tuple[int, int], step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Columns and rows of every `step`-th pixel, along a slant so that no row or column is missed."""
+    rows, columns = (axis.ravel() for axis in np.indices(shape))
+    chosen = (columns + 2 * rows) % step == 0
+    return columns[chosen], rows[chosen]
+
+
+def _usable(
+    presses: Sequence[BallPress], mm_per_px: tuple[float, float]
+) -> tuple[list[BallPress], list[Rejected]]:
+    kept, rejected = [], []
+    for press in presses:
+        depth = press.press.rim_px * _CORE * max(mm_per_px)
+        if not (np.isfinite(press.radius_mm) and press.radius_mm > 0.0):
+            rejected.append(Rejected(press.press.id, f"a ball radius of {press.radius_mm} mm"))
+        elif depth >= press.radius_mm:
+            text = (
+                f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
+            )
+            rejected.append(Rejected(press.press.id, text))
+        elif len(core_pixels(press.press)[0]) < 30:
+            rejected.append(Rejected(press.press.id, "too little of its contact is in the picture"))
+        else:
+            kept.append(press)
+    return kept, rejected
+
+
+def _judge(result: BallFit) -> Judgement:
+    errors = result.radius_error()
+    spread = np.array([abs(result.held_out_mm[i] / true - 1.0) for i, true in result.true_mm.items()])
+    worst = max(abs(e) for e in errors.values())
+    judged = limit(
+        100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
+    )
+    judged += limit(
+        100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
+    )
+    judged += limit(
+        result.null_rms, 0.03, 0.2, "where nothing touches, the slope is {value:.3f} and not zero"
+    )
+    judged += floor(len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good")
+    if len(errors) < 2:
+        judged += Judgement(doubts=("only one ball diameter: a wrong scale or diameter would go unseen",))
+    return judged

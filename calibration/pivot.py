@@ -1,0 +1,160 @@
+"""The tool's tip in the flange or TCP frame, from poses that all touch one fixed point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.poses import pose_fault
+from calibration.verdict import Judgement, Rejected, floor, limit
+from drivers.types import Pose
+
+Array = NDArray[np.floating]
+
+FEWEST = 4
+_HINT = "tilt the tool by 30 degrees and more, about two axes, with the tip in its hole"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PivotResult:
+    """tip_m: (3,) in the tool's frame; point_m: (3,) the fixed point in base; None where refused.
+
+    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m, held_out_m:
+    per pose used. cone_deg: largest turn between two poses. condition: smallest over largest
+    singular value of the scaled system.
+    """
+
+    judgement: Judgement
+    rejected: tuple[Rejected, ...] = ()
+    tip_m: Array | None = None
+    point_m: Array | None = None
+    covariance: Array | None = None
+    residual_m: dict[str, float] | None = None
+    held_out_m: Array | None = None
+    cone_deg: float = 0.0
+    condition: float = 0.0
+
+
+def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
+    """Least squares of R_i tip + p_i = point over named `base_T_tool` poses, bad ones left out."""
+    good, rejected = _usable(poses)
+    if len(good) < FEWEST:
+        text = f"{len(good)} usable distinct poses, {FEWEST} are the least and 10 are good"
+        return PivotResult(Judgement((text,)), tuple(rejected))
+    names = [name for name, _ in good]
+    turns = np.array([pose.rotation.as_matrix() for _, pose in good])
+    moves = np.array([pose.position_m for _, pose in good])
+    cone, condition = _observability(turns)
+    gate = _gate(cone, condition)
+    if gate.refusals:
+        return PivotResult(gate, tuple(rejected), cone_deg=cone, condition=condition)
+    kept = _inliers(turns, moves)
+    rejected += [Rejected(names[i], "its tip is off the others' point") for i in np.flatnonzero(~kept)]
+    return _finish([n for n, k in zip(names, kept, strict=True) if k], turns[kept], moves[kept], rejected)
+
+
+def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
+    """Tip and fixed point, (3,) m each, from (N, 3, 3) and (N, 3) m."""
+    system = _system(turns)
+    both, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
+    return both[:3], both[3:]
+
+
+def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejected]) -> PivotResult:
+    cone, condition = _observability(turns)
+    gate = _gate(cone, condition)
+    if gate.refusals or len(names) < FEWEST:
+        left = gate if gate.refusals else Judgement((f"{len(names)} poses agree, {FEWEST} are the least",))
+        return PivotResult(left, tuple(rejected), cone_deg=cone, condition=condition)
+    tip, point = solve_pivot(turns, moves)
+    missed = turns @ tip + moves - point
+    distance = np.linalg.norm(missed, axis=1)
+    covariance, held_out = _spread(turns, moves, tip, missed)
+    judged = gate + limit(
+        1e3 * float(np.sqrt((distance**2).mean())), 1.0, 5.0,
+        "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?",
+    )  # fmt: skip
+    judged += limit(
+        1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known to {value:.2f} mm only"
+    )
+    judged += floor(len(names), 8, FEWEST, "{value} poses used; 10 are good")
+    if judged.refusals:
+        return PivotResult(judged, tuple(rejected), cone_deg=cone, condition=condition)
+    residual = dict(zip(names, distance.tolist(), strict=True))
+    return PivotResult(judged, tuple(rejected), tip, point, covariance, residual, held_out, cone, condition)
+
+
+def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> tuple[Array, Array]:
+    """Covariance of the tip (the larger of fit and jackknife), and held-out distances (N,) m."""
+    system = _system(turns)
+    _, strengths, directions = np.linalg.svd(system, full_matrices=False)
+    count = len(turns)
+    noise = float((missed**2).sum()) / max(3 * count - 6, 1)
+    spread = directions / strengths[:, None]
+    fit = (spread.T @ spread)[:3, :3] * noise
+    changes, held_out = [], []
+    for i in range(count):
+        others = np.delete(np.arange(count), i)
+        other_tip, other_point = solve_pivot(turns[others], moves[others])
+        changes.append(other_tip - tip)
+        held_out.append(float(np.linalg.norm(turns[i] @ other_tip + moves[i] - other_point)))
+    jackknife = (count - 1) / count * np.array(changes).T @ np.array(changes)
+    return (jackknife if np.trace(jackknife) > np.trace(fit) else fit), np.array(held_out)
+
+
+def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
+    """Drop the worst pose while it stands out by three medians and more than a millimetre."""
+    kept = np.ones(len(turns), bool)
+    while kept.sum() > FEWEST:
+        tip, point = solve_pivot(turns[kept], moves[kept])
+        distance = np.linalg.norm(turns @ tip + moves - point, axis=1)
+        worst = int(np.argmax(np.where(kept, distance, -1.0)))
+        if distance[worst] <= max(3.0 * float(np.median(distance[kept])), 1e-3) or kept.sum() <= 0.7 * len(
+            turns
+        ):
+            return kept
+        kept[worst] = False
+    return kept
+
+
+def _usable(poses: Sequence[tuple[str, Pose]]) -> tuple[list[tuple[str, Pose]], list[Rejected]]:
+    kept: list[tuple[str, Pose]] = []
+    rejected: list[Rejected] = []
+    for name, pose in poses:
+        fault = pose_fault(pose, "robot pose") or next(
+            (_same(pose, o, n) for n, o in kept if _same(pose, o, n)), None
+        )
+        if fault is None:
+            kept.append((name, pose))
+        else:
+            rejected.append(Rejected(name, fault))
+    return kept, rejected
+
+
+def _same(pose: Pose, other: Pose, name: str) -> str | None:
+    moved = other.inverse() @ pose
+    same = np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1)
+    return f"same robot pose as {name}" if same else None
+
+
+def _gate(cone_deg: float, condition: float) -> Judgement:
+    if cone_deg < 10.0:
+        return Judgement((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
+    if condition < 0.02:
+        return Judgement((f"all turns are about one axis, so the tip along it is free: {_HINT}",))
+    return floor(cone_deg, 30.0, 10.0, "the tool turned by {value:.0f} degrees at most: " + _HINT)
+
+
+def _observability(turns: Array) -> tuple[float, float]:
+    first, second = np.triu_indices(len(turns), 1)
+    relative = Rotation.from_matrix(turns[second] @ turns[first].transpose(0, 2, 1))
+    strengths = np.linalg.svd(_system(turns), compute_uv=False)
+    return float(np.degrees(relative.magnitude()).max()), float(strengths[-1] / strengths[0])
+
+
+def _system(turns: Array) -> Array:
+    count = len(turns)
+    fixed = np.broadcast_to(-np.eye(3), (count, 3, 3))
+    return np.concatenate([turns, fixed], axis=2).reshape(-1, 6)

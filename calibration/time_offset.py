@@ -1,0 +1,201 @@
+"""Offset and drift between two clocks that saw the same motion: a wiggle, seen by both.
+
+Convention: `offset_s` is added to the second stream's times to get the first one's; with a drift
+`d` (ppm) the offset holds at the middle of the overlap and grows by d microseconds per second.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.verdict import Judgement, limit
+from drivers.errors import CalibrationError
+
+Array = NDArray[np.floating]
+
+FEWEST = 20
+_LEAST_EXPLAINED = 0.5
+_GRID_S = 0.002
+_ROUNDS = 30
+_DRIFT_FROM_S = 60.0
+"""A drift is fitted to streams that overlap for a minute and more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """A signal of one clock: time_ns (N,) int64 increasing, values (N,) float64, samples left out."""
+
+    time_ns: NDArray[np.int64]
+    values: Array
+    dropped: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TimeOffset:
+    """The answer. sigma_s, drift_sigma_ppm: one sigma. gain: second's values over first's, signed.
+
+    explained: share of the second signal's variance that the first explains. noise: one sigma of
+    its rest. offset_s is None where refused.
+    """
+
+    judgement: Judgement
+    offset_s: float | None = None
+    sigma_s: float | None = None
+    drift_ppm: float | None = None
+    drift_sigma_ppm: float | None = None
+    gain: float | None = None
+    explained: float | None = None
+    noise: float | None = None
+    used: int = 0
+    overlap_s: float = 0.0
+
+
+def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> Stream:
+    """Sort by time and leave out repeated stamps and values that are not finite.
+
+    Raises `CalibrationError` for times that are no integers, shapes that differ, a clock that jumps
+    by more than an hour, or fewer than 20 samples.
+    """
+    times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
+    if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
+        raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
+    finite = np.isfinite(signal)
+    order = np.argsort(times[finite], kind="stable")
+    times, signal = times[finite][order].astype(np.int64), signal[finite][order]
+    fresh = np.append(True, np.diff(times) > 0) if len(times) else np.zeros(0, bool)
+    times, signal = times[fresh], signal[fresh]
+    if len(times) < FEWEST:
+        raise CalibrationError(f"sync: {name}: {len(times)} usable samples, {FEWEST} are the least")
+    longest_s = float(np.diff(times).max()) / 1e9
+    if longest_s > 3600.0:
+        raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
+    return Stream(times, signal, len(finite) - len(times))
+
+
+def unwrapped(counter: NDArray[np.integer], bits: int = 32) -> NDArray[np.int64]:
+    """Undo the wraps of a free-running counter, at most half a turn per step."""
+    steps = np.diff(np.asarray(counter).astype(np.int64))
+    turn = 1 << bits
+    steps = (steps + turn // 2) % turn - turn // 2
+    return int(counter[0]) + np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
+
+
+def time_offset(first: Stream, second: Stream, search_s: float = 0.5) -> TimeOffset:
+    """Find the offset within +- `search_s`, or say why these streams do not determine it.
+
+    Least squares on the second signal against the first, interpolated, with free gain and level;
+    a grid finds the valley, Gauss-Newton its bottom.
+    """
+    zero = first.time_ns[0]
+    t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
+    inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s) & _measured(t1, t2, search_s)
+    t2, wanted = t2[inside], second.values[inside]
+    if len(t2) < FEWEST:
+        text = f"the streams overlap by {len(t2)} samples (search +-{search_s:g} s): record longer"
+        return TimeOffset(Judgement((text,)), used=len(t2))
+    if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
+        return TimeOffset(Judgement(("nothing moved while this was recorded: wiggle by several degrees",)))
+    grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
+    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in grid])
+    best = int(np.argmin(costs))
+    return _refined(t1, first.values, t2, wanted, (grid, costs, best), search_s)
+
+
+def _refined(
+    t1: Array, signal: Array, t2: Array, wanted: Array, valley: tuple[Array, Array, int], search_s: float
+) -> TimeOffset:
+    grid, costs, best = valley
+    middle, overlap = float(t2.mean()), float(np.ptp(t2))
+    with_drift = overlap >= _DRIFT_FROM_S
+    offset, drift = float(grid[best]), 0.0
+    for _ in range(_ROUNDS):
+        system, rest = _linearised(
+            t1, signal, t2 + offset + drift * (t2 - middle), wanted, t2 - middle, with_drift
+        )
+        scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
+        step, *_ = np.linalg.lstsq(system / scale, rest, rcond=None)
+        step = step / scale
+        offset, drift = offset + float(step[0]), drift + (float(step[3]) if with_drift else 0.0)
+        if abs(step[0]) < 1e-9:
+            break
+    cost, gain, noise = _explained(t1, signal, t2 + offset + drift * (t2 - middle), wanted)
+    system, _ = _linearised(t1, signal, t2 + offset + drift * (t2 - middle), wanted, t2 - middle, with_drift)
+    sigma = noise * _unit_sigmas(system)
+    explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
+    judged = _judge(explained, float(sigma[0]), offset, search_s, _rival(grid, costs, best))
+    if judged.refusals:
+        return TimeOffset(judged, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
+    return TimeOffset(
+        judged, offset, float(sigma[0]), 1e6 * drift if with_drift else None,
+        1e6 * float(sigma[3]) if with_drift else None, gain, explained, noise, len(t2), overlap,
+    )  # fmt: skip
+
+
+def _judge(explained: float, sigma_s: float, offset_s: float, search_s: float, rival: float) -> Judgement:
+    if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
+        return Judgement(
+            (f"the signals share {max(explained, 0.0):.0%} of their motion only: wiggle by several degrees",)
+        )
+    if abs(offset_s) > search_s - 2 * _GRID_S:
+        return Judgement((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
+    if rival < 1.5:
+        return Judgement(
+            ("another offset fits almost as well, because the motion repeats: wiggle at a changing rate",)
+        )
+    return limit(
+        1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
+    )
+
+
+def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
+    """Squares left, gain, and one sigma of the rest, for the best gain and level."""
+    seen = np.interp(at, t1, signal)
+    centred, goal = seen - seen.mean(), wanted - wanted.mean()
+    power = float(centred @ centred)
+    gain = float(centred @ goal) / power if power > 1e-12 else 0.0
+    rest = goal - gain * centred
+    cost = float(rest @ rest)
+    return cost, gain, float(np.sqrt(cost / max(len(at) - 3, 1)))
+
+
+def _linearised(
+    t1: Array, signal: Array, at: Array, wanted: Array, from_middle: Array, with_drift: bool
+) -> tuple[Array, Array]:
+    """Derivatives towards offset, gain, level (and drift), and what is missed."""
+    _, gain, _ = _explained(t1, signal, at, wanted)
+    seen = np.interp(at, t1, signal)
+    half = max(float(np.median(np.diff(t1))), 2e-3)
+    speed = (np.interp(at + half, t1, signal) - np.interp(at - half, t1, signal)) / (2 * half)
+    columns = [gain * speed, seen - seen.mean(), np.ones_like(at)]
+    if with_drift:
+        columns.append(gain * speed * from_middle)
+    return np.column_stack(columns), wanted - wanted.mean() - gain * (seen - seen.mean())
+
+
+def _unit_sigmas(system: Array) -> Array:
+    """One sigma of each parameter for noise of one, by SVD; infinite where nothing determines it."""
+    scale = np.linalg.norm(system, axis=0)
+    if (scale < 1e-12).any():
+        return np.full(system.shape[1], np.inf)
+    _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
+    return np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
+
+
+def _rival(grid: Array, costs: Array, best: int) -> float:
+    """How much worse the best other valley is: its cost over the least (1: as good)."""
+    inner = (costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])
+    others = [c for i, c in enumerate(costs[1:-1], start=1) if inner[i - 1] and abs(i - best) > 2]
+    return float(min(others) / max(costs[best], 1e-300)) if others else np.inf
+
+
+def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:
+    """Samples of the second stream around which the first one has no gap."""
+    gap = np.diff(t1)
+    allowed = max(10.0 * float(np.median(gap)), 0.02)
+    starts = t1[:-1][gap > allowed] - search_s
+    ends = t1[1:][gap > allowed] + search_s
+    outside = np.ones(len(t2), bool)
+    for start, end in zip(starts, ends, strict=True):
+        outside &= (t2 < start) | (t2 > end)
+    return outside

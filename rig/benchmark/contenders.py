@@ -24,19 +24,21 @@ WINDOWS = tuple(range(1, 11))
 """1: no filter. The paper compares 2 to 10."""
 
 
-def complete(name: str, background: Image) -> SlipEstimator:
-    """Make a contender as a user gets it, with its usual window: for timing."""
+def complete(name: str, background: Image, aspect: float | None = None) -> SlipEstimator:
+    """Make a contender as a user gets it, with its usual window: for timing. aspect: as `EstimatorChoice`."""
     choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
-    return choice.make(background)
+    return choice.make(background, aspect)
 
 
-def unfiltered(background: Image, names: Sequence[str] = CONTENDERS) -> dict[str, SlipEstimator]:
+def unfiltered(
+    background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS
+) -> dict[str, SlipEstimator]:
     """Make contenders that give the angles before any window; the paper's share one contact mask.
 
     A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
     """
     finder = SharedContact(background)
-    return {name: _unfiltered(name, background, finder) for name in names}
+    return {name: _unfiltered(name, background, aspect, finder) for name in names}
 
 
 def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
@@ -98,9 +100,9 @@ class _Replayed(SlipEstimator):
         return next(self._samples)
 
 
-def _unfiltered(name: str, background: Image, finder: ContactFinder) -> SlipEstimator:
+def _unfiltered(name: str, background: Image, aspect: float | None, finder: ContactFinder) -> SlipEstimator:
     if name.endswith(PUBLISHED):
         return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])
     if name in METHODS:
         return AxisEstimator(finder, METHODS[name])
-    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background)
+    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background, aspect)

@@ -46,7 +46,13 @@ def resized(width: int, height: int) -> Disturbance:
 
 def landscape(clip: Clip, rng: np.random.Generator) -> Clip:
     """Turn frames and background by a quarter, as a sensor mounted lying down."""
-    return _each(lambda image: np.ascontiguousarray(np.rot90(image)), True, clip, rng)
+    lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)), True, clip, rng)
+    return replace(lying, aspect=None if clip.aspect is None else 1.0 / clip.aspect)
+
+
+def uncalibrated(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Do not tell the pixels' aspect."""
+    return replace(clip, aspect=None)
 
 
 def gains(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:

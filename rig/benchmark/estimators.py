@@ -13,8 +13,8 @@ import cv2
 
 from protocols.grasps import TRIAL_OBJECTS
 from rig.attempt import TrialSettings
-from rig.benchmark.lifts import LiftScores, score_lift, session_lifts
-from rig.benchmark.limits import Limit, judge, paper_best
+from rig.benchmark.lifts import LiftScores, Tips, score_lift, session_lifts
+from rig.benchmark.limits import Limit, closest_of_paper, judge
 from rig.benchmark.precision import Precision, compare_precision
 from rig.benchmark.scores import Score, score_all
 from rig.benchmark.stress import CONTACTS, ClipScore, StressRow, run_stress, stress_rows, stress_tasks
@@ -73,9 +73,9 @@ class BenchmarkResult:
     wall_s: float
 
     @property
-    def paper_best(self) -> tuple[str, int] | None:
-        """The paper's best method and window on these lifts."""
-        return paper_best(self.scores)
+    def closest_of_paper(self) -> tuple[str, int] | None:
+        """The one of the paper's methods and windows that is best on these lifts."""
+        return closest_of_paper(self.scores)
 
 
 def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: None) -> BenchmarkResult:
@@ -85,11 +85,11 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
     """
     began = time.perf_counter()
     folder = settings.session or _recorded(settings, progress)
-    signs, rows = session_lifts(folder)
+    tips, rows = session_lifts(folder)
     timed = _spread_out(rows, settings.timed_lifts or (FULL_TIMED_LIFTS if settings.full else TIMED_LIFTS))
     # Timed first and alone: worker processes beside it would share its core.
-    timing = time_lifts(folder, signs, timed, partial(progress, "timing"))
-    lifts = _lifts(folder, signs, rows, settings.jobs, progress)
+    timing = time_lifts(folder, tips, timed, partial(progress, "timing"))
+    lifts = _lifts(folder, tips, rows, settings.jobs, progress)
     stress = _stress(settings, progress)
     scores = {key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores}
     gap, apart = max(lift.skip_gap_deg for lift in lifts), sum(lift.skip_apart for lift in lifts)
@@ -113,7 +113,7 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
 
 def as_json(result: BenchmarkResult) -> dict[str, Any]:
     """Return the result as JSON values, with what it was measured on."""
-    best = result.paper_best
+    best = result.closest_of_paper
     return {
         "schema": SCHEMA,
         "simulated": result.simulated,
@@ -123,7 +123,7 @@ def as_json(result: BenchmarkResult) -> dict[str, Any]:
         "lifts": result.lifts,
         "machine": machine(),
         "estimators": [_row(result, *key) for key in result.scores],
-        "paper_best": None if best is None else {"estimator": best[0], "window": best[1]},
+        "closest_of_paper": None if best is None else {"estimator": best[0], "window": best[1]},
         "objects": {
             name: {key: asdict(score) for key, score in of.items()} for name, of in result.by_object.items()
         },
@@ -168,10 +168,10 @@ def _recorded(settings: BenchmarkSettings, progress: Progress) -> Path:
 
 
 def _lifts(
-    folder: Path, signs: Mapping[str, int], rows: list[dict[str, Any]], jobs: int, progress: Progress
+    folder: Path, tips: Tips, rows: list[dict[str, Any]], jobs: int, progress: Progress
 ) -> list[LiftScores]:
     found: dict[int, LiftScores] = {}
-    for row, scores in run_tasks(partial(score_lift, folder, signs), list(rows), jobs):
+    for row, scores in run_tasks(partial(score_lift, folder, tips), list(rows), jobs):
         found[row["number"]] = scores
         progress("estimators", len(found), len(rows), f"{row['object']}/{row['lift']}")
     return [found[row["number"]] for row in rows]

@@ -15,13 +15,14 @@ from drivers.types import Frame, Image
 from protocols.watch import Phase
 from rig.benchmark.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unfiltered
 from rig.benchmark.scores import SeriesScore, score_series
+from rig.config.models import TactileConfig
 from rig.fusion import FusedSample, fuse
 from rig.lift import ZERO_S, Fingertip
 from rig.records.files import read_lines
 from rig.records.reading import phase_times, recorded_frames, recorded_values
 from rig.records.recorder import TRUTH_TOPIC
-from rig.records.session import read_manifest
-from rig.slip_onset import slip_onset_ns
+from rig.replay import session_settings
+from rig.slip_onset import OnsetAlarm, slip_onset_ns
 from rig.tactile.background import mean_background
 from rig.tactile.estimator import DEFAULT_ESTIMATOR
 from rig.tactile.sample import SlipSample
@@ -29,6 +30,7 @@ from rig.trial import RESULTS
 from rig.truth import TruthSeries, interpolate
 
 Scores = dict[tuple[str, int], SeriesScore]
+Tips = Mapping[str, TactileConfig]
 Passes = dict[str, dict[str, list[SlipSample]]]
 
 
@@ -36,12 +38,12 @@ Passes = dict[str, dict[str, list[SlipSample]]]
 class RecordedLift:
     """One stored lift: its row in the session, and what the contenders need of its recording.
 
-    signs: of the fingertips by serial. backgrounds: their frames without contact.
+    tips: the bench's tactile sensors by serial. backgrounds: their frames without contact.
     """
 
     row: Mapping[str, Any]
     recording: Path
-    signs: Mapping[str, int]
+    tips: Tips
     phases: Mapping[Phase, int]
     backgrounds: Mapping[str, Image]
 
@@ -67,32 +69,30 @@ class LiftScores:
     skipped: dict[str, int] = field(default_factory=dict)
 
 
-def session_lifts(folder: Path) -> tuple[dict[str, int], list[dict[str, Any]]]:
-    """Return the fingertips' signs and the rows of a session's accepted lifts. Raises `SessionError`."""
-    manifest = read_manifest(folder)
-    if manifest.get("kind") != "trial":
-        raise SessionError(f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts")
+def session_lifts(folder: Path) -> tuple[Tips, list[dict[str, Any]]]:
+    """Return the fingertips and the rows of a session's accepted lifts. Raises `SessionError`."""
+    bench = session_settings(folder, None, None).bench
     rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
     if not rows:
         raise SessionError(f"{folder}: no finished lift; run the trial with --resume first")
-    return manifest["signs"], rows
+    return {tip.serial: tip for tip in bench.tactile}, rows
 
 
-def open_lift(folder: Path, signs: Mapping[str, int], row: Mapping[str, Any]) -> RecordedLift:
+def open_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> RecordedLift:
     """Read what comes before the grasp. Raises `SessionError` for a missing or damaged recording."""
     recording = folder / row["recording"]
     phases = phase_times(recording)
     backgrounds = {}
-    for serial in signs:
+    for serial in tips:
         frames = (f for f in recorded_frames(recording, serial))
         backgrounds[serial] = mean_background([f.image for f in _until(frames, phases[Phase.GRASP])])
-    return RecordedLift(row, recording, signs, phases, backgrounds)
+    return RecordedLift(row, recording, tips, phases, backgrounds)
 
 
-def score_lift(folder: Path, signs: Mapping[str, int], row: Mapping[str, Any]) -> LiftScores:
+def score_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> LiftScores:
     """Run every contender over one lift's frames; what a worker process does."""
     cv2.setNumThreads(1)
-    lift = open_lift(folder, signs, row)
+    lift = open_lift(folder, tips, row)
     passes = run_passes(lift)
     truth = _truth(lift, passes[DEFAULT_ESTIMATOR])
     scores = {
@@ -113,7 +113,7 @@ def run_passes(lift: RecordedLift) -> Passes:
     """Return every contender's unfiltered samples of every fingertip, from phase A on."""
     passes: Passes = {name: {} for name in CONTENDERS}
     for serial, background in lift.backgrounds.items():
-        estimators = unfiltered(background)
+        estimators = unfiltered(background, lift.tips[serial].pixel_aspect)
         samples: dict[str, list[SlipSample]] = {name: [] for name in CONTENDERS}
         for frame in lift.frames(serial):
             for name, estimator in estimators.items():
@@ -141,20 +141,28 @@ def _scored(
     if answered:
         times, angles = zip(*answered, strict=True)
         onset_ns = slip_onset_ns(np.array(times, np.int64), np.array(angles, float))
+    alarm = OnsetAlarm()
+    for sample in fused:
+        alarm.update(sample.time_ns, sample.angle_deg, sample.rate_deg_s)
     return score_series(
         f"{lift.row['object']}/{lift.row['lift']}",
         [s.angle_deg for s in fused],
         [s.sigma_deg for s in fused],
         [truth[s.time_ns] for s in fused],
         np.array([s.time_ns < hold_ns for s in fused], bool),
-        (lift.row["onset_truth_s"], None if onset_ns is None else (onset_ns - lift_ns) / NS_PER_S),
+        (lift.row["onset_truth_s"], _since(onset_ns, lift_ns), _since(alarm.raised_ns, lift_ns)),
+        any(sample.rate_deg_s is not None for sample in fused),
     )
+
+
+def _since(time_ns: int | None, start_ns: int) -> float | None:
+    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
 
 def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
     """Fuse the fingertips in the order of capture, from the lift on."""
     lift_ns = lift.phases[Phase.LIFT]
-    tips = {serial: Fingertip(sign) for serial, sign in lift.signs.items()}
+    tips = {serial: Fingertip(tip.sign) for serial, tip in lift.tips.items()}
     for serial, tip in tips.items():
         still = [s for s in samples[serial] if lift_ns - seconds(ZERO_S) <= s.time_ns < lift_ns]
         known = [s.angle_deg for s in still if s.angle_deg is not None]

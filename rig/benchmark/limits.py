@@ -45,8 +45,12 @@ def judge(
     ]
 
 
-def paper_best(scores: Scores) -> tuple[str, int] | None:
-    """Return the paper's method and window (2 to 10, mended or published) of smallest MARE over B and C."""
+PAPER_BEST = ("skeleton", 2)
+"""The method and window that the paper finds best (1.85 degrees), here with the script's faults mended."""
+
+
+def closest_of_paper(scores: Scores) -> tuple[str, int] | None:
+    """Return the one of the paper's methods and windows (2 to 10) that is best on these very lifts."""
     known = {
         key: score.mare.mean_deg
         for key, score in scores.items()
@@ -58,11 +62,10 @@ def paper_best(scores: Scores) -> tuple[str, int] | None:
 def _accuracy(ours: Score, scores: Scores) -> list[Limit]:
     mare = ours.mare.mean_deg if ours.mare else None
     long = ours.mare_elongated.mean_deg if ours.mare_elongated else None
-    best = paper_best(scores)
-    theirs = scores[best].mare if best else None
+    theirs = scores[PAPER_BEST].mare
     ratio = theirs.mean_deg / mare if theirs and mare else None
     within = ours.within_two_sigma
-    named = f" ({best[0]}, window {best[1]})" if best else ""
+    named = f"{PAPER_BEST[0]}, window {PAPER_BEST[1]}"
     return [
         _most("MARE over all lifts, deg", mare, MARE_DEG),
         _most("MARE over elongated objects, deg", long, ELONGATED_DEG),
@@ -74,7 +77,7 @@ def _accuracy(ours: Score, scores: Scores) -> list[Limit]:
             f"{WITHIN_LEAST:g} to {WITHIN_MOST:g}",
             within is not None and WITHIN_LEAST <= within <= WITHIN_MOST,
         ),
-        _least(f"times as accurate as the paper's best method{named}", ratio, TIMES_MORE_ACCURATE),
+        _least(f"times as accurate as the paper's best method ({named})", ratio, TIMES_MORE_ACCURATE),
     ]
 
 

@@ -53,7 +53,8 @@ class Scene:
 class Clip:
     """Frames of one sensor, (N) of (H, W, 3) uint8 RGB, with times and true image angles (N,) deg.
 
-    background: a frame without contact. moves_ns: when the turn begins.
+    background: a frame without contact. moves_ns: when the turn begins. aspect: width over height of
+    a pixel on the gel, as a calibration would tell it; None: not told.
     """
 
     background: Image
@@ -61,12 +62,14 @@ class Clip:
     time_ns: tuple[int, ...]
     angle_deg: NDArray[np.float64]
     moves_ns: int
+    aspect: float | None
 
 
 @lru_cache(maxsize=4)
 def render_clip(scene: Scene) -> Clip:
     """Render a scene; the same scene gives the same clip. Raises `InputError` for an unknown contact."""
     sensor, surface = _sensor(scene.unit), _surface(scene.contact, scene.seed)
+    across, down = sensor.mm_per_px
     rng = np.random.default_rng((scene.seed, scene.unit, 29))
     background = sensor.render(None, 0.0, rng)
     lasting_s = REST_S + abs(scene.angle_deg) / scene.rate_deg_s + AFTER_S
@@ -76,7 +79,14 @@ def render_clip(scene: Scene) -> Clip:
         sensor.render(_imprint(scene, surface, float(share)), float(t), rng)
         for t, share in zip(times_s, turned, strict=True)
     )
-    return Clip(background, frames, tuple(map(seconds, times_s)), turned * scene.angle_deg, seconds(REST_S))
+    return Clip(
+        background,
+        frames,
+        tuple(map(seconds, times_s)),
+        turned * scene.angle_deg,
+        seconds(REST_S),
+        across / down,
+    )
 
 
 def opposite(scene: Scene) -> Scene:

@@ -22,7 +22,8 @@ class SeriesScore:
 
     re: over all frames (B and C), re_b over B, re_held with refused frames held, re_unsigned of the
     angle's size alone. answered: share of frames. sure: answered frames with a sigma; within: those
-    of them whose error is at most two sigma. Onsets in s since the lift began, None where there is none.
+    of them whose error is at most two sigma. Onsets in s since the lift began, None where there is
+    none: true, found afterwards, and told as it happened (by a contender that has rates).
     """
 
     key: str
@@ -36,6 +37,8 @@ class SeriesScore:
     within: int
     onset_truth_s: float | None = None
     onset_estimate_s: float | None = None
+    onset_event_s: float | None = None
+    has_rates: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,8 @@ class Score:
     """Many lifts or clips of one contender.
 
     worst_deg: the largest mean error of one of them, which is `worst`. within_two_sigma: share of
-    answered frames, None without sigmas.
+    answered frames, None without sigmas. onset: found afterwards; event: told as it happened, None
+    for a contender without rates.
     """
 
     mare: Mare | None
@@ -72,6 +76,7 @@ class Score:
     answered: float
     within_two_sigma: float | None
     onset: OnsetScore
+    event: OnsetScore | None
 
 
 def score_series(
@@ -80,7 +85,8 @@ def score_series(
     sigmas_deg: Sequence[float | None],
     true_deg: Sequence[float | None],
     in_b: NDArray[np.bool_] | None = None,
-    onsets_s: tuple[float | None, float | None] = (None, None),
+    onsets_s: tuple[float | None, float | None, float | None] = (None, None, None),
+    has_rates: bool = False,
 ) -> SeriesScore:
     """Score angles (N), None where refused, against the truth (N), None where unknown, in degrees."""
     angles, truth, sigmas = _floats(angles_deg), _floats(true_deg), _floats(sigmas_deg)
@@ -99,6 +105,8 @@ def score_series(
         within=int((errors[sure] <= 2.0 * sigmas[sure]).sum()),
         onset_truth_s=onsets_s[0],
         onset_estimate_s=onsets_s[1],
+        onset_event_s=onsets_s[2],
+        has_rates=has_rates,
     )
 
 
@@ -119,12 +127,14 @@ def score_all(series: Sequence[SeriesScore]) -> Score:
         worst=worst,
         answered=sum(s.answered * s.frames for s in series) / frames if frames else 0.0,
         within_two_sigma=sum(s.within for s in series) / sure if sure else None,
-        onset=_onsets(series),
+        onset=_onsets([(s.onset_truth_s, s.onset_estimate_s) for s in series]),
+        event=_onsets([(s.onset_truth_s, s.onset_event_s) for s in series])
+        if any(s.has_rates for s in series)
+        else None,
     )
 
 
-def _onsets(series: Sequence[SeriesScore]) -> OnsetScore:
-    told = [(s.onset_truth_s, s.onset_estimate_s) for s in series]
+def _onsets(told: Sequence[tuple[float | None, float | None]]) -> OnsetScore:
     errors = [e - t for t, e in told if t is not None and e is not None]
     true = sum(t is not None for t, _ in told)
     unfounded = sum(t is None and e is not None for t, e in told)

@@ -121,7 +121,7 @@ def stress_rows(scores: Sequence[ClipScore], full: bool = False) -> list[StressR
 
 
 def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> ClipScore:
-    estimator = unfiltered(clip.background, (name,))[name]
+    estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
     samples, costs = [], []
     for frame, time_ns in zip(clip.frames, clip.time_ns, strict=True):
         began = time.perf_counter()
@@ -221,6 +221,7 @@ def _contact() -> list[Condition]:
         Condition(group, "force grows by 50 %", scene={"pressed": 0.5}),
         Condition(group, "clipped by the border", scene={"center_mm": (5.0, 6.0)}),
         Condition(group, "several contacts", contacts=several, both_signs=True),
+        Condition(group, "pixels' aspect not known", d.uncalibrated),
         Condition(group, "other sensor unit", scene={"unit": 5}),
         Condition(group, "another sensor unit", scene={"unit": 33}, full=True),
     ]

@@ -1,17 +1,18 @@
 """Run time per frame and stage: every contender on the same frames, one after the other, one thread."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from drivers.types import Frame, Image
+from drivers.types import Image
 from rig.benchmark.contenders import CONTENDERS, NO_SKIP, complete
-from rig.benchmark.lifts import RecordedLift, open_lift
+from rig.benchmark.lifts import RecordedLift, Tips, open_lift
 from rig.tactile.axis import largest_contour
 from rig.tactile.contact import ContactFinder
 from rig.tactile.estimator import DEFAULT_ESTIMATOR
@@ -19,6 +20,8 @@ from rig.tactile.published import skeleton_angle, stretched
 from rig.tactile.sample import SlipSample, State
 
 PERCENTILES = (50, 90, 95, 99)
+FRAMES_PER_LIFT = 600
+"""Of a fingertip, from the grasp on: 10 s."""
 PUBLISHED_EVERY = 8
 """The published second stage takes so long that it is timed on every so many frames only."""
 
@@ -85,7 +88,7 @@ class TimingReport:
 
 def time_lifts(
     folder: Path,
-    signs: Mapping[str, int],
+    tips: Tips,
     rows: Sequence[Mapping[str, Any]],
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
 ) -> TimingReport:
@@ -98,11 +101,11 @@ def time_lifts(
     try:
         samples: dict[str, list[tuple[SlipSample, float]]] = {name: [] for name in CONTENDERS}
         stage: dict[str, list[float]] = {"stage": [], "thinning": [], "ours": []}
-        lift = open_lift(folder, signs, rows[0])
+        lift = open_lift(folder, tips, rows[0])
         for number, row in enumerate(rows):
-            lift = open_lift(folder, signs, row)
-            serial = list(signs)[number % len(signs)]
-            _time_tip(lift.backgrounds[serial], lift.frames(serial), samples, stage)
+            lift = open_lift(folder, tips, row)
+            serial = list(tips)[number % len(tips)]
+            _time_tip(lift, serial, samples, stage)
             progress(number + 1, len(rows), f"timed on lift {row['object']}/{row['lift']}")
         height, width = next(iter(lift.backgrounds.values())).shape[:2]
         contenders = {name: _timing(timed) for name, timed in samples.items()}
@@ -121,14 +124,15 @@ def spread(durations_s: Sequence[float]) -> Spread:
 
 
 def _time_tip(
-    background: Image,
-    frames: Iterator[Frame],
+    lift: RecordedLift,
+    serial: str,
     samples: Mapping[str, list[tuple[SlipSample, float]]],
     stage: Mapping[str, list[float]],
 ) -> None:
-    estimators = {name: complete(name, background) for name in CONTENDERS}
+    background, aspect = lift.backgrounds[serial], lift.tips[serial].pixel_aspect
+    estimators = {name: complete(name, background, aspect) for name in CONTENDERS}
     finder = ContactFinder(background)
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(islice(lift.frames(serial), FRAMES_PER_LIFT)):
         first = number % len(CONTENDERS)
         for name in CONTENDERS[first:] + CONTENDERS[:first]:
             began = time.perf_counter()
@@ -180,13 +184,13 @@ def _timing(timed: Sequence[tuple[SlipSample, float]]) -> Timing:
 
 def _threads(lift: RecordedLift) -> Threads:
     """Run the default estimator on one fingertip's frames with one OpenCV thread and with two."""
-    serial = next(iter(lift.signs))
+    serial = next(iter(lift.tips))
     costs: dict[int, list[float]] = {1: [], 2: []}
     angles: dict[int, list[float]] = {1: [], 2: []}
     for threads in (1, 2):
         cv2.setNumThreads(threads)
-        estimator = complete(DEFAULT_ESTIMATOR, lift.backgrounds[serial])
-        for frame in lift.frames(serial):
+        estimator = complete(DEFAULT_ESTIMATOR, lift.backgrounds[serial], lift.tips[serial].pixel_aspect)
+        for frame in islice(lift.frames(serial), FRAMES_PER_LIFT):
             began = time.perf_counter()
             sample = estimator.update(frame.image, frame.time_ns)
             if sample.state is not State.NO_CONTACT:

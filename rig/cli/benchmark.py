@@ -1,24 +1,36 @@
 """`rig benchmark`: what the rig does, measured, as tables."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
+from rig.cli.benchmark_estimators import estimators
 from rig.cli.benchmark_wire import wire
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
 
 if TYPE_CHECKING:
     from rig.benchmark.faults import FaultResult
 
-benchmark = typer.Typer(no_args_is_help=True, help="Measure what the rig does, and print it as tables.")
+
+class EstimatorsByDefault(TyperGroup):
+    """`rig benchmark` is `rig benchmark estimators`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the default subcommand in front of options, and where there is nothing."""
+        if not args or (args[0].startswith("-") and args[0] != "--help"):
+            args = ["estimators", *args]
+        return super().parse_args(ctx, args)
 
 
-@benchmark.callback()
-def _benchmark() -> None:
-    """Measure what the rig does, and print it as tables."""
+benchmark = typer.Typer(
+    cls=EstimatorsByDefault,
+    help="Measure what the rig does, and print it as tables. Without a command: estimators.",
+)
 
 
+benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
 
 

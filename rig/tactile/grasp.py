@@ -95,8 +95,9 @@ class GraspTracker:
         guesses = [Pose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
         scores = [similarity(self._key.frame, gradient, mask, *self._start(self._key, g)) for g in guesses]
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
-        self._weights = None
+        weights, self._weights = self._weights, None
         found = [self._aligned(self._key, gradient, mask, guesses[i]) for i in best]
+        self._weights = weights
         fitting = [f for f in found if f is not None and f.good]
         return self._accept(min(fitting, key=lambda f: f.alignment.misfit)) if fitting else None
 

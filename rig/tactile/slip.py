@@ -117,8 +117,8 @@ class SlipTracker(SlipEstimator):
         watch.lap("gradient")
         expected = self._angle_rad if begun else self._filter.predicted(time_ns / NS_PER_S)
         tracked = self._grasp.track(gradient, region.mask, expected)
-        if tracked is None:
-            tracked = self._grasp.search(gradient, region.mask)
+        if tracked is None or not tracked.good:
+            tracked = self._grasp.search(gradient, region.mask) or tracked
         watch.lap("alignment")
         if tracked is None:
             self._lose(time_ns)

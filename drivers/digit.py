@@ -64,9 +64,14 @@ class Digit(AddressedSource, TactileSensor):
         if self.connected and source is not None and not self._apply_light(source):
             raise DeviceError(f"{self.serial}: {source.address} has no LEDs to set")
 
+    def connect(self) -> None:
+        """Start capturing; the first good image is what later ones are judged by."""
+        self._glitches = GlitchCheck()
+        super().connect()
+
     def _prepare(self, source: Opened) -> None:
         self._apply_light(source)
-        self._glitches = GlitchCheck()
+        self._glitches.reopened()
 
     def _picture(self, shot: Shot) -> Developed:
         picture = developed(shot, self._size_px, upright=True)

@@ -35,6 +35,10 @@ class GlitchCheck:
         self._good: NDArray[np.float32] | None = None
         self._shifted = 0
 
+    def reopened(self) -> None:
+        """Note that the stream was opened anew: it has to be right now, by the same last good image."""
+        self._shifted = 0
+
     def flaw(self, image: Image) -> str | None:
         """Return "green" or "shifted", or None for a good image.
 

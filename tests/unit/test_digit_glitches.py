@@ -64,6 +64,9 @@ def test_a_stream_that_stays_shifted_has_to_be_opened_again() -> None:
         assert check.flaw(np.roll(unit(1, 2), 40, axis=0)) == "shifted"
     with pytest.raises(DeviceError, match="shifted"):
         check.flaw(np.roll(unit(1, 2), 40, axis=0))
+    check.reopened()
+    assert check.flaw(np.roll(unit(1, 3), 40, axis=0)) == "shifted"
+    assert check.flaw(unit(1, 3)) is None
 
 
 def test_real_frames_are_good_and_shifted_ones_are_seen(real_data: Path) -> None:

@@ -10,7 +10,6 @@ from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
 if TYPE_CHECKING:
     from rig.benchmark.wire import WireReport
 
-LEAST_STATE_HZ = 490.0
 MOST_CONTROLLER_CORE = 0.25
 
 
@@ -24,9 +23,9 @@ def wire(
 ) -> None:
     """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
 
-    Exit code 4 when a frame that was served is not in the recording, fewer than 490 arm states a
-    second arrived, the fake controller used more than a quarter of a core, or the result is
-    outside the spread of the same lift in this process.
+    Exit code 4 when a frame that was served is not in the recording, the fake controller used more
+    than a quarter of a core, or the result is outside the spread of the same lift in this process.
+    The arm's states a second are those that its driver took up beside all this, of 500 sent.
 
     Examples:
       rig benchmark wire
@@ -54,7 +53,6 @@ def wire(
 def _missed(report: "WireReport") -> list[str]:
     limits = {
         "a frame that was served is not in the recording": report.complete,
-        f"fewer than {LEAST_STATE_HZ:g} arm states a second": report.state_hz >= LEAST_STATE_HZ,
         f"the fake controller used more than {MOST_CONTROLLER_CORE:g} core": report.controller_core
         <= MOST_CONTROLLER_CORE,
         "the result is outside the spread of the seeds": report.agrees,
@@ -91,7 +89,7 @@ def _print_table(report: "WireReport") -> None:
     console = Console(width=None if Console().is_terminal else 200)
     console.print(table)
     console.print(
-        f"arm states {report.state_hz:.1f}/s, fake controller {report.controller_core:.2f} core, "
+        f"arm states {report.state_hz:.1f}/s of 500, fake controller {report.controller_core:.2f} core, "
         f"{report.wall_s:.1f} s",
         highlight=False,
     )

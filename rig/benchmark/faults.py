@@ -7,7 +7,7 @@ rig claims is held against the simulated world: where its tool truly moved, and 
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from drivers.types import ArmLimits, ArmState, Pose
 from protocols.watch import Operator
 from rig.attempt import TrialSettings
 from rig.bench_source import BenchSource, StandingBench
+from rig.benchmark.fault_cases import CASES, FaultCase
 from rig.config import BenchConfig, load_bench
 from rig.fakes_process import fakes_control, started_fakes
 from rig.operators import ConsoleOperator
@@ -32,60 +33,6 @@ SAFE_WITHIN_S = 1.0
 RISEN_M = 0.008
 """The fault comes when the object has been lifted this far: phase B."""
 POLL_S = 0.01
-
-
-@dataclass(frozen=True, slots=True)
-class FaultCase:
-    """What goes wrong. injected: (device, kind, arguments) in order.
-
-    mended: whether it ends when somebody has looked after it (a cable, a switch), before the next
-    attempt, or `mended_after` attempts; a protective stop is left for the rig to recover from.
-    named: a word that the outcome has to contain.
-    """
-
-    name: str
-    injected: tuple[tuple[str, str, Mapping[str, Any]], ...]
-    named: str
-    mended_after: int = 1
-
-
-def _case(name: str, device: str, kind: str, named: str, **arguments: Any) -> FaultCase:
-    return FaultCase(name, ((device, kind, arguments),), named)
-
-
-CASES = (
-    _case("arm: protective stop", "arm", "protective_stop", "protective stop"),
-    _case("arm: program killed", "arm", "program_killed", "program"),
-    _case("arm: stream frozen", "arm", "stream_frozen", "arm"),
-    _case("arm: stream repeats itself", "arm", "stream_frozen", "arm", repeat=True),
-    _case("arm: sockets dropped", "arm", "socket_dropped", "arm"),
-    _case("arm: silent peer", "arm", "silent", "arm"),
-    FaultCase(
-        "arm: remote control off, then reconnect",
-        (("arm", "remote_control_off", {}), ("arm", "socket_dropped", {})),
-        "arm",
-        mended_after=2,
-    ),
-    FaultCase(
-        "arm: recipe refused at reconnect",
-        (("arm", "recipe_refused", {}), ("arm", "socket_dropped", {})),
-        "arm",
-        mended_after=2,
-    ),
-    _case("gripper: silent", "gripper", "silent", "gripper"),
-    _case("gripper: connection closed", "gripper", "disconnect", "gripper"),
-    _case("gripper: power lost", "gripper", "power_lost", "gripper"),
-    _case("gripper: fault 0x0D", "gripper", "fault", "0x0D", code=0x0D),
-    _case("gripper: garbage", "gripper", "garbage", "gripper"),
-    _case("fingertip: frozen", "SIM-D0001", "freeze", "SIM-D0001"),
-    _case("fingertip: no frames", "SIM-D0001", "drop", "SIM-D0001"),
-    _case("fingertip: unplugged", "SIM-D0002", "disconnect", "SIM-D0002"),
-    _case("fingertip: green frames", "SIM-D0001", "green", "SIM-D0001"),
-    _case("fingertip: shifted frames", "SIM-D0001", "shift", "SIM-D0001"),
-    _case("fingertip: truncated frames", "SIM-D0001", "truncate", "SIM-D0001"),
-    _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
-    _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
-)
 
 
 @dataclass(slots=True)

@@ -54,7 +54,8 @@ def faults(
       rig benchmark faults --case arm --case "gripper: silent" --json
 
     """
-    from rig.benchmark.faults import CASES, run_faults
+    from rig.benchmark.fault_cases import CASES
+    from rig.benchmark.faults import run_faults
 
     wanted = tuple(c for c in CASES if not cases or any(text.lower() in c.name for text in cases))
     if not wanted:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.benchmark.faults import CASES, run_faults
+from rig.benchmark.fault_cases import CASES
+from rig.benchmark.faults import run_faults
 from rig.benchmark.wire import measure_wire
 from rig.records.files import read_json, read_lines
 from rig.replay import run_replay

@@ -14,6 +14,7 @@ Fourier space) at unit volume, with a ridge that keeps it plain where the contac
 needs no LED positions, no assumed colours and no press of a known ball. Its scale is arbitrary.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -22,12 +23,12 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from drivers.types import Image
+from rig.tactile.relief import Field, padded, window
 
-# The dent reaches beyond the contact: the gel slopes off over some mm around it.
-SKIRT_PX = 11
-WINDOW_BLUR_PX = 2.0
 # Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
+# Pixels around the contact from which the light's drift is taken.
+FEWEST_AROUND = 30
 # Ridge on the constant and on the varying part of the map, in units of the curl's scale.
 RIDGE_CONSTANT, RIDGE_VARYING = 1e-3, 1e-2
 # Ridge on what the map makes of a grey change, the same in all channels.
@@ -36,7 +37,6 @@ CHANNELS = 3
 # 1, x and y times each channel.
 FEATURES = 3 * CHANNELS
 
-Field = NDArray[np.float32]
 Box = tuple[int, int, int, int]
 
 
@@ -69,68 +69,47 @@ def learn_map(difference: Field, mask: Image) -> GradientMap | None:
 
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
     """
-    dent = _windowed(difference, mask)
-    across, down = _coordinates(dent.shape[:2])
-    planes = [np.ascontiguousarray(plane) for plane in cv2.split(dent)]
-    features = np.stack([*planes, *(p * across for p in planes), *(p * down for p in planes)])
-    curl = _curl_form(features)
-    volume = _volume_form(features, mask)
-    scale = np.trace(curl[:CHANNELS, :CHANNELS]) + np.trace(
-        curl[FEATURES : FEATURES + CHANNELS, FEATURES : FEATURES + CHANNELS]
-    )
-    ridge = np.full(FEATURES, RIDGE_VARYING)
-    ridge[:CHANNELS] = RIDGE_CONSTANT
+    features = _features(_dent(difference, mask))
+    curl, volume = _curl_form(features), _volume_form(features, mask)
+    diagonal = np.diag(curl)
+    scale = float(diagonal[:CHANNELS].sum() + diagonal[FEATURES : FEATURES + CHANNELS].sum())
     if not scale > 0.0:
         return None
-    penalty = np.diag(ridge) + RIDGE_GREY * np.kron(np.eye(3), np.ones((CHANNELS, CHANNELS)))
-    weights = np.linalg.solve(curl + np.kron(np.eye(2), penalty) * scale / CHANNELS, volume)
-    total = float(volume @ weights)
-    if not total > 0.0:
+    weights = np.linalg.solve(curl + np.kron(np.eye(2), _penalty()) * scale / CHANNELS, volume)
+    if not float(volume @ weights) > 0.0:
         return None
-    coefficients = (weights / total).reshape(2, 3, CHANNELS)
-    basis = np.stack([np.ones_like(across + down), across + 0 * down, 0 * across + down])
-    field = np.einsum("kbc,bhw->kchw", coefficients, basis)
-    size = float(np.sqrt(np.mean(np.sum(field[:, :, field.shape[2] // 2, field.shape[3] // 2] ** 2))))
-    return GradientMap((field / size).astype(np.float32))
+    coefficients = weights.reshape(2, 3, CHANNELS)
+    coefficients /= np.linalg.norm(coefficients[:, 0])
+    across, down = _coordinates(mask.shape)
+    terms = np.stack(np.broadcast_arrays(np.float32(1.0), across, down))
+    return GradientMap(np.einsum("kbc,bhw->kchw", coefficients, terms).astype(np.float32))
 
 
-def relief(gradient: Field, mask: Image) -> Field:
-    """Integrate a gradient (h, w, 2) to a height (h, w) float32, zero on average outside the contact.
-
-    mask: (h, w) uint8, 1 in the contact. The sign is that of a dent: positive inside.
-    """
-    field = gradient * _window(mask)[..., None]
-    rows, columns = mask.shape
-    padded = np.zeros((fft.next_fast_len(rows + rows // 2), fft.next_fast_len(columns + columns // 2), 2))
-    padded[:rows, :columns] = field
-    spectrum = fft.rfft2(padded.astype(np.float32), axes=(0, 1))
-    ky = 2.0 * np.pi * np.fft.fftfreq(padded.shape[0])[:, None]
-    kx = 2.0 * np.pi * np.fft.rfftfreq(padded.shape[1])[None]
-    squares = kx * kx + ky * ky
-    squares[0, 0] = 1.0
-    height = fft.irfft2(-1j * (kx * spectrum[..., 0] + ky * spectrum[..., 1]) / squares, s=padded.shape[:2])
-    height = np.asarray(height[:rows, :columns], np.float32)
-    outside = mask == 0
-    return height - (height[outside].mean() if outside.any() else height.min())
+def _penalty() -> NDArray[np.float64]:
+    """Return the ridge of one gradient component, (F, F)."""
+    ridge = np.repeat([RIDGE_CONSTANT, RIDGE_VARYING, RIDGE_VARYING], CHANNELS)
+    grey = RIDGE_GREY * np.kron(np.eye(3), np.ones((CHANNELS, CHANNELS)))
+    return np.asarray(np.diag(ridge) + grey, np.float64)
 
 
-def _window(mask: Image) -> Field:
-    reach = 2 * SKIRT_PX + 1
-    grown = cv2.dilate(mask, np.ones((reach, reach), np.uint8)).astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX), np.float32)
-
-
-def _windowed(difference: Field, mask: Image) -> Field:
+def _dent(difference: Field, mask: Image) -> Field:
     """Take the dent out of the frame: what lies around it is the light's drift, not slope."""
-    window = _window(mask)
-    around = (window > 0.5) & (cv2.dilate(mask, np.ones((7, 7), np.uint8)) == 0)
-    drift = np.median(difference[around], axis=0) if around.sum() > 30 else np.zeros(3)
-    return (difference - drift.astype(np.float32)) * window[..., None]
+    reach = window(mask)
+    around = (reach > 0.5) & (cv2.dilate(mask, np.ones((7, 7), np.uint8)) == 0)
+    drift = np.median(difference[around], axis=0) if around.sum() > FEWEST_AROUND else np.zeros(CHANNELS)
+    return (difference - drift.astype(np.float32)) * reach[..., None]
+
+
+def _features(dent: Field) -> Field:
+    """Return the channels, and the channels times x and times y, (F, h, w)."""
+    across, down = _coordinates(dent.shape)
+    planes = [np.asarray(plane, np.float32) for plane in cv2.split(dent)]
+    return np.stack([*planes, *(p * across for p in planes), *(p * down for p in planes)])
 
 
 def _coordinates(shape: tuple[int, ...]) -> tuple[Field, Field]:
     """Return x as a row and y as a column, from -1 to 1 over the longer side."""
-    half = max(shape) / 2.0
+    half = max(shape[:2]) / 2.0
     across = (np.arange(shape[1]) - (shape[1] - 1) / 2.0) / half
     down = (np.arange(shape[0]) - (shape[0] - 1) / 2.0) / half
     return across.astype(np.float32)[None, :], down.astype(np.float32)[:, None]
@@ -138,22 +117,18 @@ def _coordinates(shape: tuple[int, ...]) -> tuple[Field, Field]:
 
 def _curl_form(features: Field) -> NDArray[np.float64]:
     """Return the (2F, 2F) quadratic form of the solenoidal energy of `a.features, b.features`."""
-    count, rows, columns = features.shape
-    padded = np.zeros(
-        (count, fft.next_fast_len(rows + rows // 4), fft.next_fast_len(columns + columns // 4)), np.float32
-    )
-    padded[:, :rows, :columns] = features
-    spectrum = fft.rfft2(padded)
-    ky = np.fft.fftfreq(padded.shape[1])[:, None]
-    kx = np.fft.rfftfreq(padded.shape[2])[None]
+    spread = padded(features, 0.25)
+    spectrum = np.asarray(fft.rfft2(spread), np.complex64)
+    ky = np.fft.fftfreq(spread.shape[1])[:, None]
+    kx = np.fft.rfftfreq(spread.shape[2])[None]
     length = np.hypot(kx, ky)
     used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
     # Half of the plane stands for the other half, but for the column of zero frequency.
-    weight = np.sqrt(np.where(kx == 0.0, 1.0, 2.0))[:, :].repeat(len(ky), 0)[used] / length[used]
+    weight = np.broadcast_to(np.where(kx == 0.0, 1.0, math.sqrt(2.0)), used.shape)[used] / length[used]
     along_x, along_y = (np.broadcast_to(k, used.shape)[used] * weight for k in (kx, ky))
     chosen = spectrum[:, used]
-    turned = np.concatenate([-chosen * along_y, chosen * along_x])
-    parts = np.concatenate([turned.real, turned.imag], axis=1)
+    curl = np.concatenate([-chosen * along_y, chosen * along_x])
+    parts = np.concatenate([curl.real, curl.imag], axis=1)
     return (parts @ parts.T).astype(np.float64)
 
 

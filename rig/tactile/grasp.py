@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.gradient import Field
 from rig.tactile.registration import Alignment, Keyframe, align, similarity, turning
+from rig.tactile.relief import Field
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
 GOOD_MISFIT, GOOD_OVERLAP = 0.35, 0.7

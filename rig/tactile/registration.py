@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.gradient import Field, relief
 from rig.tactile.relative import upper_median
+from rig.tactile.relief import Field, relief
 
 # The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
 # around it depend on more than the object.
@@ -33,6 +33,8 @@ ROBUST_WIDTH = 2.5
 # A gradient of this share of the template's rms length counts half.
 STEEP_SHARE = 0.8
 MAX_ITERATIONS = 12
+# Which points are seen is decided at these iterations: at the guess, and near the answer.
+MATRIX_AT = (1, 3)
 DONE_RAD, DONE_PX = 3e-5, 1e-3
 PARAMETERS = 6
 
@@ -88,25 +90,44 @@ def make_keyframe(gradient: Field, mask: Image) -> Keyframe | None:
     if len(rows) > MAX_POINTS:
         chosen = np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)
         rows, columns = rows[chosen], columns[chosen]
-    center = np.array([columns.mean(), rows.mean()])
-    points = (np.stack([columns, rows], axis=1) - center).astype(np.float32)
     template = gradient[rows, columns]
-    along_x = cv2.Scharr(gradient, cv2.CV_32F, 1, 0, scale=1 / 32)[rows, columns]
-    along_y = cv2.Scharr(gradient, cv2.CV_32F, 0, 1, scale=1 / 32)[rows, columns]
-    jacobian = _jacobian(points, template, along_x, along_y)
-    energy = float(np.mean(template**2))
+    squares = np.sum(template**2, axis=1)
+    energy = float(squares.mean()) / 2.0
     if not energy > 0.0:
         return None
-    # Colours saturate and the gel gives way on steep flanks: errors there grow with the slope.
-    squares = np.sum(template**2, axis=1)
-    steepness = squares / (2.0 * energy * STEEP_SHARE**2)
-    weights = (1.0 / (1.0 + steepness)).astype(np.float32)
-    normal = _normal(jacobian, np.ones(len(points), np.float32), energy)
-    contrast = 1.0 / (np.linalg.inv(normal)[0, 0] * energy * 2 * len(points))
+    center = np.array([columns.mean(), rows.mean()])
+    points = (np.stack([columns, rows], axis=1) - center).astype(np.float32)
+    slopes = (np.asarray(cv2.Scharr(gradient, cv2.CV_32F, *axis, scale=1 / 32)) for axis in ((1, 0), (0, 1)))
+    jacobian = _jacobian(points, template, *(slope[rows, columns].astype(np.float32) for slope in slopes))
+    return Keyframe(
+        center_px=center,
+        points_px=points,
+        template=template,
+        squares=squares,
+        weights=_plainness(squares, energy),
+        jacobian=jacobian,
+        energy=energy,
+        contrast=_contrast(jacobian, energy),
+        clipped=_clipped(mask),
+    )
+
+
+def _plainness(squares: Field, energy: float) -> NDArray[np.float32]:
+    """Weigh points down where steep: there colours saturate and the gel gives way."""
+    weights = 1.0 / (1.0 + squares / (2.0 * energy * STEEP_SHARE**2))
+    return (weights / weights.mean()).astype(np.float32)
+
+
+def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
+    """Return the share of the energy that a turn changes, see `Keyframe`."""
+    points = len(jacobian) // 2
+    inverse = np.linalg.inv(_normal(jacobian, np.ones(points, np.float32), energy))
+    return float(1.0 / (inverse[0, 0] * energy * 2 * points))
+
+
+def _clipped(mask: Image) -> bool:
     inner = mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
-    clipped = cv2.countNonZero(inner) < cv2.countNonZero(mask)
-    weights /= weights.mean()
-    return Keyframe(center, points, template, squares, weights, jacobian, energy, float(contrast), clipped)
+    return cv2.countNonZero(inner) < cv2.countNonZero(mask)
 
 
 def align(
@@ -126,14 +147,15 @@ def align(
     field = _Field(gradient, mask)
     weights = key.weights if weights is None else weights * key.weights
     shift = np.array(shift_px, np.float64)
-    inverse, used, step, residual = None, weights, np.zeros(PARAMETERS), key.template
-    iteration = 0
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    iteration, used, inverse = 0, weights, np.zeros((PARAMETERS, PARAMETERS))
+    step, residual = np.zeros(PARAMETERS), key.template
+    while iteration < MAX_ITERATIONS:
+        iteration += 1
         values, seen, turn = _pulled_back(key, field, angle_rad, shift)
         residual = values - key.template
-        if inverse is None or iteration == 3:
+        if iteration in MATRIX_AT:
             used = weights * seen
-            inverse = np.linalg.inv(_normal(key.jacobian, used, key.energy))
+            inverse = np.asarray(np.linalg.inv(_normal(key.jacobian, used, key.energy)), np.float64)
         step = inverse @ (key.jacobian.T @ (residual * used[:, None]).reshape(-1)).astype(np.float64)
         angle_rad += float(step[0])
         shift += turn @ step[1:3]
@@ -142,7 +164,7 @@ def align(
         if not np.isfinite(angle_rad) or np.abs(shift).max() > max(mask.shape):
             break
     remaining = residual - (key.jacobian @ step.astype(np.float32)).reshape(-1, 2)
-    return _judged(key, remaining, used, inverse, iteration, angle_rad, shift, step)
+    return _judged(key, remaining.astype(np.float32), used, inverse, iteration, angle_rad, shift, step)
 
 
 def similarity(

@@ -15,11 +15,12 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.gate import ContactGate, Region
-from rig.tactile.gradient import Box, Field, GradientMap, learn_map
+from rig.tactile.gradient import Box, GradientMap, learn_map
 from rig.tactile.grasp import GraspTracker, Tracked
 from rig.tactile.motion import RateFilter
 from rig.tactile.registration import MAX_ITERATIONS, Keyframe, make_keyframe
 from rig.tactile.relative import RelativeDifference, check_frame
+from rig.tactile.relief import Field
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 from rig.tactile.uncertainty import angle_variance
@@ -31,7 +32,7 @@ BOX_MARGIN_PX = 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
 # 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
 # the rest makes up a direction (real balls reach 0.6).
-LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.17, 0.7
+LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
 # A contact is settled when strength and area have stayed within this share for so many frames; until
 # then the keyframe is renewed when it has changed by the larger share.
 SETTLED_SHARE, SETTLED_FRAMES, RENEWED_SHARE = 0.05, 5, 0.3
@@ -50,8 +51,11 @@ class SlipTracker(SlipEstimator):
     """The estimator `slip`.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
-    on the gel, from `rig calibrate tactile`; None where unknown (taken as 1, with a larger sigma). skip: leave out what a frame does not
-    need; without it the answers are the same within 0.02 degrees, later.
+    on the gel, from `rig calibrate tactile`; None where unknown (taken as 1, with a larger sigma).
+    skip: leave out what a frame does not need; without it the answers are the same, later.
+
+    sigma_deg is of the turn since the contact settled, when its keyframe was taken. shift_px counts
+    from there too.
     """
 
     def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
@@ -85,8 +89,8 @@ class SlipTracker(SlipEstimator):
         if self._last is not None and self._work is not None and np.array_equal(work, self._work):
             return self._repeated(self._last, time_ns)
         self._work = work
-        difference = cv2.GaussianBlur(self._light.of(work), (0, 0), NOISE_BLUR_PX)
-        region = self._gate.find(np.asarray(difference, np.float32))
+        difference = np.asarray(cv2.GaussianBlur(self._light.of(work), (0, 0), NOISE_BLUR_PX), np.float32)
+        region = self._gate.find(difference)
         watch.lap("contact")
         if region is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=STAGES[1:])

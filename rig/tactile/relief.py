@@ -1,0 +1,49 @@
+"""The dent's relief, from its gradient."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from drivers.types import Image
+
+Field = NDArray[np.float32]
+
+# The dent reaches beyond the contact: the gel slopes off over some mm around it (work pixels).
+SKIRT_PX = 11
+WINDOW_BLUR_PX = 2.0
+
+
+def relief(gradient: Field, mask: Image) -> Field:
+    """Integrate a gradient (h, w, 2) to a height (h, w) float32, zero on average outside the contact.
+
+    mask: (h, w) uint8, 1 in the contact. The height whose gradient is nearest to the given one
+    (least squares, by Fourier transform); a dent is positive inside.
+    """
+    rows, columns = mask.shape
+    spread = padded(np.moveaxis(gradient * window(mask)[..., None], 2, 0), 0.5)
+    spectrum = np.asarray(fft.rfft2(spread), np.complex64)
+    ky = 2.0 * np.pi * np.fft.fftfreq(spread.shape[1])[:, None]
+    kx = 2.0 * np.pi * np.fft.rfftfreq(spread.shape[2])[None]
+    squares = kx * kx + ky * ky
+    squares[0, 0] = 1.0
+    height = fft.irfft2(-1j * (kx * spectrum[0] + ky * spectrum[1]) / squares, s=spread.shape[1:])
+    inside = np.asarray(height, np.float32)[:rows, :columns]
+    outside = mask == 0
+    return inside - (inside[outside].mean() if outside.any() else inside.min())
+
+
+def window(mask: Image) -> Field:
+    """Return a soft window (h, w), 1 over a contact and its skirts."""
+    reach = 2 * SKIRT_PX + 1
+    grown = cv2.dilate(mask, np.ones((reach, reach), np.uint8)).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX), np.float32)
+
+
+def padded(fields: Field, share: float) -> Field:
+    """Return fields (F, h, w) with a share of zeros added below and right: transforms wrap around."""
+    count, rows, columns = fields.shape
+    height, width = (int(fft.next_fast_len(n + int(n * share)) or n) for n in (rows, columns))
+    spread = np.zeros((count, height, width), np.float32)
+    spread[:, :rows, :columns] = fields
+    return spread

@@ -54,13 +54,14 @@ def faults(
       rig benchmark faults --case arm --case "gripper: silent" --json
 
     """
+    from drivers.errors import InputError
     from rig.benchmark.fault_cases import CASES
     from rig.benchmark.faults import run_faults
 
     wanted = tuple(c for c in CASES if not cases or any(text.lower() in c.name for text in cases))
     if not wanted:
         names = ", ".join(case.name for case in CASES)
-        raise typer.BadParameter(f"no case contains {' or '.join(cases or [])}; cases are: {names}")
+        raise InputError(f"no case contains {' or '.join(cases or [])}; cases are: {names}")
     folder = session_folder(out, False, "faults")
     say(f"SIMULATED bench 'wire', {len(wanted)} faults in mid-lift, session {folder}")
     results = run_faults(folder, wanted, lambda result: say(f"  {result.case.name}: {_outcome(result)}"))

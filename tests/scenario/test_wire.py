@@ -1,6 +1,8 @@
 """Lifts with the real drivers against fakes behind wires, in real time."""
 
+import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -77,3 +79,36 @@ def test_without_the_arms_library_everything_else_runs() -> None:
     assert any(line.startswith("arm reached failure") and "ur-rtde" in line for line in lines), done.stderr
     for device in ("gripper", "SIM-D0001", "SIM-D0002", "SIM-C0001"):
         assert any(line.startswith(f"{device} reached good") for line in lines), lines
+
+
+def test_served_fakes_print_a_bench_file_take_orders_and_end_cleanly(tmp_path: Path) -> None:
+    file = tmp_path / "fakes.toml"
+    command = [sys.executable, "-m", "rig", "fakes"]
+    process = subprocess.Popen(
+        [*command, "serve", "--host", "127.0.0.61", "--write", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        assert "SIMULATED" in process.stderr.readline()
+        placed = subprocess.run([*command, "place", "wrench", "--bench", str(file)], check=False)
+        assert placed.returncode == 0
+        status = subprocess.run(
+            [*command, "status", "--bench", str(file), "--json"], capture_output=True, text=True, check=True
+        )
+        assert json.loads(status.stdout)["object"] == "t1"
+        wrong = subprocess.run(
+            [*command, "fault", "arm", "hiccup", "--bench", str(file)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert wrong.returncode == 2
+        assert "protective_stop" in wrong.stderr
+    finally:
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert out == file.read_text() + "\n"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.relative import upper_median
 from rig.tactile.relief import Field, relief
+from rig.tactile.sampling import GradientField
 
 # The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
 # around it depend on more than the object.
@@ -144,7 +145,7 @@ def align(
     gradient: (h, w, 2). mask: (h, w) uint8, 1 in the contact; points that fall outside do not count.
     to_the_end: iterate on when nothing changes any more.
     """
-    field = _Field(gradient, mask)
+    field = GradientField(gradient, mask)
     weights = key.weights if weights is None else weights * key.weights
     shift = np.array(shift_px, np.float64)
     iteration, used, inverse = 0, weights, np.zeros((PARAMETERS, PARAMETERS))
@@ -171,7 +172,7 @@ def similarity(
     key: Keyframe, gradient: Field, mask: Image, angle_rad: float, shift_px: NDArray[np.float64]
 ) -> float:
     """Return how like the keyframe a frame is at a trial pose, -1 to 1 (normalised correlation)."""
-    field = _Field(gradient, mask)
+    field = GradientField(gradient, mask)
     values, seen, _ = _pulled_back(key, field, angle_rad, shift_px)
     values = values * seen[:, None]
     size = math.sqrt(float((values**2).sum()) * key.energy * key.template.size)
@@ -244,37 +245,10 @@ def _normal(
 
 
 def _pulled_back(
-    key: Keyframe, field: "_Field", angle_rad: float, shift: NDArray[np.float64]
+    key: Keyframe, field: GradientField, angle_rad: float, shift: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float64]]:
     """Return the frame's gradients at the keyframe's points, turned back; which are seen; the turn."""
     turn = turning(angle_rad)
     small = turn.astype(np.float32)
     values, seen = field.at(key.points_px @ small.T + (key.center_px + shift).astype(np.float32))
     return values @ small, seen, turn
-
-
-class _Field:
-    """A frame's gradients, read between pixels (bilinear).
-
-    cv2.remap rounds places to 1/32 pixel, which keeps an alignment from settling below 0.03 degrees.
-    """
-
-    def __init__(self, gradient: Field, mask: Image) -> None:
-        self._size = (gradient.shape[1] - 2, gradient.shape[0] - 2)
-        corner, right = gradient[:-1, :-1], gradient[:-1, 1:]
-        below = gradient[1:, :-1] - corner
-        across = gradient[1:, 1:] - right - below
-        # value + x (right - value) + y (below - value) + x y (mixed difference)
-        parts = (corner, right - corner, below, across)
-        self._parts = np.concatenate(parts, axis=2).reshape(-1, 8)
-        self._mask = np.ascontiguousarray(mask[:-1, :-1]).reshape(-1)
-
-    def at(self, places: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return the gradients (N, 2) at places (N, 2) x and y, and which lie inside the mask."""
-        whole = np.floor(places).astype(np.int32)
-        inside = np.clip(whole, 0, self._size)
-        index = inside[:, 1] * (self._size[0] + 1) + inside[:, 0]
-        parts = self._parts[index]
-        x, y = (places - inside).T[:, :, None]
-        values = parts[:, 0:2] + x * parts[:, 2:4] + y * (parts[:, 4:6] + x * parts[:, 6:8])
-        return values, (self._mask[index] > 0) & (inside == whole).all(axis=1)

@@ -1,0 +1,170 @@
+"""From colours to gradients without a calibration, and the alignment of gradients."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rig.tactile.gate import ContactGate
+from rig.tactile.gradient import learn_map
+from rig.tactile.motion import RateFilter
+from rig.tactile.registration import align, make_keyframe, similarity
+from rig.tactile.relief import relief
+from rig.tactile.sampling import GradientField
+
+Field = NDArray[np.float32]
+ROWS, COLUMNS = 80, 60
+
+
+def dent(
+    angle_deg: float, half_axes: tuple[float, float] = (19.0, 7.0), at: tuple[float, float] = (0, 0)
+) -> Field:
+    """Height of a smooth dent, (80, 60); its gradient is what a map should find."""
+    turn = math.radians(angle_deg)
+    x, y = np.meshgrid(np.arange(COLUMNS) - 29.5 - at[0], 39.5 + at[1] - np.arange(ROWS))
+    along, across = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    reach = np.clip(1.0 - (along / half_axes[0]) ** 2 - (across / half_axes[1]) ** 2, 0.0, None)
+    return cv2.GaussianBlur(np.sqrt(reach).astype(np.float32) * 6.0, (0, 0), 1.5)
+
+
+def slopes(height: Field) -> Field:
+    down, across = np.gradient(height)
+    return np.stack([across, down], axis=2).astype(np.float32)
+
+
+def colours(gradient: Field, azimuths_deg: tuple[float, ...], gains: tuple[float, ...]) -> Field:
+    """What three lamps at these azimuths make of a gradient."""
+    lamps = [
+        (g * math.cos(math.radians(a)), -g * math.sin(math.radians(a)))
+        for a, g in zip(azimuths_deg, gains, strict=True)
+    ]
+    return np.stack([0.2 * (gradient @ np.array(lamp)) for lamp in lamps], axis=2).astype(np.float32)
+
+
+lamp_azimuths = st.tuples(
+    st.floats(0, 360), st.floats(80, 160), st.floats(80, 160), st.sampled_from([-1, 1])
+).map(lambda v: (v[0], v[0] + v[3] * v[1], v[0] - v[3] * v[2]))
+lamp_gains = st.tuples(*[st.floats(0.6, 1.4)] * 3)
+
+
+@settings(max_examples=40)
+@given(angle=st.floats(-90, 90), azimuths=lamp_azimuths, gains=lamp_gains)
+def test_the_map_is_learnt_whatever_the_lamps(
+    angle: float, azimuths: tuple[float, ...], gains: tuple[float, ...]
+) -> None:
+    true = slopes(dent(angle))
+    seen = colours(true, azimuths, gains)
+    seen += np.random.default_rng(0).normal(0, 0.004, seen.shape).astype(np.float32)
+    region = ContactGate().find(seen)
+    assert region is not None
+    learnt = learn_map(seen, region.mask)
+    assert learnt is not None
+    found = learnt.apply(seen)
+    inside = region.mask > 0
+    alike = float((found[inside] * true[inside]).sum()) / float(
+        np.linalg.norm(found[inside]) * np.linalg.norm(true[inside])
+    )
+    assert alike > 0.97, "same directions, handedness and proportions, at any scale"
+
+
+def test_a_picture_without_a_dent_teaches_nothing() -> None:
+    assert learn_map(np.zeros((80, 60, 3), np.float32), np.ones((80, 60), np.uint8)) is None
+
+
+def test_only_the_box_is_worked_out() -> None:
+    seen = colours(slopes(dent(30.0)), (0, 120, 240), (1, 1, 1))
+    region = ContactGate().find(seen)
+    assert region is not None
+    learnt = learn_map(seen, region.mask)
+    assert learnt is not None
+    box = learnt.apply(seen, (10, 20, 30, 40))
+    assert np.array_equal(box[20:60, 10:40], learnt.apply(seen)[20:60, 10:40])
+    assert not box[:20].any()
+
+
+def test_a_gradient_integrates_to_its_relief() -> None:
+    height = dent(20.0)
+    found = relief(slopes(height), (height > 0.1).astype(np.uint8))
+    assert np.abs(found - height).max() < 0.08 * height.max()
+
+
+@settings(max_examples=40)
+@given(
+    turn=st.floats(-25, 25),
+    shift=st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
+    slope=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
+    gain=st.floats(0.9, 1.1),
+)
+def test_an_alignment_finds_turn_and_shift(
+    turn: float, shift: tuple[float, float], slope: tuple[float, float], gain: float
+) -> None:
+    before, after = dent(10.0), dent(10.0 + turn, at=shift)
+    key = make_keyframe(slopes(before), (before > 0.2).astype(np.uint8))
+    assert key is not None
+    tilted = gain * slopes(after) + np.float32(slope)
+    found = align(key, tilted.astype(np.float32), (after > 0.2).astype(np.uint8), 0.0, np.zeros(2))
+    assert math.degrees(found.angle_rad) == pytest.approx(turn, abs=0.3)
+    assert found.shift_px == pytest.approx(shift, abs=0.15)
+    assert found.misfit < 0.2
+    assert found.gain == pytest.approx(gain, abs=0.05)
+
+
+def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:
+    contrast = {}
+    for name, half_axes in (("ball", (12.0, 12.0)), ("oval", (15.0, 11.0)), ("edge", (22.0, 4.0))):
+        height = dent(0.0, half_axes)
+        key = make_keyframe(slopes(height), (height > 0.2).astype(np.uint8))
+        assert key is not None
+        contrast[name] = key.contrast
+    assert contrast["ball"] < 0.05 < 0.18 < contrast["oval"] < contrast["edge"]
+
+
+def test_a_degenerate_contact_gives_numbers_or_nothing() -> None:
+    flat = np.zeros((80, 60, 2), np.float32)
+    assert make_keyframe(flat, np.ones((80, 60), np.uint8)) is None
+    line = np.zeros((80, 60, 2), np.float32)
+    line[..., 1] = 1.0
+    key = make_keyframe(line, np.ones((80, 60), np.uint8))
+    if key is not None:
+        found = align(key, line, np.ones((80, 60), np.uint8), 0.0, np.zeros(2))
+        assert math.isfinite(found.angle_rad)
+        assert math.isfinite(key.contrast)
+    edge = dent(0.0)
+    key = make_keyframe(slopes(edge), (edge > 0.2).astype(np.uint8))
+    assert key is not None
+    lost = align(key, slopes(edge), np.zeros((80, 60), np.uint8), 0.0, np.zeros(2))
+    assert lost.overlap == 0.0
+    assert lost.misfit == math.inf
+    assert similarity(key, flat, np.ones((80, 60), np.uint8), 0.0, np.zeros(2)) == -1.0
+
+
+@given(st.floats(2.0, 55.0), st.floats(2.0, 75.0))
+def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
+    rows, columns = np.mgrid[0:80, 0:60].astype(np.float32)
+    field = GradientField(np.stack([columns + 2 * rows, columns * rows], axis=2), np.ones((80, 60), np.uint8))
+    values, inside = field.at(np.array([[x, y]], np.float32))
+    assert inside.all()
+    assert values[0] == pytest.approx([x + 2 * y, x * y], rel=1e-4, abs=1e-2)
+
+
+@pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])
+def test_outside_the_picture_nothing_is_seen(place: tuple[float, float]) -> None:
+    field = GradientField(np.ones((80, 60, 2), np.float32), np.ones((80, 60), np.uint8))
+    with np.errstate(invalid="ignore"):
+        _, inside = field.at(np.array([place], np.float32))
+    assert not inside.any()
+
+
+@given(rate=st.floats(-3.0, 3.0))
+@settings(max_examples=20)
+def test_the_filter_follows_a_steady_turn_without_lag(rate: float) -> None:
+    motion = RateFilter()
+    for i in range(40):
+        angle = motion.update(i / 60, rate * i / 60, 0.001)
+    assert angle == pytest.approx(rate * 39 / 60, abs=1e-3)
+    assert motion.rate_rad_s == pytest.approx(rate, abs=0.02)
+    assert motion.predicted(40 / 60) == pytest.approx(rate * 40 / 60, abs=2e-3)

@@ -21,8 +21,9 @@ _GREEN_OVER = 60
 _FLAT = 16
 _LEAST_CHANGE = 1.5
 _LEAST_SHIFT_PX = 3
-_MOST_REST = 0.25
-_SEAM_OVER = 3.0
+_MOST_REST = 0.1
+_SEAM_OVER = 1.4
+"""Lower than a seam without contact would allow: an object's edges are as steep, and JPEG blurs a seam."""
 
 
 class GlitchCheck:
@@ -86,9 +87,8 @@ def _moved_round(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
     before = float(np.square(seen - good).mean())
     after = float(np.square(seen - np.roll(good, shift, axis=0)).mean())
     steps = np.abs(np.diff(seen, axis=0)).sum(axis=1)
-    return after < _MOST_REST * before and float(steps[shift - 1]) > _SEAM_OVER * float(
-        np.quantile(steps, 0.9)
-    )
+    seam = float(steps[max(shift - 2, 0) : shift + 1].max())
+    return after < _MOST_REST * before and seam > _SEAM_OVER * float(np.quantile(steps, 0.9))
 
 
 def _best_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> int:

@@ -9,7 +9,10 @@ import pytest
 from drivers.errors import DeviceError
 from drivers.frame_checks import MAX_SHIFTED, GlitchCheck, is_green
 from drivers.jpeg import decode, encode
+from drivers.types import Pose
 from fakes.optics import GelSensor
+from rig.assembly import build_bench
+from rig.config import load_bench
 
 SHIFTS = (3, 5, 12, 37, 160, 317)
 
@@ -27,6 +30,23 @@ def judged(*images: np.ndarray) -> list[str | None]:
 def test_a_shift_is_seen_on_every_unit_at_every_size(seed: int) -> None:
     for shift in SHIFTS:
         assert judged(unit(seed, 1), np.roll(unit(seed, 2), shift, axis=0)) == [None, "shifted"]
+
+
+def test_a_shift_is_seen_while_an_object_is_touched_after_jpeg() -> None:
+    bench, operator = build_bench(load_bench("fake"), seed=3)
+    operator.place("t1", "wrench")
+    with bench.connected():
+        bench.gripper.activate()
+        table = bench.base_T_table
+        home = bench.arm.state().base_T_tcp
+        grasp = Pose(table.translated(x_m=-0.05).position_m, home.quaternion_xyzw)
+        bench.arm.move_linear(grasp, 0.25, 1.0).wait(10.0)
+        bench.gripper.move_to(186).wait(10.0)
+        for tip in bench.fingertips:
+            one, two = (tip.sensor.newest_frame(1.0).image, tip.sensor.next_frame(1.0).image)
+            for shift in SHIFTS[1:]:
+                moved = decode(encode(np.roll(two, shift, axis=0)))
+                assert judged(one, two, moved) == [None, None, "shifted"]
 
 
 def test_a_shift_of_part_of_the_image_is_seen() -> None:

@@ -13,7 +13,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from calibration.aruco import Refusal, detect_all, detector, refine
+from calibration.aruco import Refusal, detect_all, detector
+from calibration.edges import refine_edges
 from calibration.views import Array, View
 from drivers.errors import InputError
 from drivers.types import Image
@@ -131,12 +132,12 @@ class Marker:
         return np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
 
     def find(self, gray: Image, view_id: str) -> View | str:
-        """Find it, refined to sub-pixel; seen twice it is refused."""
+        """Find it, its corners by its edges (windows shift them); seen twice it is refused."""
         check_gray(gray, view_id)
         quads = detect_all(detector(self.dictionary), gray).get(self.marker_id, [])
         if len(quads) != 1:
             return str(Refusal.DUPLICATE if quads else Refusal.NOT_FOUND) + f" (id {self.marker_id})"
-        fine = refine(gray, quads[0][None])
+        fine = refine_edges(gray, quads[0][None])
         if isinstance(fine, Refusal):
             return str(fine)
         return View(view_id, np.arange(4), self.places_m, fine[0], _size(gray))

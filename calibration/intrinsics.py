@@ -166,6 +166,24 @@ def lens_covariance(fit: Fit) -> tuple[Array, float]:
     return spread.T @ spread, float(noise)
 
 
+def residual_likeness(fit: Fit) -> float:
+    """How alike the residuals of neighbouring corners are: 0 for noise, 1 where something is bent.
+
+    A board that is not flat, a lens the model does not follow, and a focus that moved all push
+    neighbours the same way, while the error of the fit may still look small.
+    """
+    together, alone = 0.0, 0.0
+    for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
+        seen, _ = fit.camera.project_from(view.board_m, turn, move)
+        missed = view.image_px - seen
+        apart = np.linalg.norm(view.board_m[:, None] - view.board_m[None], axis=-1)
+        np.fill_diagonal(apart, np.inf)
+        near = apart.argmin(axis=1)
+        together += float((missed * missed[near]).sum())
+        alone += float((missed**2).sum())
+    return together / max(alone, 1e-12)
+
+
 def _missed(camera: CameraModel, view: View) -> Array:
     """(N,) squared distances, px^2, of a view's corners from a camera's with the best pose."""
     ok, turn, move = cv2.solvePnP(view.board_m, view.image_px, camera.matrix, camera.distortion)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.intrinsics import CameraFit
+from calibration.intrinsics import CameraFit, residual_likeness
 from calibration.projection_sigma import projection_sigma_px
 from calibration.verdict import Judgement, floor, limit
 from calibration.views import Array, coverage
@@ -46,9 +46,13 @@ def judge_camera(result: CameraFit) -> Judgement:
         "views not fitted are missed {value:.1f} times as far as fitted ones: something moved, or too few",
     )  # fmt: skip
     noise = limit(
-        result.noise_px, 1.0, 5.0, "corners are found to {value:.2f} px only: is the board flat, in focus?"
+        result.noise_px, 1.0, 5.0, "corners are found to {value:.2f} px only: is the board in focus?"
     )
-    return tilts + known + unseen + mapped + seen + enough + noise
+    bent = limit(
+        residual_likeness(result.fit), 0.4, np.inf,
+        "errors of neighbouring corners are alike ({value:.2f}; noise: 0): focus moved, or board bent?",
+    )  # fmt: skip
+    return bent + tilts + known + unseen + mapped + seen + enough + noise
 
 
 def _judge_tilts(spread_deg: float, largest_deg: float) -> Judgement:

@@ -16,6 +16,9 @@ Array = NDArray[np.floating]
 
 FEWEST = 20
 _LEAST_EXPLAINED = 0.5
+_WELL_EXPLAINED = 0.95
+_NOT_NOISE = 0.6
+"""Correlation of the rest with itself one sample on: that of noise is near zero."""
 _GRID_S = 0.002
 _ROUNDS = 30
 _DRIFT_FROM_S = 60.0
@@ -110,20 +113,21 @@ def _refined(
     with_drift = overlap >= _DRIFT_FROM_S
     offset, drift = float(grid[best]), 0.0
     for _ in range(_ROUNDS):
-        system, rest = _linearised(
-            t1, signal, t2 + offset + drift * (t2 - middle), wanted, t2 - middle, with_drift
-        )
+        at = t2 + offset + drift * (t2 - middle)
+        system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
         step, *_ = np.linalg.lstsq(system / scale, rest, rcond=None)
         step = step / scale
         offset, drift = offset + float(step[0]), drift + (float(step[3]) if with_drift else 0.0)
         if abs(step[0]) < 1e-9:
             break
-    cost, gain, noise = _explained(t1, signal, t2 + offset + drift * (t2 - middle), wanted)
-    system, _ = _linearised(t1, signal, t2 + offset + drift * (t2 - middle), wanted, t2 - middle, with_drift)
+    at = t2 + offset + drift * (t2 - middle)
+    cost, gain, noise = _explained(t1, signal, at, wanted)
+    system, _ = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
     sigma = noise * _unit_sigmas(system)
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    judged = _judge(explained, float(sigma[0]), offset, search_s, _rival(grid, costs, best))
+    alike = _alike(_missed(t1, signal, at, wanted))
+    judged = _judge(explained, alike, float(sigma[0]), offset, search_s, _rival(grid, costs, best))
     if judged.refusals:
         return TimeOffset(judged, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
     return TimeOffset(
@@ -132,10 +136,15 @@ def _refined(
     )  # fmt: skip
 
 
-def _judge(explained: float, sigma_s: float, offset_s: float, search_s: float, rival: float) -> Judgement:
+def _judge(
+    explained: float, alike: float, sigma_s: float, offset_s: float, search_s: float, rival: float
+) -> Judgement:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
+        share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
+        return Judgement((f"{share}: wiggle by several degrees",))
+    if explained < _WELL_EXPLAINED and alike > _NOT_NOISE:
         return Judgement(
-            (f"the signals share {max(explained, 0.0):.0%} of their motion only: wiggle by several degrees",)
+            ("what the best offset leaves is no noise: the offset may lie beyond the end of the search",)
         )
     if abs(offset_s) > search_s - 2 * _GRID_S:
         return Judgement((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
@@ -146,6 +155,19 @@ def _judge(explained: float, sigma_s: float, offset_s: float, search_s: float, r
     return limit(
         1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
     )
+
+
+def _missed(t1: Array, signal: Array, at: Array, wanted: Array) -> Array:
+    """(N,) what the best gain and level leave."""
+    seen = np.interp(at, t1, signal)
+    _, gain, _ = _explained(t1, signal, at, wanted)
+    return wanted - wanted.mean() - gain * (seen - seen.mean())
+
+
+def _alike(rest: Array) -> float:
+    """Correlation of a series with itself one sample on."""
+    power = float(rest @ rest)
+    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
 
 
 def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:

@@ -41,7 +41,7 @@ def observability(a_R: Array) -> Observability:  # noqa: N803
         return Observability(0.0, 0.0, 0.0, 0.0)
     turns = a_R[second] @ a_R[first].transpose(0, 2, 1)
     angles = np.degrees(Rotation.from_matrix(turns).magnitude())
-    turning = angles[angles > 0.1]
+    turning = angles[angles > 1.0]
     strengths = np.linalg.svd((turns - np.eye(3)).reshape(-1, 3), compute_uv=False)
     ratio = 0.0 if strengths[0] < 1e-9 else float(strengths[-1] / strengths[0])
     return Observability(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from rig.cli.benchmark_calibration import calibration
 from rig.cli.benchmark_estimators import estimators
 from rig.cli.benchmark_wire import wire
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
@@ -32,6 +33,7 @@ benchmark = typer.Typer(
 
 benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
+benchmark.command("calibration")(calibration)
 
 
 @benchmark.command("faults")

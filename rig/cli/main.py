@@ -7,6 +7,7 @@ import typer
 from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.benchmark import benchmark
+from rig.cli.calibrate import calibrate
 from rig.cli.common import exit_code, say, stop_on_signals
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
@@ -29,6 +30,7 @@ for command in (record, trial, replay, estimate, doctor):
 app.add_typer(bench, name="bench")
 app.add_typer(fakes, name="fakes")
 app.add_typer(benchmark, name="benchmark")
+app.add_typer(calibrate, name="calibrate")
 
 
 def main() -> None:

@@ -1,0 +1,94 @@
+"""Visiting poses for a hand-eye calibration: move, wait for stillness, keep pose and picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.clock import seconds
+from drivers.errors import DeviceTimeoutError, OutOfLimitsError
+from drivers.types import Frame, Pose
+
+SPEED_M_S = 0.15
+ACCELERATION_M_S2 = 0.5
+MOTION_TIMEOUT_S = 20.0
+SETTLE_S = 0.4
+STILL_TIMEOUT_S = 4.0
+_STILL_M = 5e-5
+_STILL_RAD = 2e-4
+_FRAME_AGE_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class HandEyeCapture:
+    """One sample: the pose as the arm says it around the picture's time, and the picture.
+
+    id: of pose and picture alike, so that nothing can be mispaired by a list that slipped.
+    """
+
+    id: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    frame: Frame
+
+
+NextPose = Callable[[], tuple[str, Pose] | None]
+"""Gives the next pose to visit with its id, None when there are enough."""
+
+
+def capture_hand_eye(
+    bench: Bench,
+    next_pose: NextPose,
+    keep: Callable[[HandEyeCapture], None],
+    skipped: Callable[[str, str], None],
+) -> None:
+    """Visit poses one after the other; `keep` gets each sample, `skipped` an id and why there is none.
+
+    A pose beyond the arm's limits is skipped before anything moves. On any other error, and on a
+    stop, the arm stops where it is, and the error is raised; nothing is held that could fall.
+    """
+    try:
+        while (wanted := next_pose()) is not None:
+            name, pose = wanted
+            try:
+                motion = bench.arm.move_linear(pose, SPEED_M_S, ACCELERATION_M_S2)
+            except OutOfLimitsError as error:
+                skipped(name, str(error))
+                continue
+            motion.wait(MOTION_TIMEOUT_S)
+            wait_until_still(bench)
+            keep(_capture(bench, name))
+    except BaseException:
+        bench.arm.stop()
+        raise
+
+
+def wait_until_still(bench: Bench) -> None:
+    """Return once the arm has stood still for 0.4 s. Raises `DeviceTimeoutError` after 4 s."""
+    deadline = bench.clock.now_ns() + seconds(STILL_TIMEOUT_S)
+    before = bench.arm.state().base_T_tcp
+    while bench.clock.now_ns() < deadline:
+        bench.clock.sleep_until(bench.clock.now_ns() + seconds(SETTLE_S))
+        now = bench.arm.state().base_T_tcp
+        if _moved(before, now) == (False, False):
+            return
+        before = now
+    raise DeviceTimeoutError(
+        f"arm: still moving {STILL_TIMEOUT_S:.0f} s after it arrived; check its payload and mounting"
+    )
+
+
+def _capture(bench: Bench, name: str) -> HandEyeCapture:
+    """A picture taken after stillness, between two readings of the arm that agree."""
+    bench.camera.newest_frame(_FRAME_AGE_S)
+    before = bench.arm.state().base_T_tcp
+    frame = bench.camera.next_frame(1.0)
+    after = bench.arm.state().base_T_tcp
+    if any(_moved(before, after)):
+        raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is somebody guiding it?")
+    return HandEyeCapture(name, after, frame)
+
+
+def _moved(one: Pose, other: Pose) -> tuple[bool, bool]:
+    step = one.inverse() @ other
+    return bool(np.linalg.norm(step.position_m) > _STILL_M), bool(step.rotation.magnitude() > _STILL_RAD)

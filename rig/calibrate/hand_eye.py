@@ -1,0 +1,184 @@
+"""`rig calibrate hand-eye`: pictures at known robot poses to where the camera stands."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calibration.boards import Target
+from calibration.camera_model import CameraModel
+from calibration.hand_eye.guidance import progress
+from calibration.hand_eye.samples import Sample, Setup
+from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
+from calibration.verdict import Rejected
+from calibration.views import View
+from drivers.types import Pose
+from rig.calibrate import figures
+from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.sources import picture_files, read_grey, read_poses
+
+FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
+"""Parent and child frame of the answer, and the parent of the target, by setup."""
+
+
+def hand_eye_from_folder(
+    folder: Path, target: Target, camera: CameraModel, serial: str, setup: Setup
+) -> Outcome:
+    """Pair pictures `<id>.png` with the rows of poses.csv by id, and solve. Raises `InputError`."""
+    files = picture_files(folder)
+    poses, rejected = read_poses(folder / "poses.csv")
+    samples: list[Sample] = []
+    for path in files:
+        if path.stem not in poses:
+            if path.stem not in {r.id for r in rejected}:
+                rejected.append(Rejected(path.stem, "no pose of this id in poses.csv"))
+            continue
+        view = target.find(read_grey(path), path.stem)
+        if isinstance(view, str):
+            rejected.append(Rejected(path.stem, view))
+        else:
+            samples.append(Sample(path.stem, poses[path.stem], view))
+    rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - {p.stem for p in files}]
+    outcome = hand_eye_outcome(samples, camera, serial, setup, str(folder), rejected, target)
+    pictures = {path.stem: path for path in files}
+    thumbs = [Thumbnail(r.id, r.reason, _thumb(pictures.get(r.id), samples)) for r in outcome.rejected]
+    return Outcome(**{**_fields(outcome), "files": [*files, folder / "poses.csv"], "thumbnails": thumbs})
+
+
+def hand_eye_outcome(
+    samples: Sequence[Sample],
+    camera: CameraModel,
+    serial: str,
+    setup: Setup,
+    source: str,
+    rejected: Sequence[Rejected] = (),
+    target: Target | None = None,
+    simulated: bool = False,
+) -> Outcome:
+    """Solve samples into an outcome with its figures."""
+    result = calibrate_hand_eye(samples, camera, setup)
+    views = [s.view for s in samples]
+    return Outcome(
+        "hand-eye",
+        {"camera": serial},
+        _value(result),
+        _quality(result, target),
+        result.judgement,
+        _numbers(result),
+        source,
+        len(result.used),
+        [*rejected, *result.rejected],
+        (),
+        _pictures(result, views, camera),
+        (),
+        simulated,
+    )
+
+
+def _fields(outcome: Outcome) -> dict[str, object]:
+    return {name: getattr(outcome, name) for name in outcome.__dataclass_fields__}
+
+
+def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
+    return {
+        "parent_frame": parent,
+        "child_frame": child,
+        "translation_m": pose.position_m,
+        "quaternion_xyzw": pose.quaternion_xyzw,
+    }
+
+
+def _value(result: HandEyeResult) -> dict[str, object]:
+    if result.pose is None or result.target is None:
+        return {}
+    parent, child, holder = FRAMES[result.setup]
+    return {
+        "setup": str(result.setup),
+        **_transform(parent, child, result.pose),
+        "target": _transform(holder, "target", result.target),
+    }
+
+
+def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
+    quality: dict[str, object] = {"target": target.spec} if target else {}
+    if result.motion is not None:
+        quality["observability"] = {
+            "max_angle_deg": result.motion.max_angle_deg,
+            "translation_ratio": result.motion.translation_ratio,
+            "rotation_gap": result.motion.rotation_gap,
+        }
+    if result.spread is not None:
+        quality |= {
+            "covariance_order": "rotation vector about the child's axes (rad), translation in the parent (m)",
+            "covariance": result.spread.larger,
+            "covariance_of_fit": result.spread.fit,
+            "covariance_leave_one_out": result.spread.left_out,
+            "rms_px": result.rms_px,
+            "held_out_rms_px": float(np.sqrt((result.spread.held_out_px**2).mean())),
+            "closed_form": result.closed_form,
+        }
+    return quality
+
+
+def _numbers(result: HandEyeResult) -> dict[str, str]:
+    if result.pose is None or result.spread is None or result.motion is None:
+        return {}
+    parent, child, _ = FRAMES[result.setup]
+    mm, deg = 1e3 * result.spread.sigma_m, np.degrees(result.spread.sigma_rad)
+    place = ", ".join(f"{v:.5f}" for v in result.pose.position_m)
+    return {
+        f"{parent}_T_{child}, position": f"{place} m",
+        "orientation (xyzw)": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
+        "one sigma, position": " / ".join(f"{v:.2f}" for v in mm) + " mm",
+        "one sigma, orientation": " / ".join(f"{v:.3f}" for v in deg) + " degrees",
+        "samples used are missed by": f"{result.rms_px:.2f} px, left out by "
+        f"{np.sqrt((result.spread.held_out_px**2).mean()):.2f} px",
+        "observability": f"turns up to {result.motion.max_angle_deg:.0f} degrees, ratio "
+        f"{result.motion.translation_ratio:.2f}, gap {result.motion.rotation_gap:.2g}",
+    }
+
+
+def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> list[Picture]:
+    pictures = []
+    if result.sample_px:
+        limit = 3.0 * float(np.median(list(result.sample_px.values())))
+        pictures.append(
+            Picture(
+                "Error per sample",
+                "Rms px by which each sample is missed; orange ones stand out.",
+                figures.bars(result.sample_px, "px", limit),
+            )
+        )
+    if result.spread is not None:
+        held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
+        pictures.append(
+            Picture(
+                "Error of samples left out",
+                "Rms px by which the answer from all others misses each.",
+                figures.bars(held, "px"),
+            )
+        )
+    if views and result.motion is not None:
+        points = np.vstack([v.image_px for v in views])
+        bars = progress(result.motion, views)
+        pictures.append(
+            Picture(
+                "Where the target was seen",
+                "Its points in all samples.",
+                figures.scatter({"points": (points[:, 0], camera.size[1] - points[:, 1])}, "x, px", "up, px"),
+            )
+        )
+        shares = {
+            "rotation span": bars.rotation_span,
+            "axis spread": bars.axis_spread,
+            "picture": bars.image_coverage,
+        }
+        pictures.append(Picture("Is it enough?", "1 is enough.", figures.bars(shares, "share")))
+    return pictures
+
+
+def _thumb(path: Path | None, samples: Sequence[Sample]) -> bytes | None:
+    if path is None:
+        return None
+    marks = [s.view.image_px for s in samples if s.id == path.stem]
+    return figures.thumbnail(read_grey(path), marks)

@@ -1,0 +1,122 @@
+"""Samples from a folder: pictures, robot poses, streams, tables; each paired by name, never by place."""
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
+from calibration.time_offset import Stream, make_stream
+from calibration.verdict import Rejected
+from drivers.errors import CalibrationError, InputError
+from drivers.types import Image, Pose
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
+def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
+    """Pictures of a folder, by name. Raises `InputError` for a folder without any."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; --from takes the folder of the samples")
+    found = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in PICTURES)
+    if not found:
+        raise InputError(f"{folder}: no pictures named {pattern} here ({', '.join(PICTURES)})")
+    return found
+
+
+def read_grey(path: Path) -> Image:
+    """A picture as (H, W) uint8. Raises `InputError`."""
+    return _read(path, cv2.IMREAD_GRAYSCALE)
+
+
+def read_rgb(path: Path) -> Image:
+    """A picture as (H, W, 3) uint8 RGB. Raises `InputError`."""
+    return _read(path, cv2.IMREAD_COLOR_RGB)
+
+
+def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+    """Rows of a CSV with at least these columns. Raises `InputError` naming what is missing."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
+    missing = [c for c in columns if c not in (reader.fieldnames or ())]
+    if missing:
+        raise InputError(f"{path}: has no column {', '.join(missing)}; it needs {', '.join(columns)}")
+    return rows
+
+
+def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
+    """`base_T_tcp` by id, from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
+
+    Poses that are none are left out with their reason. Raises `InputError` for the file itself.
+    """
+    rows = read_table(path, ("id", "x_m", "y_m", "z_m"))
+    poses: dict[str, Pose] = {}
+    rejected: list[Rejected] = []
+    for number, row in enumerate(rows, start=2):
+        name = row["id"]
+        try:
+            if name in poses:
+                raise CalibrationError(f"line {number}: the id {name} a second time")
+            poses[name] = _pose(row, f"line {number}")
+        except CalibrationError as error:
+            rejected.append(Rejected(name, str(error)))
+    return poses, rejected
+
+
+def read_stream(path: Path) -> Stream:
+    """A stream from a CSV: time_ns (or t_s) and value. Raises `InputError`, `CalibrationError`."""
+    rows = read_table(path, ("value",))
+    if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:
+        raise InputError(f"{path}: has no column time_ns or t_s")
+    try:
+        if rows and "time_ns" in rows[0]:
+            times = np.array([int(row["time_ns"]) for row in rows], np.int64)
+        else:
+            times = np.array([_nanoseconds(row["t_s"]) for row in rows], np.int64)
+        values = np.array([float(row["value"]) for row in rows])
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: a time or value is not a number ({error})") from error
+    return make_stream(times, values, path.name)
+
+
+def number(row: dict[str, str], column: str, where: str) -> float:
+    """A number of a row. Raises `InputError` naming line and column."""
+    try:
+        return float(row[column])
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: column {column} holds {row[column]!r}, which is not a number") from error
+
+
+def _nanoseconds(text: str) -> int:
+    """Seconds written as decimals to ns, without going through a float's rounding."""
+    whole, _, part = text.strip().partition(".")
+    sign = -1 if whole.startswith("-") else 1
+    return int(whole or "0") * 10**9 + sign * int((part + "0" * 9)[:9] or "0")
+
+
+def _pose(row: dict[str, str], where: str) -> Pose:
+    def read(*names: str) -> NDArray[np.float64]:
+        try:
+            return np.array([float(row[name]) for name in names])
+        except (TypeError, ValueError) as error:
+            raise CalibrationError(f"{where}: a number is missing or damaged") from error
+
+    position = read("x_m", "y_m", "z_m")
+    if "qw" in row:
+        return pose_from_quaternion(position, read("qx", "qy", "qz", "qw"), where)
+    if "rx_rad" in row:
+        return pose_from_rotation_vector(position, read("rx_rad", "ry_rad", "rz_rad"), where)
+    raise CalibrationError(f"{where}: no orientation; qx, qy, qz, qw or rx_rad, ry_rad, rz_rad are needed")
+
+
+def _read(path: Path, flags: int) -> Image:
+    image = cv2.imread(str(path), flags)
+    if image is None:
+        raise InputError(f"{path}: is no picture that can be read")
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,193 @@
+"""`rig calibrate gripper, tcp, sync`: tables and streams from a folder."""
+
+from pathlib import Path
+
+import numpy as np
+
+from calibration.force_table import fit_force
+from calibration.opening_table import Direction, OpeningSample, calibrate_opening
+from calibration.pivot import calibrate_pivot
+from calibration.time_offset import time_offset
+from drivers.errors import InputError
+from rig.calibrate import figures
+from rig.calibrate.outcome import Outcome, Picture
+from rig.calibrate.sources import number, read_poses, read_stream, read_table
+
+
+def gripper_from_folder(folder: Path, serial: str) -> Outcome:
+    """gripper.csv: counts, opening_mm, direction (closing, opening); force.csv, if there: signal, force_n."""
+    path = folder / "gripper.csv"
+    rows = read_table(path, ("counts", "opening_mm", "direction"))
+    samples = []
+    for line, row in enumerate(rows, start=2):
+        where = f"{path} line {line}"
+        if row["direction"] not in list(Direction):
+            raise InputError(f"{where}: direction '{row['direction']}' is neither closing nor opening")
+        opening_m = number(row, "opening_mm", where) / 1e3
+        samples.append(
+            OpeningSample(
+                f"line {line}", number(row, "counts", where), opening_m, Direction(row["direction"])
+            )
+        )
+    return gripper_outcome(samples, serial, str(folder), folder)
+
+
+def gripper_outcome(
+    samples: list[OpeningSample],
+    serial: str,
+    source: str,
+    folder: Path | None = None,
+    simulated: bool = False,
+) -> Outcome:
+    """Fit the tables; a force.csv in the folder is fitted too."""
+    result = calibrate_opening(samples)
+    value: dict[str, object] = {
+        str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
+        for way, t in result.tables.items()
+    }
+    judged, files = result.judgement, [] if folder is None else [folder / "gripper.csv"]
+    if folder is not None and (folder / "force.csv").exists():
+        path = folder / "force.csv"
+        rows = read_table(path, ("signal", "force_n"))
+        signal, force = (np.array([number(r, c, str(path)) for r in rows]) for c in ("signal", "force_n"))
+        table = fit_force(signal, force)
+        value["force"] = {"signal": table.signal, "force_n": table.force_n, "misfit_n": table.misfit_n}
+        judged, files = judged + table.judgement, [*files, path]
+    curves = {str(way): (t.counts, 1e3 * t.opening_m) for way, t in result.tables.items()}
+    pictures = (
+        [
+            Picture(
+                "Opening over counts",
+                "As measured, monotone each way; nothing beyond its ends.",
+                figures.lines(curves, "counts", "opening, mm", marks=True),
+            )
+        ]
+        if curves
+        else []
+    )
+    numbers = {
+        f"{way}": f"{t.counts[0]:g} to {t.counts[-1]:g} counts, {1e3 * t.opening_m[-1]:.1f} to "
+        f"{1e3 * t.opening_m[0]:.1f} mm"
+        for way, t in result.tables.items()
+    }
+    if result.hysteresis_m is not None:
+        numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
+    quality = {
+        k: v
+        for k, v in (("hysteresis_m", result.hysteresis_m), ("misfit_m", result.misfit_m))
+        if v is not None
+    }
+    return Outcome(
+        "gripper",
+        {"gripper": serial},
+        value,
+        quality,
+        judged,
+        numbers,
+        source,
+        len(samples) - len(result.rejected),
+        result.rejected,
+        files,
+        pictures,
+        (),
+        simulated,
+    )
+
+
+def tcp_from_folder(folder: Path, serial: str) -> Outcome:
+    """poses.csv: poses of the flange (or tool) while its tip rests in one hole."""
+    poses, rejected = read_poses(folder / "poses.csv")
+    result = calibrate_pivot(list(poses.items()))
+    value, quality, numbers = {}, {"cone_deg": result.cone_deg, "condition": result.condition}, {}
+    pictures = []
+    if result.tip_m is not None and result.covariance is not None and result.residual_m is not None:
+        sigma = np.sqrt(np.diag(result.covariance))
+        value = {"parent_frame": "flange", "child_frame": "tip", "translation_m": result.tip_m}
+        quality |= {"covariance": result.covariance, "sigma_m": sigma, "held_out_m": result.held_out_m}
+        numbers = {
+            "tip": ", ".join(f"{1e3 * v:.2f}" for v in result.tip_m) + " mm",
+            "one sigma": " / ".join(f"{1e3 * v:.2f}" for v in sigma) + " mm",
+            "largest turn": f"{result.cone_deg:.0f} degrees",
+        }
+        missed = {name: 1e3 * v for name, v in result.residual_m.items()}
+        pictures = [
+            Picture(
+                "Error per pose",
+                "How far each pose puts the tip from the common point.",
+                figures.bars(missed, "mm"),
+            )
+        ]
+    used = 0 if result.residual_m is None else len(result.residual_m)
+    return Outcome(
+        "tcp",
+        {"tool": serial},
+        value,
+        quality,
+        result.judgement,
+        numbers,
+        str(folder),
+        used,
+        [*rejected, *result.rejected],
+        [folder / "poses.csv"],
+        pictures,
+    )
+
+
+def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> Outcome:
+    """Two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
+    paths = [folder / f"{name}.csv" for name in (first, second)]
+    one, other = (read_stream(path) for path in paths)
+    result = time_offset(one, other, search_s)
+    value: dict[str, object] = {}
+    numbers: dict[str, str] = {}
+    pictures = []
+    if result.offset_s is not None and result.sigma_s is not None:
+        value = {
+            "reference": first,
+            "stream": second,
+            "add_to_stream_s": result.offset_s,
+            "drift_ppm": result.drift_ppm,
+        }
+        numbers = {
+            "to add to the stream": f"{1e3 * result.offset_s:.3f} +- {1e3 * result.sigma_s:.3f} ms",
+            "motion explained": f"{result.explained:.1%}",
+        }
+        zero = one.time_ns[0]
+        shown = {
+            first: ((one.time_ns - zero) / 1e9, one.values - one.values.mean()),
+            f"{second}, moved": (
+                (other.time_ns - zero) / 1e9 + result.offset_s,
+                (other.values - other.values.mean()) / (result.gain or 1.0),
+            ),
+        }
+        pictures = [
+            Picture(
+                "Both streams",
+                "The second moved by the offset and scaled: they should lie on each other.",
+                figures.lines(shown, "s", "value"),
+            )
+        ]
+    quality = {
+        k: v
+        for k, v in (
+            ("sigma_s", result.sigma_s),
+            ("drift_sigma_ppm", result.drift_sigma_ppm),
+            ("explained", result.explained),
+            ("noise", result.noise),
+            ("overlap_s", result.overlap_s),
+        )
+        if v is not None
+    }
+    return Outcome(
+        "sync",
+        {"reference": first, "stream": second},
+        value,
+        quality,
+        result.judgement,
+        numbers,
+        str(folder),
+        result.used,
+        (),
+        paths,
+        pictures,
+    )

@@ -1,0 +1,153 @@
+"""`rig calibrate`: from folders to files and pages, and what is said when that cannot be."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from rig.benchmark.board_scenes import BOARD, CAMERA, board_pose, render_target
+from rig.benchmark.gel_scenes import SimulatedGel
+from rig.benchmark.marker_scenes import MarkerPictures
+from rig.benchmark.motion_scenes import pivot_scene, wiggle_scene
+
+
+def rig(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "rig", "calibrate", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=110)
+
+
+def figures(*arguments: object) -> dict:
+    done = rig(*arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def page_is_whole(page: str, pictures: int) -> None:
+    """One file that needs nothing else, with its figures in it."""
+    text = Path(page).read_text()
+    assert text.count("data:image/png;base64,") >= pictures
+    assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "<script" not in text
+    assert "nan" not in text.lower().replace("data:image", "").split("base64")[0]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eleven views of the board and one of nothing."""
+    folder = tmp_path_factory.mktemp("photos")
+    rng = np.random.default_rng(0)
+    for i in range(11):
+        cv2.imwrite(str(folder / f"{i:02d}.png"), render_target(BOARD, CAMERA, board_pose(rng), rng))
+    cv2.imwrite(str(folder / "nothing.png"), np.full((720, 1280), 90, np.uint8))
+    return folder
+
+
+def test_a_camera_from_photos(photos: Path, tmp_path: Path) -> None:
+    done = figures("camera", "--from", photos, "--serial", "C1", "--out", tmp_path)
+    content = yaml.safe_load(Path(done["file"]).read_text())
+    assert content["image_width"] == 1280
+    assert content["camera_matrix"]["data"][0] == pytest.approx(982.0, abs=5.0)
+    assert content["calibration"]["serials"] == {"camera": "C1"}
+    assert "nothing.png" in [r["id"] for r in done["rejected"]]
+    page_is_whole(done["page"], 6)
+    same = figures("compare", done["file"], done["file"])
+    assert same == {"kind": "camera", "rms_px": 0.0, "middle_rms_px": 0.0, "worst_px": 0.0}
+
+
+def test_a_refused_camera_leaves_a_page_and_code_2(photos: Path, tmp_path: Path) -> None:
+    done = rig("camera", "--from", photos, "--target", "chessboard:9x6:25", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "0 usable distinct views" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "refused" in (tmp_path / "camera-unknown.html").read_text()
+    assert (
+        yaml.safe_load((tmp_path / "camera-unknown.yaml").read_text())["calibration"]["verdict"] == "refused"
+    )
+
+
+def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
+    done = figures("hand-eye", "--bench", "fake", "--poses", "8", "--out", tmp_path)
+    assert done["simulated"]
+    assert np.linalg.norm(np.subtract(done["value"]["translation_m"], (0.45, -0.62, 0.16))) < 2e-3
+    page_is_whole(done["page"], 3)
+    camera = tmp_path / "camera.yaml"
+    camera.write_text(
+        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\ndistortion_coefficients: {data: "
+        "[0, 0, 0, 0, 0]}\ncamera_matrix: {data: [640, 0, 319.5, 0, 640, 239.5, 0, 0, 1]}\n"
+    )
+    samples = tmp_path / "hand-eye-samples"
+    again = figures("hand-eye", "--from", samples, "--camera", camera, "--out", tmp_path / "again")
+    assert again["value"]["translation_m"] == pytest.approx(done["value"]["translation_m"], abs=1e-6)
+    apart = figures("compare", done["file"], again["file"])
+    assert apart["worst_in_workspace_mm"] < 0.01
+
+
+def test_markers_at_rest(tmp_path: Path) -> None:
+    pictures, rng = MarkerPictures(), np.random.default_rng(0)
+    for i in range(24):
+        cv2.imwrite(str(tmp_path / f"{i:02d}.png"), pictures.draw(0.0, rng))
+    done = figures("markers", "--from", tmp_path, "--out", tmp_path / "out")
+    assert done["value"]["angle_sigma_deg"] < 0.05
+    page_is_whole(done["page"], 1)
+
+
+def test_a_gel_from_presses(tmp_path: Path) -> None:
+    gel = SimulatedGel(3)
+    background = np.rint(gel.reference).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "background.png"), background[..., ::-1])
+    rows = ["image,diameter(mm)"]
+    for press in gel.presses(12):
+        cv2.imwrite(str(tmp_path / f"{press.name}.png"), press.image[..., ::-1])
+        rows.append(f"{press.name}.png,{2 * press.radius_mm}")
+    (tmp_path / "catalog.csv").write_text("\n".join(rows))
+    done = figures("tactile", "--from", tmp_path, "--serial", "D1", "--out", tmp_path / "out")
+    assert done["used"] == 12
+    page_is_whole(done["page"], 3)
+
+
+def test_tables_tips_and_clocks(tmp_path: Path) -> None:
+    rows = [f"{c},{120 - 0.5 * c},{way}" for way in ("closing", "opening") for c in range(10, 200, 20)]
+    (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
+    assert figures("gripper", "--from", tmp_path, "--out", tmp_path / "out")["verdict"] == "good"
+    tip, poses = pivot_scene(np.random.default_rng(0), 12)
+    lines = [",".join([n, *(f"{v:.9f}" for v in (*p.position_m, *p.quaternion_xyzw))]) for n, p in poses]
+    (tmp_path / "poses.csv").write_text("\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *lines]))
+    found = figures("tcp", "--from", tmp_path, "--out", tmp_path / "out")
+    assert found["value"]["translation_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    for name, stream in zip(("robot", "camera"), wiggle_scene(np.random.default_rng(0)), strict=True):
+        text = [f"{t},{v:.6f}" for t, v in zip(stream.time_ns, stream.values, strict=True)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time_ns,value", *text]))
+    offset = figures("sync", "--from", tmp_path, "--out", tmp_path / "out")
+    assert offset["value"]["add_to_stream_s"] == pytest.approx(0.0473, abs=1.5e-3)
+
+
+def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
+    path = tmp_path / "board.svg"
+    assert rig("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
+    text = path.read_text()
+    assert 'width="224.000mm"' in text
+    assert 'width="100.0"' in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("camera",), "give --from"),
+        (("camera", "--from", "/nowhere"), "no such folder"),
+        (("hand-eye", "--from", "/nowhere"), "give --camera"),
+        (("hand-eye", "--setup", "sideways"), "eye-to-hand"),
+        (("gripper", "--from", "/nowhere"), "cannot be read"),
+        (("board", "ring:4"), "not understood"),
+        (("compare", "/nowhere", "/nowhere"), "cannot be read"),
+    ],
+)
+def test_mistakes_are_one_line_and_code_2(arguments: tuple[str, ...], said: str) -> None:
+    done = rig(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,62 @@
+"""Visiting poses: still before a picture, stopped on an error, limits before motion."""
+
+import pytest
+
+from drivers.errors import DeviceError, OperatorStopError
+from drivers.types import Pose
+from protocols.capture_hand_eye import HandEyeCapture, capture_hand_eye
+from rig.assembly import build_bench
+from rig.config import load_bench
+
+PLACES = {"a": (0.45, 0.0, 0.25), "b": (0.45, 0.05, 0.22), "far": (3.0, 0.0, 0.2), "c": (0.40, 0.0, 0.25)}
+
+
+def visit(stop_after: int | None = None) -> tuple[list[HandEyeCapture], list[tuple[str, str]], bool]:
+    bench, _ = build_bench(load_bench("fake"))
+    taken: list[HandEyeCapture] = []
+    skipped: list[tuple[str, str]] = []
+    with bench.connected():
+        turn = bench.arm.state().base_T_tcp.quaternion_xyzw
+        left = [(name, Pose(place, turn)) for name, place in PLACES.items()]
+
+        def keep(capture: HandEyeCapture) -> None:
+            taken.append(capture)
+            if len(taken) == stop_after:
+                bench.arm.move_linear(Pose(PLACES["b"], turn), 0.05, 0.5)
+                raise OperatorStopError("stopped")
+
+        def skip(name: str, why: str) -> None:
+            skipped.append((name, why))
+
+        try:
+            capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, skip)
+        except OperatorStopError:
+            before = bench.arm.state().base_T_tcp
+            bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)
+            return taken, skipped, bench.arm.state().base_T_tcp == before
+    return taken, skipped, True
+
+
+def test_every_reachable_pose_is_a_sample_under_its_own_id() -> None:
+    taken, skipped, _ = visit()
+    assert [capture.id for capture in taken] == ["a", "b", "c"]
+    for capture in taken:
+        assert capture.base_T_tcp.position_m == pytest.approx(PLACES[capture.id], abs=1e-6)
+    assert [name for name, _ in skipped] == ["far"]
+    assert "workspace" in skipped[0][1]
+
+
+def test_a_stop_leaves_the_arm_standing() -> None:
+    taken, _, standing = visit(stop_after=2)
+    assert len(taken) == 2
+    assert standing
+
+
+def test_an_arm_that_is_gone_ends_the_visit() -> None:
+    config = load_bench("fake")
+    fault = {"device": "arm", "kind": "disconnect", "at_s": 0.0}
+    broken = config.model_validate({**config.model_dump(), "faults": [fault]})
+    bench, _ = build_bench(broken)
+    with bench.connected(), pytest.raises(DeviceError):
+        turn = (1.0, 0.0, 0.0, 0.0)
+        capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], turn)), lambda _: None, lambda *_: None)

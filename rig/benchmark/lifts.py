@@ -58,7 +58,7 @@ class RecordedLift:
 class LiftScores:
     """One lift: a score per contender and window, and how far `--no-skip` is from skipping.
 
-    skip_gap_deg: largest difference of the two unfiltered angles. skip_apart: frames that only one
+    skip_gap_deg: largest difference of the two fused angles. skip_apart: frames that only one
     of them answers. skipped: stages left out, by name, and `frames` looked at.
     """
 
@@ -101,7 +101,7 @@ def score_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> LiftScores:
         for window in WINDOWS
         if name != NO_SKIP or window == 1
     }
-    gap, apart = _skip_gap(passes)
+    gap, apart = _skip_gap(lift, passes)
     ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
     skipped: dict[str, int] = {}
     for stage in (stage for sample in ours for stage in sample.skipped):
@@ -187,13 +187,16 @@ def _truth(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[
     return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
 
 
-def _skip_gap(passes: Passes) -> tuple[float, int]:
-    """Largest difference in degrees between skipping and not, and frames that one alone answers."""
+def _skip_gap(lift: RecordedLift, passes: Passes) -> tuple[float, int]:
+    """Largest difference in degrees between skipping and not, and frames that one alone answers.
+
+    Of the fused angles since the trial's zero: an estimator's own zero means nothing.
+    """
     gap, apart = 0.0, 0
-    for serial, samples in passes[DEFAULT_ESTIMATOR].items():
-        for a, b in zip(samples, passes[NO_SKIP][serial], strict=True):
-            if a.angle_deg is not None and b.angle_deg is not None:
-                gap = max(gap, abs(a.angle_deg - b.angle_deg))
-            else:
-                apart += (a.angle_deg is None) != (b.angle_deg is None)
+    pairs = zip(*(_fused(lift, passes[name]) for name in (DEFAULT_ESTIMATOR, NO_SKIP)), strict=True)
+    for a, b in pairs:
+        if a.angle_deg is not None and b.angle_deg is not None:
+            gap = max(gap, abs(a.angle_deg - b.angle_deg))
+        else:
+            apart += (a.angle_deg is None) != (b.angle_deg is None)
     return gap, apart

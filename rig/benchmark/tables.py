@@ -120,7 +120,7 @@ def readme_section(result: BenchmarkResult) -> str:
             "",
             *lines,
             "",
-            f"Limits missed: {', '.join(missed)}." if missed else "All limits were kept.",
+            f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept.",
             END,
         ]
     )

@@ -30,7 +30,7 @@ HIGHEST_FREQUENCY = 0.25
 # Pixels around the contact from which the light's drift is taken.
 FEWEST_AROUND = 30
 # Ridge on the constant and on the varying part of the map, in units of the curl's scale.
-RIDGE_CONSTANT, RIDGE_VARYING = 1e-3, 1e-2
+RIDGE_CONSTANT, RIDGE_VARYING = 1e-3, 3e-3
 # Ridge on what the map makes of a grey change, the same in all channels.
 RIDGE_GREY = 0.03
 CHANNELS = 3

@@ -28,11 +28,11 @@ BORDER_PX = 2
 MIN_POINTS, MAX_POINTS = 24, 1000
 # Prior spread of constant slope and gain, as weights in pixels and in template energy: they stay
 # free where the contact tells them from rotation, and small where it does not.
-SLOPE_PRIOR, GAIN_PRIOR = 50.0, 50.0
+SLOPE_PRIOR, GAIN_PRIOR = 20.0, 50.0
 # Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
 ROBUST_WIDTH = 2.5
 # A gradient of this share of the template's rms length counts half.
-STEEP_SHARE = 0.8
+STEEP_SHARE = 0.6
 MAX_ITERATIONS = 12
 # Which points are seen is decided at these iterations: at the guess, and near the answer.
 MATRIX_AT = (1, 3)

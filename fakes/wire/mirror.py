@@ -13,7 +13,8 @@ from fakes.world import World
 
 KEPT = 512
 """Snapshots kept: two seconds at 250 a second."""
-PATIENCE_S = 0.02
+PATIENCE_S = 0.1
+"""A frame that comes late is better than one that shows an older moment as its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class MirroredWorld:
         return _site(self._snapshots[-1])
 
     def moment_at(self, time_ns: int) -> Moment:
-        """The world at `time_ns`; waits up to 20 ms for it, then gives the newest moment."""
+        """The world at `time_ns`; waits a moment for it, then gives the newest one."""
         before, after = self._around(time_ns)
         if before is after:
             return after.moment

@@ -17,14 +17,14 @@ def wire(
     object_name: Annotated[str, typer.Option("--object", help="Object id or name.")] = "wrench",
     seeds: Annotated[
         int, typer.Option("--seeds", min=3, max=100, help="Lifts in this process to compare with.")
-    ] = 8,
+    ] = 20,
     out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lift.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
 
     Exit code 4 when a frame that was served is not in the recording, the fake controller used more
-    than a quarter of a core, or the result is outside the spread of the same lift in this process.
+    than a quarter of a core, or the result is outside the range of such lifts in this process.
     The arm's states a second are those that its driver took up beside all this, of 500 sent.
 
     Examples:
@@ -55,7 +55,7 @@ def _missed(report: "WireReport") -> list[str]:
         "a frame that was served is not in the recording": report.complete,
         f"the fake controller used more than {MOST_CONTROLLER_CORE:g} core": report.controller_core
         <= MOST_CONTROLLER_CORE,
-        "the result is outside the spread of the seeds": report.agrees,
+        "the result is outside the range of the seeds'": report.agrees,
     }
     return [text for text, kept in limits.items() if not kept]
 
@@ -96,7 +96,8 @@ def _print_table(report: "WireReport") -> None:
     errors, own = report.errors_deg, report.row.get("re_b")
     found = f"{own['mean_deg']:.2f} deg" if own else "none"
     console.print(
-        f"{report.row['outcome']}, mean error over phase B {found}; in this process "
-        f"{np.mean(errors):.2f} +- {np.std(errors, ddof=1):.2f} deg over {len(errors)} seeds",
+        f"{report.row['outcome']}, mean error over phase B {found}; in this process median "
+        f"{np.median(errors):.2f} deg, {min(errors):.2f} to {max(errors):.2f} over {len(errors)} seeds; "
+        f"true turn {report.row['final_truth_deg']:.1f} deg, in this process {report.seeds[0]['final_truth_deg']:.1f}",
         highlight=False,
     )

@@ -51,7 +51,7 @@ def collect_hand_eye(
             "on a bench the camera stands: eye-to-hand only; solve eye-in-hand with --from FOLDER"
         )
     config = load_bench(bench_name)
-    with _connected(config, seed, target) as bench:
+    with connected(config, seed, target) as bench:
         if not bench.simulated and not agree(
             f"The arm will visit {count} poses around {config.camera.look_at_m} m at up to {SPEED_M_S} m/s, "
             f"tilted by up to 35 degrees, with the target {target.spec} on the tool. Agree?"
@@ -72,7 +72,9 @@ def collect_hand_eye(
     )
 
 
-def candidate_poses(config: BenchConfig, seed: int) -> list[Pose]:
+def candidate_poses(
+    config: BenchConfig, seed: int, reach_m: tuple[float, float, float] = (0.08, 0.08, 0.08)
+) -> list[Pose]:
     """Poses of the tool around the place the camera looks at, turned by 10 to 35 degrees about any axis."""
     rng = np.random.default_rng((seed, 30))
     middle = np.add(config.camera.look_at_m, (0.0, 0.0, 0.08))
@@ -80,7 +82,7 @@ def candidate_poses(config: BenchConfig, seed: int) -> list[Pose]:
     for _ in range(_CANDIDATES):
         axis = rng.normal(0, 1, 3)
         turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(10, 35)))
-        poses.append(Pose.from_rotation(middle + rng.uniform(-0.08, 0.08, 3), turn * TOOL_DOWN))
+        poses.append(Pose.from_rotation(middle + rng.uniform(-1, 1, 3) * reach_m, turn * TOOL_DOWN))
     return poses
 
 
@@ -156,7 +158,7 @@ def _camera(config: BenchConfig) -> CameraModel:
 
 
 @contextmanager
-def _connected(config: BenchConfig, seed: int, target: Target) -> Iterator[Bench]:
+def connected(config: BenchConfig, seed: int, target: Target) -> Iterator[Bench]:
     """The bench, connected; a simulated one gets a camera that sees the target on its tool."""
     if config.simulated:
         from rig.calibrate.simulated import TargetCamera

@@ -1,7 +1,7 @@
 """What every calibration command ends with: a file, a page, a few lines for people."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import version
@@ -52,6 +52,10 @@ class Outcome:
     pictures: Sequence[Picture] = ()
     thumbnails: Sequence[Thumbnail] = ()
     simulated: bool = False
+
+    def marked(self, simulated: bool) -> "Outcome":
+        """The same, marked as SIMULATED or not."""
+        return replace(self, simulated=simulated)
 
 
 @dataclass(frozen=True, slots=True)

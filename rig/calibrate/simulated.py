@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.boards import Target
 from calibration.camera_model import CameraModel
+from calibration.sheets import target_picture
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, seconds
 from drivers.errors import NotConnectedError, StaleFrameError
@@ -25,7 +26,7 @@ class TargetCamera(Camera):
         self._rng = np.random.default_rng((seed, 31))
         nominal = config.base_T_camera()
         self.base_T_camera = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
-        self.tcp_T_target = _held(self.base_T_camera, self._rng)
+        self.tcp_T_target = _held(self.base_T_camera, target, self._rng)
         intrinsics = config.intrinsics()
         size = (config.size_px[0], config.size_px[1])
         self._camera = CameraModel(
@@ -77,8 +78,12 @@ class TargetCamera(Camera):
         return Frame(np.dstack([grey] * 3), time_ns, self._sequence, self.serial)
 
 
-def _held(base_T_camera: Pose, rng: np.random.Generator) -> Pose:  # noqa: N803
-    """The target on a tool that points down: a few cm off, facing the camera, not exactly."""
+def _held(base_T_camera: Pose, target: Target, rng: np.random.Generator) -> Pose:  # noqa: N803
+    """The target on a tool that points down: its middle a few cm off, facing the camera, not exactly."""
     facing = Rotation.from_euler("x", 180, degrees=True).inv() * base_T_camera.rotation
     tilt = Rotation.from_rotvec(rng.normal(0, 0.1, 3))
-    return Pose.from_rotation(rng.normal((0.0, 0.0, -0.03), 0.005), facing * tilt)
+    turn = facing * tilt
+    picture = target_picture(target.spec)
+    middle = picture.origin_m + np.array(picture.grey.shape[::-1]) / picture.px_per_m / 2.0
+    place = rng.normal((0.0, 0.0, -0.03), 0.005) - turn.apply([*middle, 0.0])
+    return Pose.from_rotation(place, turn)

@@ -38,20 +38,35 @@ def camera(
     keep_all: Annotated[
         bool, typer.Option("--keep-all", help="Keep views that contradict the others.")
     ] = False,
+    poses: Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")] = 20,
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit a camera to pictures of a board; the lens model is the one that predicts unseen views best.
+    """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
+
+    Without --from the board is shown by the arm, which holds it. On OpenCV's own chessboard photos
+    its published numbers come out with its own recipe: --target chessboard:9x6:25:11 --keep-all.
 
     Examples:
+      rig calibrate camera --bench fake --poses 20
+
       rig calibrate camera --from photos --target chessboard:9x6:25 --pictures 'left*.jpg'
 
     """
     from calibration.boards import parse_target
+    from rig.calibrate.bench_camera import collect_camera
     from rig.calibrate.camera import camera_from_folder
 
-    folder = _folder(source, "camera")
-    _file(camera_from_folder(folder, pattern, parse_target(target), serial, keep_all), out, "fake", json)
+    wanted = parse_target(target)
+    if source is None:
+        agree = (lambda _: True) if yes else ask
+        outcome = collect_camera(bench, seed, wanted, poses, _out(out, bench), agree, say)
+    else:
+        outcome = camera_from_folder(source, pattern, wanted, serial, keep_all)
+    _file(outcome, out, bench, json)
 
 
 @calibrate.command("hand-eye")
@@ -112,21 +127,34 @@ def markers(
     camera_file: CameraFile = None,
     pattern: Annotated[str, typer.Option("--pictures", help="Which pictures of the folder.")] = "*",
     serial: Annotated[str, typer.Option("--serial", help="Of the camera.")] = "unknown",
+    object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
 ) -> None:
     """Measure how well the two-marker angle is known, from 20 pictures or more of the object at rest.
 
+    Without --from the bench's camera looks at an object in its place; nothing moves.
+
     Examples:
+      rig calibrate markers --bench fake
+
       rig calibrate markers --from still --camera calibrations/camera-C1.yaml
 
     """
     from calibration.camera_files import read_camera
+    from rig.calibrate.bench_camera import collect_markers
     from rig.calibrate.sensors import markers_from_folder
 
-    lens = None if camera_file is None else read_camera(camera_file).intrinsics
-    folder = _folder(source, "markers")
-    _file(markers_from_folder(folder, pattern, ids, dictionary, lens, serial), out, "fake", json)
+    if source is None:
+        agree = (lambda _: True) if yes else ask
+        outcome = collect_markers(bench, seed, object_name, _out(out, bench), agree)
+    else:
+        lens = None if camera_file is None else read_camera(camera_file).intrinsics
+        outcome = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
+    _file(outcome, out, bench, json)
 
 
 @calibrate.command()

@@ -87,6 +87,15 @@ def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path
     assert apart["worst_in_workspace_mm"] < 0.01
 
 
+def test_a_camera_and_the_markers_on_the_simulated_bench(tmp_path: Path) -> None:
+    camera = figures("camera", "--bench", "fake", "--poses", "12", "--out", tmp_path)
+    assert camera["simulated"]
+    assert camera["value"]["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=8.0)
+    markers = figures("markers", "--bench", "fake", "--object", "wrench", "--out", tmp_path)
+    assert markers["simulated"]
+    assert markers["value"]["angle_sigma_deg"] < 0.1
+
+
 def test_markers_at_rest(tmp_path: Path) -> None:
     pictures, rng = MarkerPictures(), np.random.default_rng(0)
     for i in range(24):
@@ -137,7 +146,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("camera",), "give --from"),
+        (("tactile",), "give --from"),
         (("camera", "--from", "/nowhere"), "no such folder"),
         (("hand-eye", "--from", "/nowhere"), "give --camera"),
         (("hand-eye", "--setup", "sideways"), "eye-to-hand"),

@@ -57,6 +57,6 @@ def test_an_arm_that_is_gone_ends_the_visit() -> None:
     fault = {"device": "arm", "kind": "disconnect", "at_s": 0.0}
     broken = config.model_validate({**config.model_dump(), "faults": [fault]})
     bench, _ = build_bench(broken)
+    turn = (1.0, 0.0, 0.0, 0.0)
     with bench.connected(), pytest.raises(DeviceError):
-        turn = (1.0, 0.0, 0.0, 0.0)
         capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], turn)), lambda _: None, lambda *_: None)

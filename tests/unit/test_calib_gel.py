@@ -94,9 +94,7 @@ def test_a_ball_smaller_than_its_print_is_left_out() -> None:
     assert "wider than a ball" in rejected[0].reason
 
 
-def _still(
-    gain: tuple[float, float, float] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False
-) -> list[np.ndarray]:
+def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False) -> list:
     rng = np.random.default_rng(0)
     frames = [GEL.presses(1)[0].image if press else GEL.frame(rng) for _ in range(count)]
     return [np.clip(f * np.asarray(gain), 0, 255).astype(np.uint8) for f in frames]
@@ -120,7 +118,8 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
 def test_references_that_are_none_are_refused() -> None:
     for frames, seen in (
         ([], "5 are the least"), (_still((0.0, 0.0, 0.0)), "alike"), (_still((0.03, 0.03, 0.03)), "dark"),
-        (_still()[:6] + _still(press=True)[:6], "changed while"), ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
+        (_still()[:6] + _still(press=True)[:6], "changed while"),
+        ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
     ):  # fmt: skip
         with pytest.raises(CalibrationError, match=seen):
             make_reference(frames)

@@ -94,10 +94,11 @@ def _print_table(report: "WireReport") -> None:
         highlight=False,
     )
     errors, own = report.errors_deg, report.row.get("re_b")
+    truths = [f"{row.get('final_truth_deg') or 0.0:.1f}" for row in (report.row, report.seeds[0])]
     found = f"{own['mean_deg']:.2f} deg" if own else "none"
     console.print(
         f"{report.row['outcome']}, mean error over phase B {found}; in this process median "
         f"{np.median(errors):.2f} deg, {min(errors):.2f} to {max(errors):.2f} over {len(errors)} seeds; "
-        f"true turn {report.row['final_truth_deg']:.1f} deg, in this process {report.seeds[0]['final_truth_deg']:.1f}",
+        f"true turn {truths[0]} deg, in this process {truths[1]}",
         highlight=False,
     )

@@ -34,7 +34,8 @@ def replay(
     settings = session_settings(session, estimator, window)
     simulated = "SIMULATED " if settings.bench.simulated else ""
     say(
-        f"{simulated}session {session}, estimator {settings.estimator.name}, window {settings.estimator.window}"
+        f"{simulated}session {session}, estimator {settings.estimator.name}, "
+        f"window {settings.estimator.window}"
     )
     with TrialProgress(1) as progress:
         result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)

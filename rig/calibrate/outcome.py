@@ -36,7 +36,7 @@ class Outcome:
     """A calibration before it is filed.
 
     value, quality: as in the file. numbers: what the page lists first, as text. source: where the
-    samples lie. files: the samples, for the hash.
+    samples lie. files: the samples, for the hash. part: of the kind, where it has several files.
     """
 
     kind: str
@@ -52,6 +52,7 @@ class Outcome:
     pictures: Sequence[Picture] = ()
     thumbnails: Sequence[Thumbnail] = ()
     simulated: bool = False
+    part: str = ""
 
     def marked(self, simulated: bool) -> "Outcome":
         """The same, marked as SIMULATED or not."""
@@ -71,7 +72,8 @@ def file_outcome(outcome: Outcome, folder: Path) -> Filed:
     """Write file and page into a folder. Raises `CalibrationError` for a refused one, after writing both."""
     from rig.calibrate.page import page_html
 
-    stem = "-".join([outcome.kind, *(serial for serial in outcome.serials.values())])
+    part = [outcome.part] if outcome.part else []
+    stem = "-".join([outcome.kind, *part, *outcome.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
     filed = _as_file(outcome)
     save(filed, path)

@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption, ask, emit_json, say
 
 if TYPE_CHECKING:
-    from rig.calibrate.outcome import Outcome
+    from rig.calibrate.outcome import Filed, Outcome
 
 calibrate = typer.Typer(
     no_args_is_help=True,
@@ -164,20 +164,32 @@ def tactile(
         tuple[float, float], typer.Option("--mm-per-px", help="Scale along x and y of the picture.")
     ] = (0.06, 0.06),
     serial: Annotated[str, typer.Option("--serial", help="Of the sensor.")] = "unknown",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
     out: OutFolder = None,
     json: JsonOption = False,
 ) -> None:
     """Fit how a gel's colours tell its slopes, from ball presses: background.png, catalog.csv, pictures.
 
-    catalog.csv: image, diameter(mm). The balls are found by themselves.
+    catalog.csv: image, diameter(mm). The balls are found by themselves. Without --from every
+    fingertip of the bench is looked at untouched: its reference, and what changed since the last.
 
     Examples:
       rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
 
     """
+    from rig.calibrate.bench_tactile import collect_references
     from rig.calibrate.sensors import tactile_from_folder
 
-    _file(tactile_from_folder(_folder(source, "tactile"), serial, mm_per_px), out, "fake", json)
+    if source is not None:
+        _file(tactile_from_folder(source, serial, mm_per_px), out, bench, json)
+        return
+    filed = [_filed(outcome, out, bench) for outcome in collect_references(bench, seed, _out(out, bench))]
+    if json:
+        emit_json({"references": [each.figures for each in filed]})
+    else:
+        for each in filed:
+            print(each.path, each.page, sep="\n")
 
 
 @calibrate.command()
@@ -299,6 +311,15 @@ def _out(out: Path | None, bench: str) -> Path:
 
 
 def _file(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:
+    filed = _filed(outcome, out, bench)
+    if json:
+        emit_json(filed.figures)
+    else:
+        print(filed.path)
+        print(filed.page)
+
+
+def _filed(outcome: "Outcome", out: Path | None, bench: str) -> "Filed":
     from rig.calibrate.outcome import file_outcome
 
     filed = file_outcome(outcome, _out(out, bench))
@@ -307,8 +328,4 @@ def _file(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:
         say(f"  {name}: {text}")
     for left_out in outcome.rejected:
         say(f"  left out {left_out.id}: {left_out.reason}")
-    if json:
-        emit_json(filed.figures)
-    else:
-        print(filed.path)
-        print(filed.page)
+    return filed

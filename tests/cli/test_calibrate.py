@@ -105,6 +105,19 @@ def test_markers_at_rest(tmp_path: Path) -> None:
     page_is_whole(done["page"], 1)
 
 
+def test_references_of_the_simulated_fingertips_are_compared_with_the_last(tmp_path: Path) -> None:
+    first = figures("tactile", "--bench", "fake", "--out", tmp_path)["references"]
+    assert [r["verdict"] for r in first] == ["weak", "weak"]
+    again = figures("tactile", "--bench", "fake", "--seed", "1", "--out", tmp_path)["references"]
+    assert [r["verdict"] for r in again] == ["good", "good"]
+    serials = ("SIM-D0001", "SIM-D0002")
+    pictures = [tmp_path / f"tactile-reference-{serial}.png" for serial in serials]
+    pictures[0].write_bytes(pictures[1].read_bytes())
+    swapped = rig("tactile", "--bench", "fake", "--out", tmp_path)
+    assert swapped.returncode == 2
+    assert "changed shape" in swapped.stderr
+
+
 def test_a_gel_from_presses(tmp_path: Path) -> None:
     gel = SimulatedGel(3)
     background = np.rint(gel.reference).astype(np.uint8)
@@ -146,7 +159,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("tactile",), "give --from"),
+        (("gripper",), "give --from"),
         (("camera", "--from", "/nowhere"), "no such folder"),
         (("hand-eye", "--from", "/nowhere"), "give --camera"),
         (("hand-eye", "--setup", "sideways"), "eye-to-hand"),

@@ -154,7 +154,7 @@ def _pictures(result: BallFit, presses: list[BallPress]) -> list[Picture]:
     rows, columns = result.map.shape
     places = {name: (c[:, 0], rows - c[:, 1]) for name, c in groups.items()}
     press = max((p.press for p in presses), key=lambda p: float(p.strength.max()))
-    radii = {i: 2 * r for i, r in result.held_out_mm.items()}
+    radii = {i: 2 * result.held_out_mm[i] for i in result.true_mm}
     return [
         Picture(
             "Ball diameter of each press left out",

@@ -49,8 +49,8 @@ class MarkerTracker:
     """Follows two markers of one dictionary through the pictures of one camera.
 
     ids: the two marker ids, in the order of the answer. dictionary: OpenCV's name, as
-    "DICT_4X4_50". search_everywhere: search every whole picture (slow). The same pictures in the same order give the same numbers, bit for bit.
-    Raises `InputError` for equal ids or an unknown dictionary.
+    "DICT_4X4_50". search_everywhere: search every whole picture (slow). The same pictures in the
+    same order give the same numbers, bit for bit. Raises `InputError` for equal ids or an unknown dictionary.
     """
 
     def __init__(

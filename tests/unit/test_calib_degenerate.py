@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 
 from drivers.errors import CalibrationError
-from rig.benchmark import degenerate_hand_eye, degenerate_images, degenerate_streams
+from rig.benchmark import degenerate_hand_eye, degenerate_images, degenerate_streams, degenerate_views
 from rig.benchmark.degenerate import Case, answered, refused, run_cases
 
-CASES = [*degenerate_hand_eye.cases(), *degenerate_images.cases(), *degenerate_streams.cases()]
+CASES = [
+    *degenerate_hand_eye.cases(),
+    *degenerate_images.cases(),
+    *degenerate_views.cases(),
+    *degenerate_streams.cases(),
+]
 
 
 @pytest.mark.parametrize("group", sorted({case.group for case in CASES}))

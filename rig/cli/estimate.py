@@ -177,8 +177,8 @@ def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> d
     zero = "" if result.zero is None else f"{result.zero.text} s, "
     common.say(background_note)
     common.say(
-        f"{what}: {run.choice.name}, {found['frames']} frames, {found['answered']} answered, refused: {refused}; "
-        f"zero at {zero}{found['reference']}; {found['median_ms']} ms per frame (p99 {found['p99_ms']})"
+        f"{what}: {run.choice.name}, {found['frames']} frames, {found['answered']} answered, "
+        f"refused: {refused}; zero at {zero}{found['reference']}; {found['median_ms']} ms per frame (p99 {found['p99_ms']})"
     )
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": background_note}
     return {"frames_from": what, **settings, **found}

@@ -12,7 +12,7 @@ from rig.tactile.registration import Alignment, Keyframe, align, similarity, tur
 from rig.tactile.relief import Field
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
-GOOD_MISFIT, GOOD_OVERLAP = 0.35, 0.7
+GOOD_MISFIT, GOOD_OVERLAP = 0.25, 0.7
 # Beyond these it is no alignment at all.
 WORST_MISFIT, WORST_OVERLAP = 0.6, 0.4
 # From where it is expected, an object turns at most so far between two frames.

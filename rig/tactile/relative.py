@@ -1,8 +1,8 @@
 """How a frame differs from the frame without contact, whatever the light's strength.
 
-The light of a DIGIT-like sensor multiplies: LEDs dim, white balance drifts, corners are dark. A
-frame is therefore brought to the background's light by a gain per channel and its difference is
-taken relative to the background. Everything happens on a reduced copy.
+The light of a DIGIT-like sensor multiplies: LEDs dim, white balance drifts, corners are dark; stray
+light adds. A frame is therefore brought to the background's light by a gain and an offset per
+channel, and its difference is taken relative to the background. Everything happens on a reduced copy.
 """
 
 from typing import Any
@@ -19,6 +19,10 @@ DARK_OFFSET = 20.0
 # The gain looks at every sixth pixel each way and trusts the two fifths that fit it best, as a
 # wide contact can cover more than half of a fingertip.
 GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
+# Stray light adds to a frame; how far a fit of gain and offset is pulled to one without offset.
+OFFSET_RIDGE = 0.01
+# Keeps a black background from dividing by zero, grey levels squared.
+NEGLIGIBLE = 1e-3
 # A frame darker than this share of the background is black: nothing to scale up.
 DARKEST_GAIN = 0.02
 MIN_SIDE_PX = 8
@@ -48,7 +52,7 @@ class RelativeDifference:
         self._weight = 1.0 / (work + DARK_OFFSET)
         self._relative = work * self._weight
         sample = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3)
-        self._light = sample + 1.0
+        self._sample = sample
         self._sample_weight = 1.0 / (sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * len(sample)))
 
@@ -58,19 +62,31 @@ class RelativeDifference:
 
     def of(self, work: Image) -> NDArray[np.float32]:
         """Return the relative difference of a reduced copy from the background, (h, w, 3) float32."""
-        correction = np.append(self._correction(work), 1.0)  # four values are a scalar to OpenCV
-        light = cv2.multiply(work, correction, dtype=cv2.CV_32F)
+        gain, offset = self._light_of(work)
+        # Four values are a scalar to OpenCV.
+        light = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
+        light = cv2.subtract(light, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
         return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative), np.float32)
 
-    def _correction(self, work: Image) -> NDArray[np.float32]:
-        """Return the three factors that bring a reduced copy to the background's light."""
-        seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3) + np.float32(1.0)
-        gain = upper_median(seen / self._light)
+    def _light_of(self, work: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return gain and offset per channel of a reduced copy against the background's light."""
+        seen = work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3).astype(np.float32)
+        gain, offset = upper_median((seen + 1.0) / (self._sample + 1.0)), np.zeros(3)
         for _ in range(GAIN_ROUNDS):
-            misfit = (np.abs(seen - gain * self._light) * self._sample_weight).sum(axis=1)
+            misfit = (np.abs(seen - gain * self._sample - offset) * self._sample_weight).sum(axis=1)
             best = np.argpartition(misfit, self._trusted - 1)[: self._trusted]
-            gain = seen[best].sum(axis=0) / self._light[best].sum(axis=0)
-        return (1.0 / np.maximum(gain, DARKEST_GAIN)).astype(np.float32)
+            gain, offset = _line(self._sample[best], seen[best])
+        return np.maximum(gain, DARKEST_GAIN), offset
+
+
+def _line(light: NDArray[np.float32], seen: NDArray[np.float32]) -> tuple[Any, Any]:
+    """Fit seen = gain light + offset per column; a proportion where the light varies little."""
+    mean_light, mean_seen = light.mean(axis=0), seen.mean(axis=0)
+    spread = light - mean_light
+    pull = OFFSET_RIDGE * mean_light
+    along = (spread * seen).mean(axis=0) + pull * mean_seen + NEGLIGIBLE
+    gain = along / ((spread**2).mean(axis=0) + pull * mean_light + NEGLIGIBLE)
+    return gain, mean_seen - gain * mean_light
 
 
 def upper_median(values: NDArray[Any]) -> NDArray[Any]:

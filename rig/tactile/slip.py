@@ -42,6 +42,9 @@ PATIENCE_FRAMES = 12
 FORGET_S, GIVE_UP_S = 0.5, 0.25
 # What is not known of a turn that nobody saw.
 UNSEEN_RAD = math.radians(30.0)
+# A sigma follows what one frame says of it over this time: two fingertips are weighed by it, and a
+# weight that jumps makes the fused angle jump.
+SIGMA_PACE_S = 0.15
 STAGES = ("contact", "gradient", "alignment", "filter")
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
 """What a frame with a contact can do without."""
@@ -138,8 +141,10 @@ class SlipTracker(SlipEstimator):
         return State.REKEYED if rekeyed else State.TRACKING, tracked
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
+        variance = angle_variance(tracked, self._aspect_known)
+        steady = self._variance if self._answered and sample.state is State.TRACKING else variance
+        self._variance = steady + self._pace(sample.time_ns) * (variance - steady)
         self._answered = True
-        self._variance = angle_variance(tracked, self._aspect_known)
         sigma = max(tracked.alignment.noise_rad, 1e-5)
         angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, sigma)
         self._angle_rad = angle
@@ -155,6 +160,11 @@ class SlipTracker(SlipEstimator):
             shift_px=(float(shift[0]), float(shift[1])),
         )
 
+    def _pace(self, time_ns: int) -> float:
+        """Return the weight of a frame's own variance."""
+        elapsed_s = (time_ns - self._last.time_ns) / NS_PER_S if self._last is not None else math.inf
+        return 1.0 - math.exp(-elapsed_s / SIGMA_PACE_S)
+
     def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
         """Name what this frame did not need."""
         if not self._skip:
@@ -165,8 +175,11 @@ class SlipTracker(SlipEstimator):
         """Answer for a frame that is the last one again: nothing was learnt but that time passed."""
         if last.angle_deg is None:
             return replace(last, time_ns=time_ns, stage_s={}, skipped=STAGES)
-        angle = self._filter.predicted(time_ns / NS_PER_S)
-        return replace(last, time_ns=time_ns, angle_deg=math.degrees(angle), stage_s={}, skipped=STAGES)
+        angle_deg = math.degrees(self._filter.predicted(time_ns / NS_PER_S))
+        sigma_deg = math.hypot(last.sigma_deg or 0.0, angle_deg - last.angle_deg)
+        return replace(
+            last, time_ns=time_ns, angle_deg=angle_deg, sigma_deg=sigma_deg, stage_s={}, skipped=STAGES
+        )
 
     def _begin(self, difference: Field, region: Region) -> bool:
         """Start from a keyframe of this frame; False where a turn would leave no trace in it."""

@@ -46,4 +46,5 @@ def test_a_real_contact_at_rest_stays_at_rest(real_data: Path, panel: int) -> No
     assert samples[-1].state is State.TRACKING
     answered = [sample.angle_deg for sample in samples if sample.angle_deg is not None]
     assert len(answered) >= 10
-    assert all(abs(angle) < 0.5 for angle in answered)
+    # Two of the nine are nearly round: their sigma is a third of a degree.
+    assert all(abs(angle) < 1.0 for angle in answered)

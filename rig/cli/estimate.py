@@ -178,7 +178,8 @@ def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> d
     common.say(background_note)
     common.say(
         f"{what}: {run.choice.name}, {found['frames']} frames, {found['answered']} answered, "
-        f"refused: {refused}; zero at {zero}{found['reference']}; {found['median_ms']} ms per frame (p99 {found['p99_ms']})"
+        f"refused: {refused}; zero at {zero}{found['reference']}; "
+        f"{found['median_ms']} ms per frame (p99 {found['p99_ms']})"
     )
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": background_note}
     return {"frames_from": what, **settings, **found}

@@ -44,4 +44,4 @@ def replay(
     say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")
     if json:
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
-        emit_json({"session": str(session), "estimator": settings.estimator, **figures})
+        emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})

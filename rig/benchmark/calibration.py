@@ -11,7 +11,13 @@ import numpy as np
 from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.time_offset import time_offset
-from rig.benchmark import degenerate_hand_eye, degenerate_images, degenerate_streams, degenerate_views
+from rig.benchmark import (
+    degenerate_gel,
+    degenerate_hand_eye,
+    degenerate_images,
+    degenerate_streams,
+    degenerate_views,
+)
 from rig.benchmark.calibration_camera import camera_limits
 from rig.benchmark.calibration_gel import gel_limits
 from rig.benchmark.calibration_markers import marker_limits
@@ -60,6 +66,7 @@ def run(say: Callable[[str], None], seed: int = 0, trials: int = TRIALS) -> Cali
         *degenerate_images.cases(),
         *degenerate_views.cases(),
         *degenerate_streams.cases(),
+        *degenerate_gel.cases(),
     ]
     return CalibrationReport(tuple(rows), tuple(run_cases(cases, seed)))
 

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import CalibrationError
-from rig.benchmark import degenerate_hand_eye, degenerate_images, degenerate_streams, degenerate_views
+from rig.benchmark import (
+    degenerate_gel,
+    degenerate_hand_eye,
+    degenerate_images,
+    degenerate_streams,
+    degenerate_views,
+)
 from rig.benchmark.degenerate import Case, answered, refused, run_cases
 
 CASES = [
@@ -12,6 +18,7 @@ CASES = [
     *degenerate_images.cases(),
     *degenerate_views.cases(),
     *degenerate_streams.cases(),
+    *degenerate_gel.cases(),
 ]
 
 

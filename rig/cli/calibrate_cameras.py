@@ -1,0 +1,143 @@
+"""`rig calibrate camera, hand-eye, markers`: a camera, where it stands, and how well it tells angles."""
+
+from typing import Annotated
+
+import typer
+
+from rig.cli.calibrate_options import (
+    CameraFile,
+    CameraSerial,
+    FromOption,
+    OutFolder,
+    PicturesOption,
+    PosesOption,
+    TargetOption,
+    agreement,
+    calibrations_folder,
+    file_and_say,
+)
+from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption, say
+
+
+def camera(
+    source: FromOption = None,
+    target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100",
+    pattern: PicturesOption = "*",
+    serial: CameraSerial = "unknown",
+    keep_all: Annotated[
+        bool, typer.Option("--keep-all", help="Keep views that contradict the others.")
+    ] = False,
+    poses: PosesOption = 20,
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
+
+    Without --from the board is shown by the arm, which holds it. On OpenCV's own chessboard photos
+    its published numbers come out with its own recipe: --target chessboard:9x6:25:11 --keep-all.
+
+    Examples:
+      rig calibrate camera --bench fake --poses 20
+
+      rig calibrate camera --from photos --target chessboard:9x6:25 --pictures 'left*.jpg'
+
+    """
+    from calibration.boards import parse_target
+    from rig.calibrate.bench_camera import collect_camera
+    from rig.calibrate.camera import camera_from_folder
+
+    wanted = parse_target(target)
+    if source is None:
+        outcome = collect_camera(
+            bench, seed, wanted, poses, calibrations_folder(out, bench), agreement(yes), say
+        )
+    else:
+        outcome = camera_from_folder(source, pattern, wanted, serial, keep_all)
+    file_and_say(outcome, out, bench, json)
+
+
+def hand_eye(
+    source: FromOption = None,
+    target: TargetOption = "marker:60:DICT_4X4_50:0",
+    camera_file: CameraFile = None,
+    setup: Annotated[str, typer.Option("--setup", help="eye-to-hand or eye-in-hand.")] = "eye-to-hand",
+    serial: CameraSerial = "unknown",
+    poses: PosesOption = 20,
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Find where the camera stands: from pictures <id>.png with poses.csv, or by visiting poses.
+
+    poses.csv: id, x_m, y_m, z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad), base_T_tcp.
+
+    Examples:
+      rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
+
+      rig calibrate hand-eye --bench fake --poses 15
+
+    """
+    from calibration.boards import parse_target
+    from calibration.camera_files import read_camera
+    from calibration.hand_eye.samples import Setup
+    from drivers.errors import InputError
+    from rig.calibrate.bench_hand_eye import collect_hand_eye
+    from rig.calibrate.hand_eye import hand_eye_from_folder
+
+    if setup not in list(Setup):
+        raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
+    wanted = parse_target(target)
+    if source is None:
+        folder = calibrations_folder(out, bench)
+        outcome = collect_hand_eye(bench, seed, wanted, Setup(setup), poses, folder, agreement(yes), say)
+    else:
+        if camera_file is None:
+            raise InputError(
+                "hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)"
+            )
+        known = read_camera(camera_file, None if serial == "unknown" else serial)
+        outcome = hand_eye_from_folder(source, wanted, known, serial, Setup(setup))
+    file_and_say(outcome, out, bench, json)
+
+
+def markers(
+    source: FromOption = None,
+    ids: Annotated[tuple[int, int], typer.Option("--ids", help="The two marker ids.")] = (0, 1),
+    dictionary: Annotated[
+        str, typer.Option("--dictionary", help="OpenCV's name, or a file.")
+    ] = "DICT_4X4_50",
+    camera_file: CameraFile = None,
+    pattern: PicturesOption = "*",
+    serial: CameraSerial = "unknown",
+    object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure how well the two-marker angle is known, from 20 pictures or more of the object at rest.
+
+    Without --from the bench's camera looks at an object in its place; nothing moves.
+
+    Examples:
+      rig calibrate markers --bench fake
+
+      rig calibrate markers --from still --camera calibrations/camera-C1.yaml
+
+    """
+    from calibration.camera_files import read_camera
+    from rig.calibrate.bench_camera import collect_markers
+    from rig.calibrate.sensors import markers_from_folder
+
+    if source is None:
+        outcome = collect_markers(bench, seed, object_name, calibrations_folder(out, bench), agreement(yes))
+    else:
+        lens = None if camera_file is None else read_camera(camera_file).intrinsics
+        outcome = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
+    file_and_say(outcome, out, bench, json)

@@ -1,0 +1,69 @@
+"""What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.common import ask, emit_json, say
+
+if TYPE_CHECKING:
+    from rig.calibrate.outcome import Filed, Outcome
+
+FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
+OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder of the calibration file and its page.")]
+TargetOption = Annotated[
+    str,
+    typer.Option(
+        "--target",
+        help="charuco:8x6:25:18:DICT_5X5_100[:legacy], chessboard:9x6:25[:px], marker:60:DICT_4X4_50:0.",
+    ),
+]
+CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file: ours, ROS or OpenCV.")]
+CameraSerial = Annotated[str, typer.Option("--serial", help="Of the camera.")]
+PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures of the folder.")]
+PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
+
+
+def agreement(yes: bool) -> Callable[[str], bool]:
+    """Who is asked before something moves: the person at the terminal, or nobody with --yes."""
+    return (lambda _: True) if yes else ask
+
+
+def samples_folder(source: Path | None, kind: str) -> Path:
+    """The folder of --from. Raises `InputError` where it is missing."""
+    from drivers.errors import InputError
+
+    if source is None:
+        raise InputError(f"rig calibrate {kind}: this version solves recorded samples; give --from FOLDER")
+    return source
+
+
+def calibrations_folder(out: Path | None, bench: str) -> Path:
+    """Where calibrations go: --out, or `calibrations/` beside the bench file."""
+    beside = Path(bench).parent if Path(bench).is_file() else Path()
+    return out or beside / "calibrations"
+
+
+def file_and_say(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:
+    """File an outcome, say what it is worth, and print where file and page are."""
+    filed = filed_and_said(outcome, out, bench)
+    if json:
+        emit_json(filed.figures)
+    else:
+        print(filed.path)
+        print(filed.page)
+
+
+def filed_and_said(outcome: "Outcome", out: Path | None, bench: str) -> "Filed":
+    """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
+    from rig.calibrate.outcome import file_outcome
+
+    filed = file_outcome(outcome, calibrations_folder(out, bench))
+    say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")
+    for name, text in outcome.numbers.items():
+        say(f"  {name}: {text}")
+    for left_out in outcome.rejected:
+        say(f"  left out {left_out.id}: {left_out.reason}")
+    return filed

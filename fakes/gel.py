@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fakes.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
+from fakes.variation import FAMILY, Variation
 
 HALF = 2
 """Image pixels per pixel of the geometry."""
-_NEAR_SKIRT_PX, _NEAR_SHARE = 7, 0.55
-_FAR_SKIRT_PX, _FAR_SHARE = 19, 0.38
 _MIN_LAG_DEG = 1e-3
 _TOUCHING_MM = 0.004
 
@@ -43,11 +42,12 @@ class Imprint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GelPad:
-    """One unit's pad: image size in pixels, scale along x and y, and how convex its face is."""
+    """One unit's pad: image size in pixels, scale along x and y, how convex its face is, its gel."""
 
     shape: tuple[int, int]
     mm_per_px: tuple[float, float]
     dome_radius_mm: float = GEL_DOME_RADIUS_MM
+    variation: Variation = FAMILY
     _x_mm: DepthMap = field(init=False)
     _y_mm: DepthMap = field(init=False)
     _dome_mm: DepthMap = field(init=False)
@@ -65,13 +65,14 @@ class GelPad:
         Inside the contact the gel follows the object; around it a membrane slopes off over a few
         mm. The membrane is dragged along with the object and may trail behind it.
         """
-        pressed = np.maximum(self._penetration(imprint, imprint.angle_deg), 0.0)
+        gel = self.variation
+        pressed = self._pressed(imprint, imprint.angle_deg)
         dragged = pressed
         if abs(imprint.lag_deg) > _MIN_LAG_DEG:
-            dragged = np.maximum(self._penetration(imprint, imprint.angle_deg - imprint.lag_deg), 0.0)
-        near = cv2.blur(cv2.blur(dragged, (_NEAR_SKIRT_PX,) * 2), (_NEAR_SKIRT_PX,) * 2)
-        far = cv2.blur(cv2.blur(dragged, (_FAR_SKIRT_PX,) * 2), (_FAR_SKIRT_PX,) * 2)
-        membrane = cv2.max(near * np.float32(_NEAR_SHARE), far * np.float32(_FAR_SHARE))
+            dragged = self._pressed(imprint, imprint.angle_deg - imprint.lag_deg)
+        near = cv2.blur(cv2.blur(dragged, (gel.near_skirt_px,) * 2), (gel.near_skirt_px,) * 2)
+        far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
+        membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))
         return np.asarray(cv2.blur(cv2.max(pressed, membrane), (5, 5)), np.float32)
 
     def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
@@ -79,6 +80,12 @@ class GelPad:
         height, width = self.shape
         depth = cv2.resize(self._penetration(imprint, imprint.angle_deg), (width, height))
         return np.asarray(depth > _TOUCHING_MM)
+
+    def _pressed(self, imprint: Imprint, angle_deg: float) -> DepthMap:
+        """Depth of the gel under the object, mm; flat in the middle where the unit's gel is so."""
+        pressed = np.maximum(self._penetration(imprint, angle_deg), 0.0)
+        limit = np.float32(self.variation.flatten_mm)
+        return pressed if limit == 0.0 else np.asarray(-limit * np.expm1(-pressed / limit), np.float32)
 
     def _penetration(self, imprint: Imprint, angle_deg: float) -> DepthMap:
         """Depth of the object's surface below the undented gel, mm; negative where it is clear."""

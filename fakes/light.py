@@ -6,7 +6,7 @@ faces away from that colour's LED, so the lower edge of a contact is blue, the u
 yellow, the left edge green.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -63,6 +63,22 @@ def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
     )
 
 
+def vary_light(light: Light, light_seed: int | None) -> Light:
+    """Return a light of other colours, LED directions and background; the same one for None."""
+    if light_seed is None:
+        return light
+    rng = np.random.default_rng((light_seed, 29))
+    turn = np.deg2rad(rng.normal(0.0, 12.0, (3, 1, 1))).astype(np.float32)
+    cos, sin = np.cos(turn), np.sin(turn)
+    return replace(
+        light,
+        background=_mixed(light.background, rng),
+        towards_x=cos * light.towards_x - sin * light.towards_y,
+        towards_y=sin * light.towards_x + cos * light.towards_y,
+        gain=light.gain * rng.uniform(0.35, 1.3) * rng.uniform(0.7, 1.3, (3, 1, 1)).astype(np.float32),
+    )
+
+
 def _directions(pad: GelPad, rng: np.random.Generator) -> tuple[Planes, Planes]:
     """Unit vectors from each LED to each pixel: near LEDs do not light all places from one side."""
     x_mm, y_mm = pixel_grid_mm(pad.shape, pad.mm_per_px, 2)
@@ -85,6 +101,17 @@ def _background(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
     image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.5) * _blemishes(shape, rng)[..., None]
     image = np.maximum(image, 6.0)
     return (image / (1.0 + (image / _WHITE) ** 4) ** 0.25).astype(np.float32)
+
+
+def _mixed(image: Planes, rng: np.random.Generator) -> Planes:
+    """Mix the colours of a background, change its contrast, and lay smooth patches over it."""
+    rows, columns = image.shape[:2]
+    mixed = image @ (np.eye(3) + rng.uniform(-0.12, 0.22, (3, 3))).astype(np.float32)
+    level = mixed.mean()
+    mixed = level * np.maximum(mixed / level, 0.02) ** rng.uniform(0.6, 1.25)
+    coarse = rng.normal(0.0, rng.uniform(0.0, 0.22), (7, 6, 3)).astype(np.float32)
+    patches = np.exp(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC))
+    return np.clip(mixed * patches * rng.uniform(0.55, 1.15), 5.0, 250.0).astype(np.float32)
 
 
 def _red(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:

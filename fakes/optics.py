@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from fakes.gel import HALF, GelPad, Imprint
-from fakes.light import Light, make_light
+from fakes.light import Light, make_light, vary_light
+from fakes.shadow import shade
 from fakes.surfaces import GEL_DOME_RADIUS_MM
+from fakes.variation import FAMILY, Variation
 
 __all__ = ["GelSensor", "Imprint"]
 
@@ -19,10 +21,6 @@ _MM_PER_PX = 0.060
 _UNITS = 16
 """Grey levels are added as int16 in sixteenths: fine enough for noise, fast enough for 60 Hz."""
 _DRIFT_STEP_S = 0.1
-_SLOPE_AT_KNEE = 0.24
-_SHADOW_SHIFT_PX = 5
-_SHADOW_PER_MM = 0.55
-_RIM_PER_MM = 3.0
 _MOST_LOST = 0.85
 _NOISE_FIELDS = 6
 _NOISE_MARGIN_PX = 48
@@ -31,16 +29,21 @@ _NOISE_MARGIN_PX = 48
 class GelSensor:
     """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
 
-    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240.
+    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: how far the unit
+    departs from the family.
     """
 
-    def __init__(self, unit_seed: int, shape: tuple[int, int] = (320, 240)) -> None:
+    def __init__(
+        self, unit_seed: int, shape: tuple[int, int] = (320, 240), variation: Variation = FAMILY
+    ) -> None:
         rng = np.random.default_rng((unit_seed, 17))
         scale = _MM_PER_PX * 240.0 / shape[1]
         mm_per_px = (scale * float(rng.uniform(0.98, 1.0)), scale * float(rng.uniform(1.0, 1.025)))
-        self._pad = GelPad(shape, mm_per_px, GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12)))
-        self._light: Light = make_light(self._pad, rng)
-        self._noise = _noise_fields(shape, float(rng.uniform(1.3, 1.9)), rng)
+        dome_mm = GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12))
+        self._variation = variation
+        self._pad = GelPad(shape, mm_per_px, dome_mm, variation)
+        self._light: Light = vary_light(make_light(self._pad, rng), variation.light_seed)
+        self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
         self._glow = _planes_at_half(self._light.background)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
         self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
@@ -82,7 +85,7 @@ class GelSensor:
         """What a dent adds to the background, in sixteenths of a grey level."""
         dent = self._pad.dent(imprint)
         light = self._light
-        knee = np.float32(1.0 / (8.0 * _SLOPE_AT_KNEE * HALF))
+        knee = np.float32(1.0 / (8.0 * self._variation.slope_at_knee * HALF))
         slope_x = cv2.Sobel(dent, cv2.CV_32F, 1, 0, scale=float(knee / self._pad.mm_per_px[0]))
         slope_y = cv2.Sobel(dent, cv2.CV_32F, 0, 1, scale=float(knee / self._pad.mm_per_px[1]))
         facing = light.towards_x * slope_x
@@ -90,26 +93,11 @@ class GelSensor:
         # a slope that falls in the light's direction brightens; the pad's colours saturate
         facing /= -np.sqrt(np.float32(1.0) + facing * facing)
         facing *= light.gain
-        facing -= self._glow * self._shade(dent)
+        facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
         np.maximum(facing, np.float32(-_MOST_LOST) * self._glow, out=facing)
         facing *= np.float32(_UNITS)
         merged = cv2.merge(list(facing)).astype(np.int16)
         return np.asarray(cv2.resize(merged, (self._pad.shape[1], self._pad.shape[0])), np.int16)
-
-    def _shade(self, dent: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Share of light lost at the foot of a dent (all colours) and in front of it (per LED)."""
-        smooth = np.asarray(cv2.blur(dent, (9, 9)), np.float32)
-        rim = np.maximum(smooth - dent, 0.0) * np.float32(_RIM_PER_MM)
-        lost = np.empty((3, *dent.shape), np.float32)
-        for colour in range(3):
-            dx = float(self._light.towards_x[colour].mean()) * _SHADOW_SHIFT_PX
-            dy = float(self._light.towards_y[colour].mean()) * _SHADOW_SHIFT_PX
-            lost[colour] = _shifted(smooth, round(dx), round(dy))
-        lost -= dent
-        np.maximum(lost, 0.0, out=lost)
-        lost *= np.float32(_SHADOW_PER_MM)
-        lost += rim
-        return np.minimum(lost, np.float32(0.6), out=lost)
 
     def _lit_background(self, time_s: float) -> NDArray[np.int16]:
         """The background at a time; the drift is slow, so it moves in steps of a tenth of a second."""
@@ -130,14 +118,6 @@ class GelSensor:
             cv2.add(frame, field, dst=frame)
         else:
             cv2.subtract(frame, field, dst=frame)
-
-
-def _shifted(field: NDArray[np.float32], dx: int, dy: int) -> NDArray[np.float32]:
-    """The field as seen `dx`, `dy` pixels further along; its border is repeated."""
-    rows, columns = field.shape
-    reach = _SHADOW_SHIFT_PX
-    padded = cv2.copyMakeBorder(field, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    return np.asarray(padded[reach + dy : reach + dy + rows, reach + dx : reach + dx + columns], np.float32)
 
 
 def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:

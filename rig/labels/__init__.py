@@ -1,0 +1,1 @@
+"""Contact masks as labels: outlines, and the file formats that other tools read."""

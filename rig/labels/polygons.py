@@ -1,0 +1,48 @@
+"""Outlines of masks as polygons, and polygons as masks."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage.measure import approximate_polygon, find_contours
+
+from drivers.types import Image
+
+Polygon = NDArray[np.float64]
+"""(K, 2) corners x, y in pixels, from (0, 0) at the image's top left corner to (W, H): a pixel's middle
+is at a half, as in LabelMe and COCO."""
+TOLERANCE_PX = 0.4
+"""How far a polygon may leave the mask's outline: below what a person can draw."""
+LEAST_AREA_PX = 4.0
+FINE = 4
+"""Polygons are filled at this many times the resolution: OpenCV also fills the pixels on their border."""
+
+
+def mask_polygons(mask: Image) -> list[Polygon]:
+    """Return the outlines of the parts of a mask, (H, W) uint8, not 0 inside, largest first.
+
+    Holes are left out: a contact has none.
+    """
+    inside = np.zeros(mask.shape, np.uint8)
+    parts, _ = cv2.findContours((mask > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(inside, parts, -1, 1, cv2.FILLED)
+    # The border of zeros closes outlines that touch the image's edge; 0.5 is the middle of a pixel.
+    outlines = find_contours(np.pad(inside, 1).astype(np.float64), 0.5)
+    polygons = [approximate_polygon(line, TOLERANCE_PX)[:-1, ::-1] - 0.5 for line in outlines]
+    limit = np.array([mask.shape[1], mask.shape[0]], np.float64)
+    clipped = [np.clip(polygon, 0.0, limit) for polygon in polygons if len(polygon) >= 3]
+    return sorted((p for p in clipped if polygon_area(p) >= LEAST_AREA_PX), key=polygon_area, reverse=True)
+
+
+def polygons_mask(polygons: list[Polygon], size: tuple[int, int]) -> Image:
+    """Fill polygons into an (H, W) uint8 mask of 0 and 255. size: width and height, px."""
+    fine = np.zeros((FINE * size[1], FINE * size[0]), np.uint8)
+    for polygon in polygons:
+        cv2.fillPoly(fine, [np.rint(FINE * polygon - 0.5).astype(np.int32)], 255)
+    share = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+    return np.where(share > 127, 255, 0).astype(np.uint8)
+
+
+def polygon_area(polygon: Polygon) -> float:
+    """Return a polygon's area, px^2 (shoelace formula)."""
+    x, y = polygon[:, 0], polygon[:, 1]
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)

@@ -1,0 +1,84 @@
+"""Masks as labels: outlines that fill to the mask they came from, files their own tools read."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rig.labels.coco import LabelledImage, coco_document
+from rig.labels.labelme import labelme_document
+from rig.labels.polygons import mask_polygons, polygon_area, polygons_mask
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+SIZE = (240, 320)
+
+
+def iou(one: Image, other: Image) -> float:
+    return float(((one > 0) & (other > 0)).sum() / ((one > 0) | (other > 0)).sum())
+
+
+@given(
+    angle_deg=st.floats(-90.0, 90.0),
+    half_axes=st.tuples(st.floats(10.0, 90.0), st.floats(10.0, 90.0)),
+    center=st.tuples(st.floats(0.0, 240.0), st.floats(0.0, 320.0)),
+)
+def test_an_outline_fills_to_the_mask_it_came_from(
+    drawn_mask: Draw, angle_deg: float, half_axes: tuple[float, float], center: tuple[float, float]
+) -> None:
+    mask = drawn_mask(angle_deg, half_axes, center, SIZE)
+    again = polygons_mask(mask_polygons(mask), SIZE)
+    # the outline runs through the middle between two pixels, so it may differ by a few along it
+    assert np.count_nonzero(mask != again) <= 8 + 0.02 * np.count_nonzero(mask)
+
+
+def test_parts_come_apart_holes_are_filled_and_nothing_is_nothing() -> None:
+    mask = np.zeros((320, 240), np.uint8)
+    mask[10:30, 20:60] = 255
+    mask[15:20, 30:40] = 0
+    mask[100:105, 200:240] = 255
+    polygons = mask_polygons(mask)
+    assert [polygon_area(p) for p in polygons] == pytest.approx([800.0, 200.0], abs=2.0)
+    assert mask_polygons(np.zeros((8, 8), np.uint8)) == []
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
+def test_cocos_own_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, tmp_path: Path) -> None:
+    pytest.importorskip("pycocotools")
+    from pycocotools.coco import COCO
+
+    masks = [
+        drawn_mask(20.0),
+        drawn_mask(-50.0, (60.0, 20.0), (200.0, 300.0)),
+        np.zeros((320, 240), np.uint8),
+    ]
+    images = [
+        LabelledImage(f"{i}.png", SIZE, name, mask_polygons(mask))
+        for i, (mask, name) in enumerate(zip(masks, ("wrench", "spam", "spam"), strict=True))
+    ]
+    path = tmp_path / "coco.json"
+    path.write_text(json.dumps(coco_document(images, "test")))
+    coco = COCO(str(path))
+    assert len(coco.getImgIds()) == 3
+    assert {c["name"] for c in coco.loadCats(coco.getCatIds())} == {"spam", "wrench"}
+    for annotation in coco.loadAnns(coco.getAnnIds()):
+        mask = masks[annotation["image_id"] - 1]
+        assert iou(coco.annToMask(annotation), mask) > 0.98
+        assert annotation["area"] == pytest.approx((mask > 0).sum(), rel=0.02)
+
+
+def test_a_labelme_file_has_the_fields_labelme_asks_for(drawn_mask: Draw) -> None:
+    polygons = mask_polygons(drawn_mask(20.0))
+    document = labelme_document("a.png", SIZE, polygons, "contact", "drawn")
+    assert {"version", "flags", "shapes", "imagePath", "imageData", "imageHeight", "imageWidth"} == set(
+        document
+    )
+    (shape,) = document["shapes"]
+    assert {"label", "points", "group_id", "shape_type", "flags", "description", "mask"} == set(shape)
+    assert all(0 <= x <= 240 and 0 <= y <= 320 for x, y in shape["points"])
+    assert json.loads(json.dumps(document)) == document

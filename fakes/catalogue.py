@@ -12,7 +12,7 @@ from typing import Any
 
 from drivers.errors import InputError
 from fakes.relief import TEXTURES
-from fakes.shapes import SHAPES, Contact, Shape
+from fakes.shapes import SHAPES, Ball, Contact, Pad, Shape
 
 _PARTS_KEY = "parts"
 _SITES_KEY = "sites"
@@ -73,6 +73,9 @@ def find_object(text: str) -> ObjectModel:
 
     Raises `InputError` that lists what exists and offers the closest match.
     """
+    gauge = find_gauge(text)
+    if gauge is not None:
+        return gauge
     catalogue = load_catalogue()
     wanted = " ".join(text.lower().split())
     by_any_name = {key: model for model in catalogue.values() for key in (model.id, model.name)}
@@ -82,6 +85,27 @@ def find_object(text: str) -> ObjectModel:
     close = get_close_matches(wanted, by_any_name, n=1, cutoff=0.5)
     hint = f" Did you mean '{close[0]}'?" if close else ""
     raise InputError(f"there is no object '{text}'.{hint} Objects: {known}")
+
+
+@cache
+def find_gauge(text: str) -> ObjectModel | None:
+    """What is measured with, by its size in mm: "gauge:30" a block 30 mm wide, "ball:6.31" a ball on a post.
+
+    Both are made to size and held at their middle. None for any other text. Raises `InputError`
+    for a size that no fingers take.
+    """
+    kind, _, size = text.partition(":")
+    if kind not in ("gauge", "ball") or not size:
+        return None
+    try:
+        size_mm = float(size)
+    except ValueError:
+        size_mm = float("nan")
+    if not 1.0 <= size_mm <= 150.0:
+        raise InputError(f"'{text}': give its size in mm, 1 to 150, as {kind}:30")
+    part = Pad(length_mm=24.0, width_mm=18.0) if kind == "gauge" else Ball(radius_mm=size_mm / 2.0)
+    site = GraspSite(0.0, size_mm / 1e3, Contact((part,), exact=True))
+    return ObjectModel(text, f"{kind} of {size_mm:g} mm", 0.05, 0.9, 0.04, 0.02, (site,))
 
 
 def _object(key: str, table: Any) -> ObjectModel:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.types import Pose, Vector3
 from fakes.catalogue import GraspSite
+from fakes.fixture import Fixture
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +71,24 @@ class Draw:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """How an object is held: at which site, and how far the hand closed from its middle, m.
+
+    off_m: along the base's x, and up.
+    """
+
+    site: GraspSite
+    off_m: tuple[float, float] = (0.0, 0.0)
+
+
 class WorldView(Protocol):
     """What the simulated cameras need of the world."""
+
+    @property
+    def layout(self) -> Layout:
+        """Where things are on this bench."""
+        ...
 
     @property
     def seed(self) -> int:
@@ -84,8 +101,13 @@ class WorldView(Protocol):
         ...
 
     @property
-    def site(self) -> GraspSite | None:
-        """The grasp site that is held, if any."""
+    def grasp(self) -> Grasp | None:
+        """How the object is held, if it is."""
+        ...
+
+    @property
+    def fixture(self) -> Fixture | None:
+        """The calibration target that is mounted, if any."""
         ...
 
     def moment_at(self, time_ns: int) -> Moment:
@@ -96,18 +118,23 @@ class WorldView(Protocol):
         """`base_T_object` at `time_ns`."""
         ...
 
+    def tool_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_tcp` at `time_ns`."""
+        ...
 
-def object_pose(layout: Layout, draw: Draw, site: GraspSite | None, moment: Moment, tool_m: Vector3) -> Pose:
+
+def object_pose(layout: Layout, draw: Draw, grasp: Grasp | None, moment: Moment, tool_m: Vector3) -> Pose:
     """`base_T_object` at a moment: origin at the centre of mass, x along the object, z up.
 
-    site: where the object is held, None while it lies in its place. tool_m: the TCP in base.
+    grasp: how the object is held, None while it lies in its place. tool_m: the TCP in base.
     """
     right, down = draw.misplacement_m
-    if not moment.held or site is None:
+    if not moment.held or grasp is None:
         return layout.base_T_table.translated(x_m=right, z_m=-down)
     turn = Rotation.from_euler("y", -moment.object_turn_rad)
-    grasp = np.add(tool_m, (right, 0.0, -down - moment.slide_m))
-    return Pose.from_rotation(grasp - turn.apply((site.offset_m, 0.0, 0.0)), turn)
+    off_x, off_z = grasp.off_m
+    place = np.add(tool_m, (right - off_x, 0.0, -down - moment.slide_m - off_z))
+    return Pose.from_rotation(place - turn.apply((grasp.site.offset_m, 0.0, 0.0)), turn)
 
 
 def between(before: Moment, after: Moment, time_ns: int) -> Moment:

@@ -10,6 +10,7 @@ from drivers.clock import Clock
 from drivers.types import Pose
 from fakes.camera import FakeCamera
 from fakes.faults import FaultScript
+from fakes.fixture import PrintedSheet, nothing_printed
 from fakes.moment import Layout, WorldView
 from fakes.scene import MarkerScene
 from fakes.source import Shutter
@@ -39,7 +40,10 @@ class DigitPlan:
 
 @dataclass(frozen=True, slots=True)
 class CameraPlan:
-    """The external camera. base_T_camera: where the bench file says that it stands."""
+    """The external camera. base_T_camera: where the bench file says that it stands.
+
+    printed: prints the sheets of calibration targets.
+    """
 
     serial: str
     rate_hz: float
@@ -49,6 +53,7 @@ class CameraPlan:
     marker_side_m: float
     marker_dictionary: str
     base_T_camera: Pose  # noqa: N815
+    printed: PrintedSheet = nothing_printed
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeCamera:
         """Make the camera, a degree off from where it is said to stand."""
@@ -63,7 +68,7 @@ class CameraPlan:
             dictionary=self.marker_dictionary,
             unit_seed=unit_seed(self.serial),
         )
-        return FakeCamera(world, clock, faults, self.serial, shutter, scene, true_pose)
+        return FakeCamera(world, clock, faults, self.serial, shutter, scene, true_pose, self.printed)
 
 
 @dataclass(frozen=True, slots=True)

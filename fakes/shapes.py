@@ -185,7 +185,7 @@ class Contact:
 
     texture names one of `fakes.relief.TEXTURES`; texture_mm is its height, pitch_mm its
     spacing, texture_deg its direction. `smooth_round` marks contacts whose turning cannot be
-    seen.
+    seen. `exact`: made to size, as a gauge is; everyday objects are a few per cent off.
     """
 
     parts: tuple[Shape, ...]
@@ -194,6 +194,7 @@ class Contact:
     pitch_mm: float = 1.0
     texture_deg: float = 0.0
     smooth_round: bool = field(default=False)
+    exact: bool = False
 
 
 SHAPES: dict[str, type[Shape]] = {

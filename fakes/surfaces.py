@@ -55,7 +55,7 @@ def build_surface(site: GraspSite | Contact, side: int, seed: int) -> Surface:
     contact = site.contact if isinstance(site, GraspSite) else site
     x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
     specimen = np.random.default_rng((seed, 11))
-    parts = [_jittered(part, specimen) for part in contact.parts]
+    parts = contact.parts if contact.exact else [_jittered(part, specimen) for part in contact.parts]
     height = np.minimum.reduce([part.height(x_mm, z_mm) for part in parts])
     if side < 0:
         height = height[:, ::-1]

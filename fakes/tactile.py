@@ -8,9 +8,8 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
-from fakes.catalogue import GraspSite
 from fakes.faults import FaultScript
-from fakes.moment import Moment, WorldView
+from fakes.moment import Grasp, Moment, WorldView
 from fakes.optics import GelSensor, Imprint
 from fakes.source import FakeSource, Shutter
 from fakes.surfaces import Surface, build_surface, depth_for_force
@@ -56,38 +55,44 @@ class FakeDigit(FakeSource, TactileSensor):
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
 
-    def _surface(self, site: GraspSite) -> tuple[Surface, np.ndarray]:
+    def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
-        key = (id(site), self._world.seed)
+        key = (id(grasp.site), grasp.off_m, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
-            surface = build_surface(site, self._side, self._world.seed)
-            depths = np.array([depth_for_force(surface, float(f), (0.0, 0.0)) for f in _FORCE_GRID_N])
+            surface = build_surface(grasp.site, self._side, self._world.seed)
+            place = self._off_mm(grasp)
+            depths = np.array([depth_for_force(surface, float(f), centre_mm=place) for f in _FORCE_GRID_N])
             self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
 
     def _imprint(self, moment: Moment) -> Imprint | None:
-        site = self._world.site
-        if not moment.held or moment.force_n <= 0.0 or site is None:
+        grasp = self._world.grasp
+        if not moment.held or moment.force_n <= 0.0 or grasp is None:
             return None
-        surface, depths = self._surface(site)
+        surface, depths = self._surface(grasp)
         turn = moment.object_turn_rad - moment.wrist_rad
         return Imprint(
             surface=surface,
             angle_deg=math.degrees(self._side * turn),
-            centre_mm=self._centre_mm(moment, turn),
+            centre_mm=self._centre_mm(grasp, moment, turn),
             depth_mm=float(np.interp(moment.force_n, _FORCE_GRID_N, depths)),
             tilt=self._tilt(moment, turn),
             lag_deg=math.degrees(self._side * moment.torsion_rad),
         )
 
-    def _centre_mm(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
+    def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
+        """Where a hand that closed off the middle has the middle on its gel: x right, y down."""
+        off_x, off_z = grasp.off_m
+        return -self._side * off_x * 1e3, off_z * 1e3
+
+    def _centre_mm(self, grasp: Grasp, moment: Moment, turn_rad: float) -> tuple[float, float]:
         """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
-        draw = self._world.draw
+        draw, (off_x, off_y) = self._world.draw, self._off_mm(grasp)
         px, py = draw.pivot_mm
         x, y = _turned(px, py, turn_rad)
         across = draw.misplacement_m[0] * 1e3 + px - x
         down = draw.misplacement_m[1] * 1e3 + py - y + moment.slide_m * 1e3
-        return self._side * across, down
+        return self._side * across + off_x, down + off_y
 
     def _tilt(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
         """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""

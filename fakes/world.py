@@ -13,10 +13,12 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
-from drivers.types import Pose
-from fakes.catalogue import GraspSite, ObjectModel
-from fakes.moment import Draw, Layout, Moment, between, object_pose
+from drivers.types import Pose, Vector3
+from fakes.catalogue import GraspSite, ObjectModel, find_object
+from fakes.fixture import Fixture, parse_fixture
+from fakes.moment import Draw, Grasp, Layout, Moment, between, object_pose
 from fakes.motion import FingerPath, ToolPath, tool_tilt
+from fakes.pivot import gap_m
 from fakes.slip import GRAVITY, GripLoad, SlipDynamics
 from fakes.travel import Travel
 
@@ -25,6 +27,8 @@ HISTORY_STEPS = 1500
 FINGER_STIFFNESS_N_M = 420.0
 """Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
 REACH_OF_GRASP_M = 0.03
+_OFF_DIGITS = 6
+"""Hands that close a micrometre from the middle of a grasp close at its middle."""
 
 
 @dataclass(slots=True)
@@ -43,6 +47,8 @@ class World:
     draw: Draw = field(init=False)
     _rng: np.random.Generator = field(init=False)
     _slip: SlipDynamics | None = None
+    fixture: Fixture | None = None
+    _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
     _history: deque[Moment] = field(init=False)
@@ -57,8 +63,22 @@ class World:
         first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
-    def place(self, model: ObjectModel, seed: int | None = None) -> None:
-        """An operator puts an object on the table, where the bench file says.
+    @property
+    def grasp(self) -> Grasp | None:
+        """How the object is held, if it is."""
+        return None if self.site is None else Grasp(self.site, self._off_m)
+
+    def lay(self, text: str, seed: int | None = None) -> None:
+        """Do what an operator is asked for: lay an object down, or mount a target ("...@tool").
+
+        seed: draws how it lies, slips and tilts; as before when None. Raises `InputError`.
+        """
+        fixture = parse_fixture(text)
+        self.place(None if fixture else find_object(text), seed)
+        self.fixture = fixture
+
+    def place(self, model: ObjectModel | None, seed: int | None = None) -> None:
+        """An operator puts an object on the table, where the bench file says; None clears the table.
 
         seed: draws how this object lies, slips and tilts; as before when None.
         """
@@ -67,7 +87,7 @@ class World:
                 self.seed = seed
                 self._rng = np.random.default_rng(seed)
                 self.draw = Draw.from_rng(self._rng)
-            self.model, self.site, self._slip = model, None, None
+            self.model, self.site, self._slip, self.fixture = model, None, None, None
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""
@@ -79,7 +99,7 @@ class World:
         site = self.site or self._reachable_site(time_ns)
         if site is None:
             return 0.0
-        width = site.width_m + self.draw.width_error_m
+        width = site.width_m + (0.0 if site.contact.exact else self.draw.width_error_m)
         return max(0.0, width - self.opening_at(time_ns))
 
     def moment_at(self, time_ns: int) -> Moment:
@@ -91,6 +111,14 @@ class World:
         """`base_T_object`: origin at the centre of mass, x along the object, z up."""
         with self._lock:
             return self._object_pose(time_ns)
+
+    def tool_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_tcp`."""
+        return self.tool.pose_at(time_ns)
+
+    def gap_at(self, time_ns: int) -> Vector3:
+        """From the tip in the hand to the hole on the table, base axes, m."""
+        return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
 
     def _moment_at(self, time_ns: int) -> Moment:
         while self._history[-1].time_ns < time_ns:
@@ -105,7 +133,7 @@ class World:
 
     def _object_pose(self, time_ns: int) -> Pose:
         moment = self._moment_at(time_ns)
-        return object_pose(self.layout, self.draw, self.site, moment, self.tool.position_at(time_ns))
+        return object_pose(self.layout, self.draw, self.grasp, moment, self.tool.position_at(time_ns))
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:
         """The grasp site of the placed object that the fingers stand around, if any."""
@@ -132,7 +160,11 @@ class World:
     def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
         self.site = self._reachable_site(time_ns)
         self._slip = SlipDynamics(self._rng, creep_rad=math.radians(self._rng.uniform(0.0, 0.3)))
-        self._grasp_height_m = self.tool.position_at(time_ns)[2]
+        x, _, z = self.tool.position_at(time_ns)
+        table_x, _, table_z = self.layout.base_T_table.position_m
+        middle_x = table_x + (self.site.offset_m if self.site else 0.0)
+        self._off_m = round(x - middle_x, _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
+        self._grasp_height_m = z
         self._grasp_tilt_rad = wrist_rad
 
     def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> Moment:

@@ -1,15 +1,18 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
+from functools import cache
+
 from scipy.spatial.transform import Rotation
 
+from calibration.sheets import target_picture
 from drivers.bench import Bench, Fingertip
 from drivers.clock import SystemClock
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
 from drivers.types import Pose
 from fakes.arm import FakeArm
-from fakes.catalogue import find_object
 from fakes.clock import SimulatedClock
 from fakes.faults import Fault, FaultScript
+from fakes.fixture import Sheet
 from fakes.gripper import FakeGripper
 from fakes.moment import Layout
 from fakes.plan import BenchPlan, CameraPlan, DigitPlan
@@ -46,7 +49,7 @@ def build_bench(
         base_T_camera=config.camera.base_T_camera(),
         base_T_table=world.layout.base_T_table,
     )
-    return bench, SimulatedOperator(lambda object_id: world.place(find_object(object_id)))
+    return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
 
 
 def build_real_bench(config: BenchConfig) -> Bench:
@@ -120,8 +123,16 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
             camera.marker_side_m,
             camera.marker_dictionary,
             camera.base_T_camera(),
+            printed_target,
         ),
     )
+
+
+@cache
+def printed_target(spec: str) -> Sheet:
+    """The sheet of a calibration target, for the simulated camera. Raises `InputError`."""
+    picture = target_picture(spec)
+    return Sheet(picture.grey, picture.origin_m, picture.px_per_m)
 
 
 def _fault(fault: object) -> Fault:

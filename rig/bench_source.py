@@ -10,7 +10,7 @@ from drivers.bench import Bench
 from protocols.watch import Operator
 from rig.assembly import build_bench, build_real_bench
 from rig.config import BenchConfig
-from rig.operators import ConsoleOperator, SimulatedOperator
+from rig.operators import ConsoleOperator
 
 
 class BenchSource(Protocol):
@@ -71,7 +71,7 @@ class StandingBench(BenchSource):
         self._person = person
         self._introduction = introduction
         self._bench: Bench | None = None
-        self._place: Callable[..., object] | None = None
+        self._simulated: Callable[[int], Operator] | None = None
         self._session = ExitStack()
         self._connection = ExitStack()
         self._connected = False
@@ -107,9 +107,7 @@ class StandingBench(BenchSource):
         self._session.close()
 
     def _operator(self, seed: int) -> Operator:
-        if self._place is None:
-            return self._person
-        return SimulatedOperator(partial(self._place, seed=seed))
+        return self._person if self._simulated is None else self._simulated(seed)
 
     def _open(self) -> Bench:
         config = self._config
@@ -121,11 +119,11 @@ class StandingBench(BenchSource):
         return self._bench
 
     def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
-        from rig.fakes_process import object_placer, started_fakes
+        from rig.fakes_process import simulated_operator, started_fakes
 
         if config.fakes is not None and config.fakes.control is None:
             config = self._session.enter_context(started_fakes(config))
-        self._place = object_placer(config)
+        self._simulated = partial(simulated_operator, config)
         return config
 
     def _let_go(self) -> None:

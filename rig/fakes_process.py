@@ -3,7 +3,7 @@
 import multiprocessing
 import signal
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -15,6 +15,7 @@ from fakes.wire.host import Addresses, FakesHost
 from fakes.wire.loopback import free_address, require_free
 from rig.assembly import simulated_bench_plan
 from rig.config import BenchConfig
+from rig.operators import SimulatedOperator
 
 START_S = 60.0
 STOP_S = 10.0
@@ -87,14 +88,14 @@ def fakes_control(config: BenchConfig) -> Control:
     return Control(config.fakes.control)
 
 
-def object_placer(config: BenchConfig) -> Callable[..., object]:
-    """Return what lays an object (id, seed) into the world of a bench's running fakes."""
+def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
+    """Return who is asked at a bench of running fakes; seed: of what they lay down."""
     control = fakes_control(config)
 
-    def place(object_id: str, seed: int) -> None:
+    def place(object_id: str) -> None:
         control.call("place", object=object_id, seed=seed)
 
-    return place
+    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed)
 
 
 def _ready(pipe: Connection) -> BenchConfig:

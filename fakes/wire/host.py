@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from drivers.errors import DeviceError, InputError
-from fakes.catalogue import find_object
 from fakes.clock import SharedClock
 from fakes.plan import BenchPlan
 from fakes.wire.control import ControlServer
@@ -118,7 +117,7 @@ class FakesHost:
             try:
                 while not self._stopping.wait(TICK_S):
                     snapshot = snapshot_of(self._world, self._clock.now_ns())
-                    self._motion.see(snapshot.moment.time_ns, snapshot.tool_m)
+                    self._motion.see(snapshot.moment.time_ns, snapshot.tool.position_m)
                     renderer.feed(snapshot)
             except DeviceError as error:
                 self._lost = error
@@ -129,10 +128,16 @@ class FakesHost:
         self._running.callback(self._stopping.set)
 
     def _commands(self) -> dict[str, Any]:
-        return {"place": self._place, "fault": self._fault, "world": self._state, "status": self._status}
+        return {
+            "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
+            "status": self._status,
+        }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
-        self._world.place(find_object(object), seed)
+        self._world.lay(object, seed)
+
+    def _gap(self) -> dict[str, Any]:
+        return {"gap_m": self._world.gap_at(self._clock.now_ns())}
 
     def _fault(self, device: str, kind: str, **arguments: Any) -> None:
         for name in self._named(device):

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.types import Pose, Vector3
-from fakes.catalogue import GraspSite, find_object
-from fakes.moment import Draw, Layout, Moment, between, object_pose
+from drivers.types import Pose
+from fakes.catalogue import find_object
+from fakes.fixture import Fixture
+from fakes.moment import Draw, Grasp, Layout, Moment, between, object_pose
 from fakes.world import World
 
 KEPT = 512
@@ -21,14 +22,16 @@ PATIENCE_S = 0.1
 class Snapshot:
     """The world at one moment, small enough to be sent 250 times a second.
 
-    tool_m: the TCP in base. object_id, site: the grasp site that is held, None without one.
-    seed: of the peculiarities of this lift.
+    tool: the TCP in base. object_id, site: the grasp site that is held, None without one. off_m: as
+    in `Grasp`. fixture: the calibration target that is mounted. seed: of this lift's peculiarities.
     """
 
     moment: Moment
-    tool_m: Vector3
+    tool: Pose
     object_id: str | None
     site: int | None
+    off_m: tuple[float, float]
+    fixture: Fixture | None
     seed: int
 
 
@@ -37,9 +40,9 @@ def snapshot_of(world: World, time_ns: int) -> Snapshot:
     moment = world.moment_at(time_ns)
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
-    return Snapshot(
-        moment, world.tool.position_at(moment.time_ns), model.id if model else None, number, world.seed
-    )
+    off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
+    tool = world.tool.pose_at(moment.time_ns)
+    return Snapshot(moment, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
 
 
 class MirroredWorld:
@@ -70,9 +73,14 @@ class MirroredWorld:
         return self._drawn[1]
 
     @property
-    def site(self) -> GraspSite | None:
-        """The grasp site that is held, the same value each time."""
-        return _site(self._snapshots[-1])
+    def grasp(self) -> Grasp | None:
+        """How the object is held, the same value each time."""
+        return _grasp(self._snapshots[-1])
+
+    @property
+    def fixture(self) -> Fixture | None:
+        """The calibration target that is mounted, if any."""
+        return self._snapshots[-1].fixture
 
     def moment_at(self, time_ns: int) -> Moment:
         """The world at `time_ns`; waits a moment for it, then gives the newest one."""
@@ -84,13 +92,13 @@ class MirroredWorld:
     def object_pose_at(self, time_ns: int) -> Pose:
         """`base_T_object` at `time_ns`, as `World.object_pose_at`."""
         before, after = self._around(time_ns)
-        moment, tool_m = after.moment, after.tool_m
-        if before is not after:
-            moment = between(before.moment, after.moment, time_ns)
-            share = (time_ns - before.moment.time_ns) / (after.moment.time_ns - before.moment.time_ns)
-            x, y, z = (a + share * (b - a) for a, b in zip(before.tool_m, after.tool_m, strict=True))
-            tool_m = (x, y, z)
-        return object_pose(self.layout, self.draw, _site(after), moment, tool_m)
+        moment = after.moment if before is after else between(before.moment, after.moment, time_ns)
+        tool_m = _tool(before, after, time_ns).position_m
+        return object_pose(self.layout, self.draw, _grasp(after), moment, tool_m)
+
+    def tool_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_tcp` at `time_ns`, as `World.tool_pose_at`."""
+        return _tool(*self._around(time_ns), time_ns)
 
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
         """The snapshots before and after a time; twice the same one at either end."""
@@ -108,7 +116,18 @@ def _draw(seed: int) -> Draw:
     return Draw.from_rng(np.random.default_rng(seed))
 
 
-def _site(snapshot: Snapshot) -> GraspSite | None:
+def _grasp(snapshot: Snapshot) -> Grasp | None:
     if snapshot.object_id is None or snapshot.site is None:
         return None
-    return find_object(snapshot.object_id).sites[snapshot.site]
+    return Grasp(find_object(snapshot.object_id).sites[snapshot.site], snapshot.off_m)
+
+
+def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
+    """The TCP between two snapshots a few ms apart; the turn between them is that of the later one."""
+    if before is after:
+        return after.tool
+    share = (time_ns - before.moment.time_ns) / (after.moment.time_ns - before.moment.time_ns)
+    x, y, z = (
+        a + share * (b - a) for a, b in zip(before.tool.position_m, after.tool.position_m, strict=True)
+    )
+    return Pose((x, y, z), after.tool.quaternion_xyzw)

@@ -50,7 +50,7 @@ def test_the_mirror_shows_what_the_world_shows() -> None:
     for step in range(1, 251):
         mirror.feed(snapshot_of(world, seconds(1.0 + 0.004 * step)))
     assert (mirror.seed, mirror.draw) == (5, world.draw)
-    assert mirror.site is world.site is not None
+    assert mirror.grasp == world.grasp is not None
     for time_s in np.linspace(1.05, 1.95, 37):
         ours, theirs = mirror.moment_at(seconds(time_s)), world.moment_at(seconds(time_s))
         assert ours.held

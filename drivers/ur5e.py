@@ -26,6 +26,7 @@ STOP_DECELERATION_M_S2 = 10.0
 GREETING_S = 1.5
 STOP_CALL_S = 0.3
 STOP_LIMIT_S = 0.6
+USED_TOO_EARLY = "arm: used before connect; connect the bench first"
 REMOTE_SINCE: Version = (5, 6, 0, 0)
 
 
@@ -87,7 +88,7 @@ class UR5e(Arm):
             self._identify(self._dashboard, version)
             self._link = ArmLink(self._host, self._rate_hz, version)
             self._connections += 1
-            take_over(self._link, self._tool, self._clock)
+            self._take_over(self._link)
         except DeviceError:
             self._let_go()
             raise
@@ -123,7 +124,7 @@ class UR5e(Arm):
         sample = self.moving_sample()
         self._require_remote_control()
         if not link.has_control:
-            take_over(link, self._tool, self._clock)
+            self._take_over(link)
         pose = to_ur(base_T_tcp)
         check_joints(link.call("plan", pose, sample.joints_rad), self._joint_limits, base_T_tcp)
 
@@ -178,7 +179,7 @@ class UR5e(Arm):
             return
         elif stop_reason(sample) is None:
             confirm("The arm's control program was ended. Shall it be started again? Nothing will move.")
-        take_over(link, self._tool, self._clock)
+        self._take_over(link)
 
     def zero_force_sensor(self) -> None:
         """Take the present force as zero; only out of contact, and only when the arm stands still.
@@ -216,13 +217,16 @@ class UR5e(Arm):
 
     def _require_link(self) -> ArmLink:
         if self._link is None:
-            raise NotConnectedError("arm: used before connect; connect the bench first")
+            raise NotConnectedError(USED_TOO_EARLY)
         return self._link
 
     def _require_dashboard(self) -> Dashboard:
         if self._dashboard is None:
-            raise NotConnectedError("arm: used before connect; connect the bench first")
+            raise NotConnectedError(USED_TOO_EARLY)
         return self._dashboard
+
+    def _take_over(self, link: ArmLink) -> None:
+        take_over(link, self._require_dashboard(), self._tool, self._clock)
 
     def _let_go(self) -> None:
         link, dashboard, self._link, self._dashboard = self._link, self._dashboard, None, None
@@ -237,11 +241,11 @@ class UR5e(Arm):
             refuse_local_control(self._require_dashboard().ask("is in remote control"))
 
     def _identify(self, dashboard: Dashboard, version: Version) -> None:
-        self._identity = {"firmware": ".".join(map(str, version)), "model": "UR5e"}
         self._tells_remote = version >= REMOTE_SINCE
         self._require_remote_control()
-        if self._tells_remote and (serial := serial_number(dashboard.ask("get serial number"))):
-            self._identity["serial"] = serial
+        serial = serial_number(dashboard.ask("get serial number")) if self._tells_remote else ""
+        known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
+        self._identity = {what: text for what, text in known.items() if text}
 
     def _known_to_stand(self, link: ArmLink) -> bool:
         try:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, SystemClock, seconds
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import ArmMode, Vector3, Vector6
 from drivers.ur_dashboard import RELEASED, Dashboard
@@ -17,8 +17,9 @@ RELEASE_LIMIT_S = 8.0
 """A protective stop can be released 5 s after it began (dashboard manual)."""
 RELEASE_PAUSE_S = 0.5
 NORMAL_LIMIT_S = 3.0
+END_LIMIT_S = 1.0
 PAYLOAD_LIMIT_S = 0.5
-ZERO_LIMIT_S, ZEROED_N = 0.2, 3.0
+ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
 REASON_LIMIT_S = 0.1
 """How far the state that tells why may be behind the answer to a command."""
 _POLL_S = 0.004
@@ -33,18 +34,23 @@ class Tool:
     payload_cog_m: Vector3
 
 
-def take_over(link: ArmLink, tool: Tool, clock: Clock) -> None:
+def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> None:
     """Start the control program and set up the tool, unless the arm is in protective stop.
 
-    Raises `DeviceError` when the arm is not ready, or another program moves it.
+    A program that runs while the arm stands still is ended first: the control interface would wait
+    for its end without asking for it. Raises `DeviceError` when the arm is not ready, or another
+    program moves it.
     """
     sample = link.sample()
     if arm_mode(sample) is ArmMode.PROTECTIVE_STOP:
         return
     if reason := stop_reason(sample):
         raise reason
-    if sample.runtime_state == PLAYING and not is_still(sample):
-        raise DeviceError("arm: a program is moving it; end that program on the pendant, then connect again")
+    if sample.runtime_state == PLAYING:
+        if not is_still(sample):
+            raise DeviceError("arm: a program moves it; end that program on the pendant, then connect again")
+        dashboard.ask("stop")
+        wait_until(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
     _set_tool(link, tool, clock)
     if not link.call("watchdog"):
@@ -77,8 +83,11 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     if not link.call("zero_ft"):
         raise refusal(link, "zeroFtSensor", clock)
 
+    answered_ns = SystemClock().now_ns()
+
     def zeroed() -> bool:
-        return math.hypot(*link.sample().wrench[:3]) < ZEROED_N
+        sample = link.sample()  # one from before the answer shows the force from before
+        return sample.sampled_ns > answered_ns and math.hypot(*sample.wrench[:3]) < ZEROED_N
 
     wait_until(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
 

@@ -3,6 +3,7 @@
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -23,6 +24,7 @@ from drivers.errors import (
 )
 from drivers.types import ArmMode, Pose
 from drivers.ur5e import UR5e
+from drivers.ur_dashboard import Dashboard
 from fakes.arm import LIMITS, TOOL_LENGTH_M
 from fakes.clock import SimulatedClock
 from fakes.wire.ur_controller import URController
@@ -109,6 +111,26 @@ def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController,
     assert controller.robot.bank.get("payload") == 1.8
     assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
+
+
+def test_a_program_that_stands_still_is_ended_before_ours_is_started(controller: URController) -> None:
+    with Dashboard(controller.host) as pendant:
+        pendant.ask("load wait.urp")
+        assert pendant.ask("play") == "Starting program"
+    arm = make_arm(controller.host)
+    arm.connect()
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.disconnect()
+
+
+def test_a_program_that_moves_the_arm_is_left_alone(controller: URController) -> None:
+    with socket.create_connection((controller.host, 30003)) as scripts:
+        scripts.sendall(b"def sweep():\n  movel(p[0.45, 0, 0.1, 3.1415926, 0, 0], a=1, v=0.02)\nend\n")
+        until(lambda: controller.snapshot()["tcp_m"][2] < 0.299)
+        arm = make_arm(controller.host)
+        with pytest.raises(DeviceError, match="a program moves it"):
+            arm.connect()
+    assert controller.snapshot()["program_running"]
 
 
 def test_two_arms_at_once(controller: URController, arm: UR5e) -> None:

@@ -53,7 +53,7 @@ def run_replay(
         rows[row["number"]] = row
         progress(len(rows), len(stored), row)
     in_order = [rows[number] for number in sorted(rows)]
-    identical = sum(_plain(row) == stored[row["number"]] for row in in_order)
+    identical = sum(same_as_stored(row, stored[row["number"]]) for row in in_order)
     return Replay(summarize_trial(in_order), in_order, identical)
 
 
@@ -63,6 +63,11 @@ def replay_lift(folder: Path, settings: TrialSettings, row: dict[str, Any]) -> d
     show_again(folder / row["recording"], watched)
     measured, _ = lift_result(watched)
     return {**row, **measured}
+
+
+def same_as_stored(row: dict[str, Any], stored: dict[str, Any]) -> bool:
+    """Whether a replayed row equals the stored one bit for bit, as both look on disk."""
+    return json.loads(json.dumps(row)) == stored
 
 
 def session_settings(folder: Path, estimator: str | None, window: int | None) -> TrialSettings:
@@ -91,8 +96,3 @@ def _choice(manifest: dict[str, Any], estimator: str | None, window: int | None)
             manifest["estimator"], window or manifest["window"], manifest.get("skip", True)
         )
     return choose_estimator(estimator, window)
-
-
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row as it looks when read back from its JSON line."""
-    return json.loads(json.dumps(row))

@@ -1,30 +1,62 @@
-"""`rig replay`: the lifts of a session again, from the stored frames."""
+"""`rig replay`: the lifts of one or many sessions again, from the stored frames."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say, trial_jobs
+from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
 
 
 def replay(
-    session: Annotated[Path, typer.Argument(help="Session folder of a trial.")],
+    sessions: Annotated[list[Path], typer.Argument(help="Session folders of trials, or folders of them.")],
     estimator: Annotated[str | None, typer.Option("--estimator", help="Default: the session's own.")] = None,
     window: Annotated[
         int | None, typer.Option("--window", min=1, max=100, help="Default: the session's.")
     ] = None,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for the table of all lifts (results.csv and .parquet); default, with many "
+            "sessions: sessions/<date>_replay.",
+        ),
+    ] = None,
+    resume: ResumeOption = False,
+    engine: Annotated[
+        str | None,
+        typer.Option("--engine", help="dask://HOST:PORT of a running cluster instead of this computer."),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Estimate every lift of a session again; with its own estimator the results are identical.
+    """Estimate every lift again; with the session's own estimator the results are identical.
+
+    Many sessions (or --out) give one table with a line per lift. A session that is broken is named in
+    it, and the rest goes on; the exit code is then 2. A run that was stopped goes on with --resume.
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
 
       rig replay sessions/2026-11-21T093000_trial --estimator pca --window 4
 
+      rig replay sessions/* --estimator ellipse --jobs 8 --out sessions/ellipse --resume
+
+      rig replay /data/sessions --engine dask://10.0.0.5:8786 --out /data/again
+
     """
+    if len(sessions) == 1 and not (out or resume or engine):
+        from rig.session_list import holds_sessions
+
+        if not holds_sessions(sessions[0]):
+            _replay_one(sessions[0], estimator, window, jobs, json)
+            return
+    _replay_many(sessions, estimator, window, jobs, out, resume, engine, json)
+
+
+def _replay_one(
+    session: Path, estimator: str | None, window: int | None, jobs: int | None, json: bool
+) -> None:
     import time
 
     from rig.cli.tables import TrialProgress, summary_json, trial_table
@@ -45,3 +77,57 @@ def replay(
     if json:
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
         emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})
+
+
+def _replay_many(
+    paths: list[Path],
+    estimator: str | None,
+    window: int | None,
+    jobs: int | None,
+    out: Path | None,
+    resume: bool,
+    engine: str | None,
+    json: bool,
+) -> None:
+    import time
+
+    from rig.campaign import gather_sessions, plan_campaign, run_campaign
+    from rig.cli.common import session_folder
+    from rig.cli.results import line_note, print_results, results_json
+    from rig.cli.tables import WorkProgress
+    from rig.cluster import runner
+
+    began = time.perf_counter()
+    folder = session_folder(out, resume, "replay")
+    run = runner(engine, trial_jobs(jobs, True, False))
+    folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
+    plan = plan_campaign(folders, estimator, window)
+    request = {"sessions": [str(f) for f in folders], "estimator": estimator, "window": window}
+    say(f"{len(plan.tasks)} lifts of {len(folders)} sessions, estimator {estimator or 'of each session'}")
+    for path, why in (*plan.left_out, *plan.broken):
+        say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
+    with WorkProgress(len(plan.tasks), "lifts") as bar:
+        lines = run_campaign(
+            folder,
+            plan,
+            request,
+            run,
+            resume,
+            lambda done, total, line: bar.show(done, total, line_note(line)),
+        )
+    wall_s = round(time.perf_counter() - began, 2)
+    print_results(lines, by="session", to_stderr=json)
+    say(f"{folder}/results.csv: {len(lines)} lines, {wall_s:.1f} s")
+    if json:
+        emit_json({"out": str(folder), **results_json(lines), "wall_s": wall_s})
+    _report_broken(lines)
+
+
+def _report_broken(lines: list[dict[str, object]]) -> None:
+    """End as with any input that cannot be used, once everything else is done."""
+    from drivers.errors import SessionError
+
+    broken = [line for line in lines if line["problem"]]
+    if broken:
+        more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
+        raise SessionError(f"done, except for what is broken: {broken[0]['problem']}{more}")

@@ -68,7 +68,23 @@ def lift_note(row: dict[str, Any]) -> str:
 
 def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
     """Print the paper's table per object and the trial's figures."""
-    console = Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 140)
+    console = table_console(to_stderr)
+    console.print(object_table(summary, simulated))
+    console.print(
+        f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
+        f"refused frames held {mare_text(summary.mare_held)}"
+    )
+    console.print(turn_distribution(summary))
+    console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+
+
+def table_console(to_stderr: bool) -> Console:
+    """Return where tables go: as wide as the terminal, wide enough for a table elsewhere."""
+    return Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 140)
+
+
+def object_table(summary: TrialSummary, simulated: str) -> Table:
+    """Return the paper's table per object."""
     table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
         table.add_column(
@@ -79,15 +95,9 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
     table.add_section()
     table.add_row(
         "all", str(summary.lifts_accepted), "", "",
-        _mare_text(summary.mare_b), _mare_text(summary.mare), f"{summary.answered:.1%}",
+        mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}",
     )  # fmt: skip
-    console.print(table)
-    console.print(
-        f"{simulated}MARE over phase B {_mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
-        f"refused frames held {_mare_text(summary.mare_held)}"
-    )
-    console.print(turn_distribution(summary))
-    console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
+    return table
 
 
 def turn_distribution(summary: TrialSummary) -> str:
@@ -126,11 +136,12 @@ def _object_cells(row: ObjectSummary) -> list[str]:
     low, high = row.turn_deg
     return [
         f"{row.object_id} {row.name}", str(row.lifts), outcomes, f"{low:+.0f} to {high:+.0f}",
-        _mare_text(row.mare_b), _mare_text(row.mare), f"{row.answered:.1%}",
+        mare_text(row.mare_b), mare_text(row.mare), f"{row.answered:.1%}",
     ]  # fmt: skip
 
 
-def _mare_text(value: Mare | None) -> str:
+def mare_text(value: Mare | None) -> str:
+    """Write a mean over lifts with its spread and its 95 % interval, degrees."""
     if value is None:
         return "no answer"
     interval = "" if value.low_deg is None else f" [{value.low_deg:.2f}, {value.high_deg:.2f}]"

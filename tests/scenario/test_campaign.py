@@ -1,0 +1,142 @@
+"""Many sessions: listed, replayed into one table, through kills, damage and a cluster."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rig.attempt import TrialSettings
+from rig.config import load_bench
+from rig.records.files import read_lines
+from rig.records.session import open_session
+from rig.results import read_results
+from rig.session_list import SessionState, find_sessions, list_session
+from rig.tactile.estimator import choose_estimator
+from rig.trial import run_trial
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two good sessions of two lifts, one with a recording cut short, one without a readable manifest."""
+    folder = tmp_path_factory.mktemp("sessions")
+    settings = TrialSettings(load_bench("fake"), 0, choose_estimator("pca"))
+    run_trial(folder / "a", settings, ["t2"], lifts=2)
+    for name in ("b", "c", "d"):
+        shutil.copytree(folder / "a", folder / name)
+    recording = folder / "c" / "lifts" / "001.mcap"
+    recording.write_bytes(recording.read_bytes()[:200_000])
+    (folder / "d" / "session.json").write_text('{"schema_version": 1, "kind"')
+    return folder
+
+
+def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rig", *arguments], capture_output=True, text=True, timeout=100, check=False
+    )
+
+
+def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
+    entries = {path.name: list_session(path) for path in find_sessions(sessions)}
+    assert [entry.state for entry in entries.values()] == [
+        SessionState.COMPLETE, SessionState.COMPLETE, SessionState.BROKEN, SessionState.BROKEN,
+    ]  # fmt: skip
+    good = entries["a"]
+    assert (good.objects, good.done, good.wanted) == (["t2"], 2, 2)
+    assert good.mare is not None
+    assert good.size_bytes > 1_000_000
+    assert "001.mcap: the recording is cut short" in str(entries["c"].problem)
+    assert "session.json" in str(entries["d"].problem)
+    done = rig("sessions", str(sessions), "--json")
+    listed = json.loads(done.stdout)["sessions"]
+    assert [entry["state"] for entry in listed] == ["complete", "complete", "broken", "broken"]
+    assert listed[0]["mare_deg"] == good.mare.mean_deg
+
+
+def test_a_session_in_use_is_running_and_one_left_is_unfinished(tmp_path: Path) -> None:
+    request = {"kind": "trial", "objects": ["t1"], "lifts_per_object": 3}
+    with open_session(tmp_path / "s", request, "lifts.jsonl", resume=False):
+        assert list_session(tmp_path / "s").state is SessionState.RUNNING
+    entry = list_session(tmp_path / "s")
+    assert (entry.state, entry.done, entry.wanted) == (SessionState.UNFINISHED, 0, 3)
+
+
+def test_many_sessions_give_one_table_and_the_broken_ones_their_problem(
+    sessions: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "all"
+    done = rig("replay", str(sessions), "--jobs", "1", "--out", str(out), "--json")
+    assert done.returncode == 2, done.stderr
+    figures = json.loads(done.stdout)
+    assert (figures["lifts_accepted"], figures["identical"], figures["simulated"]) == (5, 5, True)
+    assert [Path(b["session"]).name for b in figures["broken"]] == ["c", "d"]
+    lines = read_results(out / "results.csv")
+    assert read_results(out / "results.parquet") == lines
+    good = [line for line in lines if not line["problem"]]
+    stored = read_lines(sessions / "a" / "lifts.jsonl")
+    assert [line["re_mean_deg"] for line in good[:2]] == [row["re"]["mean_deg"] for row in stored]
+    summed = json.loads(rig("results", str(out), "--json").stdout)
+    assert summed["mare_deg"] == figures["mare_deg"]
+
+
+def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    command = [
+        "replay",
+        str(sessions / "a"),
+        str(sessions / "b"),
+        "--jobs",
+        "1",
+        "--out",
+        str(out),
+        "--resume",
+    ]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 60.0
+    while not read_lines(out / "replays.jsonl") and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait(timeout=30)
+    kept = read_lines(out / "replays.jsonl")
+    assert 1 <= len(kept) < 4
+    done = rig(*command, "--json")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert (figures["lifts_accepted"], figures["identical"]) == (4, 4)
+    lines = read_lines(out / "replays.jsonl")
+    assert [line for line in lines if line in kept] == kept
+    assert len({(line["session"], line["number"]) for line in lines}) == len(lines) == 4
+    other = rig(*command, "--estimator", "ellipse")
+    assert other.returncode == 2
+    assert "another estimator" in other.stderr
+
+
+def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("joblib")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        engine = cluster.scheduler_address.replace("tcp://", "dask://")
+        both = [str(sessions / "a"), str(sessions / "b")]
+        there = rig("replay", *both, "--engine", engine, "--out", str(tmp_path / "there"), "--json")
+    assert there.returncode == 0, there.stderr
+    assert json.loads(there.stdout)["identical"] == 4
+    here = rig("replay", *both, "--jobs", "1", "--out", str(tmp_path / "here"), "--json")
+    assert here.returncode == 0, here.stderr
+    assert read_results(tmp_path / "there") == read_results(tmp_path / "here")
+
+
+def test_an_engine_that_is_not_there_is_refused(sessions: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    for engine, words in (("dask://127.0.0.1:1", "no dask scheduler"), ("spark://x:1", "dask://HOST:PORT")):
+        done = rig("replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "x"))
+        assert done.returncode == 2
+        assert words in done.stderr.splitlines()[-1]
+        assert "Traceback" not in done.stderr

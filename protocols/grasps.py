@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -22,13 +23,15 @@ class _Strict(BaseModel):
 class Position(_Strict):
     """One place to grasp: `offset_m` from the centre of mass along the object, and how wide it is.
 
-    `lift_height_m`: how far a slip trial lifts here at most (0: not used for trials).
+    `lift_height_m`: how far a slip trial lifts here at most (0: not used for trials). `surface`: what
+    the fingers hold there, where it was looked at; reports compare errors by it.
     """
 
     name: str
     offset_m: float = Field(ge=-0.3, le=0.3)
     width_m: float = Field(gt=0.0, lt=0.15)
     lift_height_m: float = Field(default=0.0, ge=0.0, le=0.3)
+    surface: Literal["edge", "flat", "cylinder", "ball"] | None = None
 
 
 class GraspFile(_Strict):

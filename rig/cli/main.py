@@ -14,6 +14,7 @@ from rig.cli.estimate import estimate
 from rig.cli.fakes import fakes
 from rig.cli.record import record
 from rig.cli.replay import replay
+from rig.cli.report import report
 from rig.cli.results import results
 from rig.cli.sessions import sessions
 from rig.cli.trial import trial
@@ -27,7 +28,7 @@ app = typer.Typer(
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
     "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
 )
-for command in (record, trial, sessions, replay, results, estimate, doctor):
+for command in (record, trial, sessions, report, replay, results, estimate, doctor):
     app.command()(command)
 app.add_typer(bench, name="bench")
 app.add_typer(fakes, name="fakes")

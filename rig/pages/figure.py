@@ -1,0 +1,114 @@
+"""Figures for pages: drawn once with matplotlib, then coloured by the page for light and dark.
+
+The text of a figure stays text, so that it is found, read aloud and stays sharp; a figure is drawn
+at the width it is shown at on a desktop, and shrinks to a phone's with its labels still legible.
+"""
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from typing import Any
+
+import matplotlib as mpl
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rig.pages.palette import INK, LINE, MUTED, by_light_hex
+
+PX_PER_INCH = 72
+"""An SVG of matplotlib counts 72 units per inch: here one unit is one CSS pixel."""
+WIDTH_PX = 400
+"""Width of a figure: three side by side on a desktop, one on a phone with little shrinking."""
+
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "rig",
+    "font.family": "sans-serif",
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.labelsize": 11,
+    "xtick.labelsize": 10.5,
+    "ytick.labelsize": 10.5,
+    "legend.fontsize": 10.5,
+    "text.color": INK.light,
+    "axes.labelcolor": INK.light,
+    "axes.edgecolor": MUTED.light,
+    "xtick.color": MUTED.light,
+    "ytick.color": MUTED.light,
+    "xtick.labelcolor": INK.light,
+    "ytick.labelcolor": INK.light,
+    "grid.color": LINE.light,
+    "grid.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "legend.frameon": False,
+    "lines.linewidth": 1.5,
+    "path.simplify_threshold": 0.3,
+}
+_number = count()
+
+
+@contextmanager
+def drawing(height_px: float, width_px: float = WIDTH_PX, arranged: bool = True) -> Iterator[Figure]:
+    """Give an empty figure of this size in CSS pixels, in the pages' style.
+
+    arranged: find room for all labels, which takes as long as drawing; else the caller places its axes.
+    """
+    with mpl.rc_context(_STYLE):
+        size = (width_px / PX_PER_INCH, height_px / PX_PER_INCH)
+        yield Figure(figsize=size, layout="constrained" if arranged else None)
+
+
+def placed(figure: Figure, left_px: float, top_px: float, right_px: float, bottom_px: float) -> Axes:
+    """Add axes with margins in CSS pixels from the figure's edges."""
+    width, height = figure.get_size_inches() * PX_PER_INCH
+    spans = (width - left_px - right_px) / width, (height - top_px - bottom_px) / height
+    return figure.add_axes((left_px / width, bottom_px / height, *spans))
+
+
+def svg(figure: Figure, alt: str) -> Markup:
+    """Return a figure as inline SVG whose colours are the page's. alt: what it shows, for screen readers."""
+    buffer = io.StringIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :].replace("\n", " ")
+    for pattern, instead in _SUPERFLUOUS:
+        text = pattern.sub(instead, text)
+    text = _own_ids(text, f"f{next(_number)}-")
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda m: _CSS.get(m.group(), m.group()), text)
+    head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
+    return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
+
+
+def legend_above(axes: Axes, columns: int = 3) -> None:
+    """Put the legend above the axes, where no curve runs."""
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.4,
+        columnspacing=1.1, handletextpad=0.5,
+    )  # fmt: skip
+
+
+_CSS = by_light_hex()
+_SUPERFLUOUS = (
+    (re.compile(r"<metadata>.*?</metadata>|<style.*?</style>", re.DOTALL), ""),
+    (re.compile(r'\bid="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)_\d+"'), ""),
+    (re.compile(r"font-family: [^;\"]*;"), ""),
+    (re.compile(r"\.(\d\d)\d+"), r".\1"),
+    (re.compile(r'(<svg [^>]*?)width="[^"]*" height="[^"]*"'), r"\1"),
+    (re.compile(r"[ \n]+(?=[ >])"), ""),
+)
+"""What the page says once for all figures, and digits beyond a hundredth of a pixel."""
+
+
+def _own_ids(text: str, prefix: str) -> str:
+    """Make a figure's ids its own: several stand in one page."""
+    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)

@@ -1,0 +1,76 @@
+"""Every colour of every picture, once: the same colour means the same thing on all of them.
+
+The hues are those of Okabe and Ito (Color Universal Design, 2008), told apart with any colour
+vision; where two meet in one picture, line style, shape or place differs too.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Colour:
+    """A colour by what it stands for: hex on white paper, and on a dark screen."""
+
+    name: str
+    light: str
+    dark: str
+
+    @property
+    def css(self) -> str:
+        """Reference to it in a page's styles."""
+        return f"var(--{self.name})"
+
+
+INK = Colour("ink", "#1c2127", "#e6e9ed")
+MUTED = Colour("muted", "#5b6570", "#a3adb8")
+LINE = Colour("line", "#d8dde3", "#3a424c")
+PAPER = Colour("paper", "#ffffff", "#14181d")
+CARD = Colour("card", "#f5f7f9", "#1c2229")
+PHASE = Colour("phase", "#e8edf2", "#262e38")
+
+ESTIMATE = Colour("estimate", "#0072b2", "#4ea8de")
+TRUTH = Colour("truth", "#d55e00", "#f28e3c")
+WARNING = Colour("warning", "#b07800", "#e6b345")
+BAD = Colour("bad", "#b3261e", "#ff8a80")
+GOOD = Colour("good", "#00734f", "#3fc79a")
+
+FIRST = Colour("first", "#009e73", "#2fcf9f")
+SECOND = Colour("second", "#c0609a", "#e39ac6")
+
+STATES = {
+    "tracking": Colour("tracking", "#9fc9e2", "#2c5f80"),
+    "rekeyed": Colour("rekeyed", "#0b5a86", "#9ad1f2"),
+    "unobservable": Colour("unobservable", "#e69f00", "#e6b033"),
+    "lost": Colour("lost", "#8f1d5d", "#e07fb5"),
+    "no_contact": Colour("nocontact", "#b9c0c8", "#59636e"),
+}
+"""What the estimator claims about a frame, by the names of `rig.tactile.sample.State`."""
+
+ESTIMATORS = {
+    "slip": Colour("slip", ESTIMATE.light, ESTIMATE.dark),
+    "ecc": Colour("ecc", "#009e74", "#2fcf9e"),
+    "polar": Colour("polar", "#56b4e9", "#56b4e9"),
+    "skeleton": Colour("skeleton", "#d55e01", "#f28e3d"),
+    "ellipse": Colour("ellipse", "#b07801", "#e6b346"),
+    "pca": Colour("pca", "#cc79a7", "#e39ac5"),
+}
+
+_ALL = (
+    INK, MUTED, LINE, PAPER, CARD, PHASE, ESTIMATE, TRUTH, WARNING, BAD, GOOD, FIRST, SECOND,
+    *STATES.values(),
+)  # fmt: skip
+
+
+def variables() -> str:
+    """Return the colours as CSS: light ones, dark ones where the reader's system is dark, light on paper."""
+    light = " ".join(f"--{c.name}: {c.light};" for c in _ALL)
+    dark = " ".join(f"--{c.name}: {c.dark};" for c in _ALL)
+    return (
+        f":root {{ color-scheme: light dark; {light} }}\n"
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}"
+    )
+
+
+def by_light_hex() -> dict[str, str]:
+    """Return the CSS reference of each colour, by its hex on white paper."""
+    return {c.light: c.css for c in _ALL}

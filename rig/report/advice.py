@@ -1,0 +1,201 @@
+"""Warnings about a trial, in words that a person can act on: what was seen, where, what to do."""
+
+from collections import Counter
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from rig.report.calibrations import calibration_notices
+from rig.report.curves import truth_at
+from rig.report.parts import Notice, joined
+from rig.report.session import Lift, Trial, curves_of, lift_name
+from rig.report.trial_charts import FEWEST_FRAMES, sigma_ratios
+
+FEW_LIFTS = 5
+"""The paper lifts each object five times."""
+LEAST_ANSWERED, LEAST_COVERED = 0.95, 0.90
+MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
+BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
+
+
+def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
+    """All there is to say about a trial, the worst first."""
+    checks: tuple[Callable[[Trial], list[Notice]], ...] = (
+        _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers, _drops,
+        _slow, _one_sided, _false_alarms,
+    )  # fmt: skip
+    found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
+    found += calibration_notices(trial.manifest, now or datetime.now(UTC))
+    found.sort(key=lambda notice: notice.level != "bad")
+    if not found:
+        found = [Notice("good", "Nothing stands out.", "All checks of this page passed.")]
+    return found
+
+
+def _unfinished(trial: Trial) -> list[Notice]:
+    if trial.manifest.get("status") == "complete":
+        return []
+    wanted = len(trial.manifest.get("objects", [])) * int(trial.manifest.get("lifts_per_object", 0))
+    advice = (
+        f"Go on with the same command and --resume --out {trial.folder}; what is below counts only these."
+    )
+    return [Notice("bad", f"Unfinished: {len(trial.lifts)} of {wanted} lifts are accepted.", advice)]
+
+
+def _faults(trial: Trial) -> list[Notice]:
+    failed = [row for row in trial.rows if not row["accepted"]]
+    if not failed:
+        return []
+    often, times = Counter(str(row.get("fault")) for row in failed).most_common(1)[0]
+    names = joined([lift_name(row) for row in failed])
+    advice = f"They were repeated and count in no figure. The most frequent ({times}): {often}"
+    return [Notice("warn", f"{len(failed)} attempts ended in a rig fault: {names}.", advice)]
+
+
+def _fallen(trial: Trial) -> list[Notice]:
+    names = [lift.name for lift in trial.lifts if lift.row["outcome"] == "fallen"]
+    advice = (
+        "Grip firmer (grip_counts in the object's file) or lift less high, so that the whole turn is seen."
+    )
+    return [Notice("warn", f"The object fell in {joined(names)}.", advice)] if names else []
+
+
+def _few_lifts(trial: Trial) -> list[Notice]:
+    counts = Counter(str(lift.row["name"]) for lift in trial.lifts)
+    few = [f"{name} ({count})" for name, count in counts.items() if count < FEW_LIFTS]
+    if not few:
+        return []
+    advice = f"The intervals are wide or missing, and one lift can decide. Take --lifts {FEW_LIFTS} or more."
+    return [Notice("warn", f"Few lifts of {joined(few)}.", advice)]
+
+
+def _small_turns(trial: Trial) -> list[Notice]:
+    turns = [abs(t) for lift in trial.lifts if (t := lift.row["final_truth_deg"]) is not None]
+    big = sum(turn >= BIG_TURN_DEG for turn in turns)
+    if not turns or big >= FEW_BIG_TURNS * len(turns):
+        return []
+    what = f"Only {big} of {len(turns)} lifts turned by {BIG_TURN_DEG:g} degrees or more."
+    return [Notice("warn", what, "Small errors of small turns say little: grip lighter or lift higher.")]
+
+
+def _refused(trial: Trial) -> list[Notice]:
+    bad = [lift for lift in trial.lifts if lift.row["answered"] < LEAST_ANSWERED]
+    if not bad:
+        return []
+    states: Counter[str] = Counter()
+    for lift in bad:
+        states.update({s: n for s, n in lift.row["states"].items() if s in _REFUSALS})
+    why = states.most_common(1)[0][0] if states else "lost"
+    worst = min(bad, key=lambda lift: lift.row["answered"])
+    what = (
+        f"{len(bad)} lifts have angles for less than {LEAST_ANSWERED:.0%} of their frames, least "
+        f"{worst.name} with {worst.row['answered']:.0%}; most often '{why}'."
+    )
+    return [Notice("warn", what, _REFUSALS.get(why, "See the states under each lift."))]
+
+
+_REFUSALS = {
+    "unobservable": "Such a contact looks the same however it turns: grasp it elsewhere or at an edge.",
+    "lost": "The picture changed more than a turn can: look at the frames for stray light, a new contact or "
+    "a finger that moved.",
+    "no_contact": "The fingertip felt nothing: grip firmer, or see whether the object slid out.",
+}
+
+
+def _sigma(trial: Trial) -> list[Notice]:
+    ratios = sigma_ratios(curves_of(trial.lifts))
+    if ratios.size < FEWEST_FRAMES:
+        return []
+    covered = float(np.mean(ratios <= 2.0))
+    if covered >= LEAST_COVERED:
+        return []
+    factor = float(np.percentile(ratios, 95.0)) / 2.0
+    what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
+    return [Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")]
+
+
+def _unseen_markers(trial: Trial) -> list[Notice]:
+    missing: list[tuple[float, Lift]] = []
+    for lift in trial.lifts:
+        if lift.curves is None:
+            continue
+        inside = lift.curves.within("B", "C")
+        truth = truth_at(lift.curves.truth, lift.curves.estimate.time_s[inside])
+        share = float(np.mean(np.isnan(truth))) if truth.size else 1.0
+        if share > MOST_UNSEEN:
+            missing.append((share, lift))
+    if not missing:
+        return []
+    share, worst = max(missing, key=lambda pair: pair[0])
+    what = (
+        f"The markers were lost for more than {MOST_UNSEEN:.0%} of {len(missing)} lifts, most in "
+        f"{worst.name} ({share:.0%})."
+    )
+    advice = "No error is counted there. See that hand and object hide no marker, and that the light is even."
+    return [Notice("warn", what, advice)]
+
+
+def _drops(trial: Trial) -> list[Notice]:
+    frames: Counter[str] = Counter()
+    dropped: Counter[str] = Counter()
+    for lift in trial.lifts:
+        frames.update(lift.row["frames"])
+        dropped.update(lift.row["dropped"])
+    bad = [
+        f"{source} {count} of {count + frames[source]}"
+        for source, count in dropped.items()
+        if count > MOST_DROPPED * max(frames[source], 1)
+    ]
+    if not bad:
+        return []
+    advice = "rig doctor measures all cameras at once and says which of them share a USB bus."
+    return [Notice("warn", f"Frames were dropped: {joined(bad)}.", advice)]
+
+
+def _slow(trial: Trial) -> list[Notice]:
+    rates = [t["rate_hz"] for t in trial.manifest.get("config", {}).get("tactile", []) if "rate_hz" in t]
+    totals = [row["stages"]["total"]["p99_ms"] for row in trial.timing if "total" in row["stages"]]
+    if not rates or not totals:
+        return []
+    period_ms = 1000.0 / sum(rates)
+    slow = float(np.median(totals))
+    if slow <= period_ms:
+        return []
+    what = (
+        f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every {period_ms:.1f} ms."
+    )
+    advice = (
+        "In real time angles would come late. Run nothing else on this computer (simulated lifts side by "
+        "side slow one another), and see below which stage takes it."
+    )
+    return [Notice("warn", what, advice)]
+
+
+def _one_sided(trial: Trial) -> list[Notice]:
+    many = [
+        lift.name
+        for lift in trial.lifts
+        if (lift.row.get("disagreements") or {}).get("one pad slips", 0) > 0.2 * _tactile_frames(lift.row)
+    ]
+    if not many:
+        return []
+    advice = "One fingertip sticks while the other slips: centre the grasp, clean the gels."
+    return [Notice("warn", f"The fingertips disagree for much of {joined(many)}.", advice)]
+
+
+def _false_alarms(trial: Trial) -> list[Notice]:
+    early = [
+        lift.name
+        for lift in trial.lifts
+        if lift.row.get("onset_alarm_s") is not None and lift.row.get("onset_truth_s") is None
+    ]
+    if not early:
+        return []
+    advice = "A controller that regrasps on the event would have done so without need in these lifts."
+    return [Notice("warn", f"The slip event was raised though nothing slipped in {joined(early)}.", advice)]
+
+
+def _tactile_frames(row: dict[str, Any]) -> int:
+    return sum(count for source, count in row["frames"].items() if source != "camera")

@@ -1,0 +1,81 @@
+"""The angle curves of a lift, whether they come from a recording or from a plain table."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import NS_PER_S
+from rig.metrics import Floats
+from rig.truth import TruthSeries, interpolate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """An angle over time.
+
+    time_s: (N,) float64, increasing. angle_deg, sigma_deg: (N,) float64, NaN where refused or
+    unknown. states: (N,) what the estimator claimed; empty where nothing is known of that.
+    """
+
+    time_s: Floats
+    angle_deg: Floats
+    sigma_deg: Floats
+    states: tuple[str, ...] = ()
+
+    @property
+    def answered(self) -> "Curve":
+        """The part with an angle."""
+        known = np.isfinite(self.angle_deg)
+        states = tuple(s for s, k in zip(self.states, known, strict=True) if k) if self.states else ()
+        return Curve(self.time_s[known], self.angle_deg[known], self.sigma_deg[known], states)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftCurves:
+    """All curves of one lift; times in s from the start of phase B (as given, in a table), angles in deg.
+
+    estimate: the fused angle. truth: the markers'. tips: each fingertip's, by serial. phases_s:
+    where "A", "B" and "C" begin and "lower" ends them; empty where nothing is known of them.
+    onset_truth_s, onset_estimate_s: None where no slip began.
+    """
+
+    name: str
+    estimate: Curve
+    truth: Curve
+    phases_s: dict[str, float] = field(default_factory=dict)
+    onset_truth_s: float | None = None
+    onset_estimate_s: float | None = None
+    tips: dict[str, Curve] = field(default_factory=dict)
+    time_label: str = "time from the start of the lift, s"
+
+    def within(self, *phases: str) -> NDArray[np.bool_]:
+        """Which frames of the estimate, (N,) bool, lie in these phases; all where phases are unknown."""
+        times = self.estimate.time_s
+        inside = np.zeros(times.shape, bool)
+        for phase in phases:
+            if phase in self.phases_s:
+                begins = self.phases_s[phase]
+                ends = min((t for t in self.phases_s.values() if t > begins), default=np.inf)
+                inside |= (times >= begins) & (times < ends)
+        return inside if self.phases_s else np.ones(times.shape, bool)
+
+
+def truth_at(truth: Curve, time_s: Floats) -> Floats:
+    """The marker angle at other times, (N,) deg, as the metrics take it: NaN across gaps over 50 ms."""
+    known = truth.answered
+    times_ns = np.rint(known.time_s * NS_PER_S).astype(np.int64)
+    series = TruthSeries(times_ns, known.angle_deg, known.sigma_deg, 0.0, None, {})
+    found = [interpolate(series, int(t)) for t in np.rint(time_s * NS_PER_S)]
+    return np.array([np.nan if angle is None else angle for angle in found], float)
+
+
+def signed_errors(lift: LiftCurves) -> Floats:
+    """Estimate minus truth at each frame of the estimate, (N,) deg, NaN where either is missing."""
+    return lift.estimate.angle_deg - truth_at(lift.truth, lift.estimate.time_s)
+
+
+def rates_deg_s(lift: LiftCurves, span_s: float = 0.1) -> Floats:
+    """How fast the markers turn at each frame of the estimate, (N,) deg/s, over `span_s` around it."""
+    times = lift.estimate.time_s
+    return (truth_at(lift.truth, times + span_s / 2) - truth_at(lift.truth, times - span_s / 2)) / span_s

@@ -1,0 +1,121 @@
+"""The report of lifts that come as plain tables: old data, or somebody else's."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+
+from rig.metrics import mare
+from rig.pages.page import render
+from rig.report.curves import signed_errors
+from rig.report.lift_chart import key, lift_chart
+from rig.report.parts import Chart, Notice, Table
+from rig.report.tables import TableLift, Tables
+from rig.report.text import angle_text, mare_short, mare_text
+from rig.report.trial_charts import (
+    boxes,
+    coverage_chart,
+    error_against_angle,
+    error_against_rate,
+    finals_chart,
+)
+
+_FEW_LIFTS = 5
+
+
+def curves_page(tables: Tables) -> str:
+    """Return the report of such lifts as one HTML page."""
+    return render(
+        "rig.report",
+        "curves.html",
+        tiles=_tiles(tables),
+        warnings=_notices(tables),
+        table=_table(tables),
+        charts=_charts(tables),
+        lifts=[lift_chart(lift.curves, _caption(lift)) for lift in tables.lifts],
+        key=key(states=False),
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def _charts(tables: Tables) -> list[Chart]:
+    curves = [lift.curves for lift in tables.lifts]
+    errors = {lift.curves.name: np.abs(signed_errors(lift.curves)) for lift in tables.lifts}
+    finals = [
+        (lift.final_estimate_deg, lift.final_truth_deg)
+        for lift in tables.lifts
+        if lift.final_estimate_deg is not None and lift.final_truth_deg is not None
+    ]
+    charts = [
+        boxes(
+            {name: values[np.isfinite(values)] for name, values in errors.items()},
+            "Error per lift",
+            "All frames with both angles: median, quartiles, whiskers from least to most.",
+        ),
+        finals_chart(finals),
+        error_against_angle(curves),
+        error_against_rate(curves),
+        coverage_chart(curves),
+    ]
+    return [chart for chart in charts if chart is not None]
+
+
+def _tiles(tables: Tables) -> list[tuple[str, str]]:
+    known = [lift.errors for lift in tables.lifts if lift.errors]
+    value = mare([e.mean_deg for e in known], [e.std_deg for e in known])
+    interval = (
+        "" if value is None or value.low_deg is None else f"[{value.low_deg:.2f}, {value.high_deg:.2f}]"
+    )
+    return [
+        (str(len(tables.lifts)), "lifts"),
+        (mare_short(value), f"MARE over all frames {interval}"),
+        (f"{np.mean([_answered(lift) for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
+    ]
+
+
+def _table(tables: Tables) -> Table:
+    rows = [
+        [
+            lift.curves.name,
+            f"{lift.errors.mean_deg:.2f} ± {lift.errors.std_deg:.2f}" if lift.errors else "no answer",
+            f"{lift.errors.max_deg:.1f}" if lift.errors else "",
+            angle_text(lift.final_estimate_deg),
+            angle_text(lift.final_truth_deg),
+            f"{lift.curves.onset_truth_s:.2f}" if lift.curves.onset_truth_s is not None else "none",
+            f"{_answered(lift):.0%}",
+            f"{np.ptp(lift.curves.truth.time_s):.2f}",
+        ]
+        for lift in tables.lifts
+    ]
+    known = [lift.errors for lift in tables.lifts if lift.errors]
+    value = mare([e.mean_deg for e in known], [e.std_deg for e in known])
+    rows.append(["all", mare_text(value), "", "", "", "", "", ""])
+    columns = (
+        "lift", "mean error, °", "largest, °", "final estimate", "final reference", "onset, s", "answered",
+        "duration, s",
+    )  # fmt: skip
+    return Table(columns, rows, total=True)
+
+
+def _notices(tables: Tables) -> list[Notice]:
+    notices = [
+        Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in tables.notes
+    ]
+    if len(tables.lifts) < _FEW_LIFTS:
+        advice = "The interval over lifts is wide or missing, and one lift can decide."
+        notices.append(Notice("warn", f"Only {len(tables.lifts)} lifts.", advice))
+    silent = [lift.curves.name for lift in tables.lifts if lift.errors is None]
+    if silent:
+        advice = "No row has both angles: see that the columns are the right ones and in degrees."
+        notices.append(Notice("bad", f"No error can be told for {', '.join(silent)}.", advice))
+    return notices
+
+
+def _caption(lift: TableLift) -> str:
+    if lift.errors is None:
+        return "no frame has both angles"
+    error = lift.errors
+    return f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
+
+
+def _answered(lift: TableLift) -> float:
+    return float(np.mean(np.isfinite(lift.curves.estimate.angle_deg)))

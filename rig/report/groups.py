@@ -1,0 +1,62 @@
+"""Errors by groups of lifts: by object, and by the surface that the fingers hold."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drivers.errors import InputError
+from protocols.grasps import find_grasp_file
+from rig.metrics import Floats
+from rig.report.curves import signed_errors
+from rig.report.parts import Chart
+from rig.report.session import Lift
+from rig.report.trial_charts import boxes
+
+SURFACES = ("edge", "flat", "cylinder", "ball")
+
+
+def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, Floats]:
+    """Absolute errors in phase B by the group of their lift, (N,) deg each."""
+    found: dict[str, list[Floats]] = {}
+    for lift in lifts:
+        parts = found.setdefault(group(lift), [])
+        if lift.curves is not None:
+            errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B")]
+            parts.append(errors[np.isfinite(errors)])
+    return {name: np.concatenate([np.zeros(0), *parts]) for name, parts in found.items()}
+
+
+def object_chart(lifts: Sequence[Lift]) -> Chart:
+    """The paper's box plot: a box per object over all frames of phase B."""
+    return boxes(
+        errors_by(lifts, lambda lift: f"{lift.row['object']} {lift.row['name']}"),
+        "Rotational error per object",
+        "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most.",
+    )
+
+
+def surface_chart(lifts: Sequence[Lift]) -> Chart | None:
+    """A box per kind of surface, as the object files name it; None where they name fewer than two."""
+    named = [lift for lift in lifts if surface(lift)]
+    groups = errors_by(named, surface)
+    groups = {f"{s} ({_lifts(named, s)} lifts)": groups[s] for s in SURFACES if s in groups}
+    if len(groups) < 2:
+        return None
+    caption = (
+        "Phase B, by what lies between the fingers. A cylinder's contact changes its outline as it rolls."
+    )
+    return boxes(groups, "Error by grasped surface", caption)
+
+
+def surface(lift: Lift) -> str:
+    """What the object file says of the surface at the lift's grasp position; "" where it says nothing."""
+    try:
+        grasps = find_grasp_file(str(lift.row["object"]))
+    except InputError:
+        return ""
+    place = next((p for p in grasps.position if p.name == lift.row.get("position")), None)
+    return (place.surface or "") if place else ""
+
+
+def _lifts(lifts: Sequence[Lift], kind: str) -> int:
+    return sum(surface(lift) == kind for lift in lifts)

@@ -1,0 +1,159 @@
+"""One lift in a picture: both angles over time, the phases, the onsets and what was claimed."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from rig.pages.figure import PX_PER_INCH, WIDTH_PX, drawing, placed, svg
+from rig.pages.palette import ESTIMATE, INK, MUTED, PHASE, STATES, TRUTH
+from rig.report.curves import Curve, LiftCurves
+from rig.report.parts import Chart
+
+SIGMAS = 2.0
+"""Width of the band around the estimate: 95 % of a normal error."""
+HEIGHT_PX = 230
+_LEAST_SPAN_DEG = 2.0
+"""A lift that held still is not drawn as if its noise were a turn."""
+_LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX, _STATE_PX = 50.0, 18.0, 8.0, 36.0, 8.0
+_SHADED, _PLAIN = "B", ("A", "C")
+_AFTER_S = 0.15
+
+
+def lift_chart(
+    lift: LiftCurves, caption: str, width_px: float = WIDTH_PX, height_px: float = HEIGHT_PX
+) -> Chart:
+    """Draw a lift."""
+    with drawing(height_px, width_px, arranged=False) as figure:
+        draw_lift(figure, lift)
+        return Chart(lift.name, svg(figure, f"{lift.name}: estimated and marker angle over time"), caption)
+
+
+def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
+    """Draw a lift's angles, and the states below them; of the curves only what was known by `until_s`."""
+    tips = [tip for tip in lift.tips.values() if tip.states]
+    states_px = _STATE_PX * len(tips)
+    axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX + states_px)
+    _phases(axes, lift)
+    _curves(axes, lift, until_s)
+    _onsets(axes, lift, until_s)
+    axes.set_ylabel("angle, degrees")
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    bottom = axes
+    if tips:
+        height = figure.get_size_inches()[1] * PX_PER_INCH
+        bottom = placed(figure, _LEFT_PX, height - _BOTTOM_PX - states_px + 3.0, _RIGHT_PX, _BOTTOM_PX)
+        bottom.set_xlim(axes.get_xlim())
+        axes.tick_params(labelbottom=False)
+        draw_states(bottom, tips, until_s)
+    bottom.set_xlabel(lift.time_label, labelpad=1.0)
+    return axes
+
+
+def draw_states(axes: Axes, tips: list[Curve], until_s: float = np.inf) -> None:
+    """Draw what each fingertip's estimator claimed, a line of colour per fingertip."""
+    for row, tip in enumerate(tips):
+        for begins, ends, state in runs(tip):
+            if begins >= until_s:
+                break
+            axes.broken_barh(
+                [(begins, min(ends, until_s) - begins)], (len(tips) - row - 0.9, 0.8),
+                facecolors=STATES[state].light if state in STATES else MUTED.light, linewidth=0,
+            )  # fmt: skip
+    axes.set_ylim(0, len(tips))
+    axes.set_yticks([])
+    axes.grid(False)
+    axes.spines["left"].set_visible(False)
+
+
+def runs(curve: Curve) -> list[tuple[float, float, str]]:
+    """Stretches of one state: begin and end in s, and the state."""
+    found: list[tuple[float, float, str]] = []
+    for time_s, state in zip(curve.time_s.tolist(), curve.states, strict=True):
+        if found and found[-1][2] == state:
+            found[-1] = (found[-1][0], time_s, state)
+        else:
+            if found:
+                found[-1] = (found[-1][0], time_s, found[-1][2])
+            found.append((time_s, time_s, state))
+    return found
+
+
+def shown_range(lift: LiftCurves) -> tuple[float, float]:
+    """From where to where a lift is drawn, s: the last second of A to the end of C."""
+    if not lift.phases_s:
+        times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
+        return float(times.min(initial=0.0)), float(times.max(initial=0.0))
+    begins = max(lift.phases_s.get("A", -1.0), lift.phases_s.get("B", 0.0) - 1.0)
+    return begins, lift.phases_s.get("lower", float(lift.truth.time_s.max(initial=begins))) + _AFTER_S
+
+
+def angle_range(lift: LiftCurves) -> tuple[float, float]:
+    """The angles a lift's picture reaches over, deg."""
+    start, end = shown_range(lift)
+    values = [np.zeros(1)]
+    for curve in (lift.estimate, lift.truth):
+        seen = curve.angle_deg[(curve.time_s >= start) & (curve.time_s <= end)]
+        values.append(seen[np.isfinite(seen)])
+    low, high = float(np.concatenate(values).min()), float(np.concatenate(values).max())
+    room = max(0.08 * (high - low), (_LEAST_SPAN_DEG - (high - low)) / 2, 0.1)
+    return low - room, high + room
+
+
+def _curves(axes: Axes, lift: LiftCurves, until_s: float) -> None:
+    start, end = shown_range(lift)
+    axes.set_xlim(start, end)
+    axes.set_ylim(*angle_range(lift))
+    for curve, colour, dashes in ((lift.truth, TRUTH, (4.0, 1.2)), (lift.estimate, ESTIMATE, (1.0, 0.0))):
+        known = curve.time_s <= min(until_s, end)
+        times, angles = curve.time_s[known], curve.angle_deg[known]
+        spread = SIGMAS * curve.sigma_deg[known]
+        if curve is lift.estimate and np.isfinite(spread).any():
+            axes.fill_between(
+                times, angles - spread, angles + spread, color=colour.light, alpha=0.22, linewidth=0
+            )
+        axes.plot(times, angles, color=colour.light, dashes=dashes)
+
+
+def _phases(axes: Axes, lift: LiftCurves) -> None:
+    start, end = shown_range(lift)
+    borders = {n: t for n, t in lift.phases_s.items() if n in (*_PLAIN, _SHADED, "lower")}
+    for name, begins in borders.items():
+        ends = min((t for t in borders.values() if t > begins), default=end)
+        if name == "lower" or ends <= start:
+            continue
+        if name == _SHADED:
+            axes.axvspan(begins, ends, color=PHASE.light, linewidth=0, zorder=0)
+        middle = (max(begins, start) + min(ends, end)) / 2
+        axes.text(
+            middle, 1.0, name, transform=axes.get_xaxis_transform(), ha="center", va="bottom",
+            fontsize=10.5, color=MUTED.light,
+        )  # fmt: skip
+
+
+def _onsets(axes: Axes, lift: LiftCurves, until_s: float) -> None:
+    for onset, colour, style in (
+        (lift.onset_truth_s, TRUTH, (0, (4, 2))),
+        (lift.onset_estimate_s, ESTIMATE, (0, (1, 1))),
+    ):
+        if onset is not None and onset <= until_s:
+            axes.axvline(onset, color=colour.light, linewidth=1.2, linestyle=style, zorder=1)
+
+
+def key(states: bool = True) -> list[dict[str, str]]:
+    """The signs that all lift pictures share, for one legend on the page."""
+    lines = [
+        {"kind": "line", "colour": ESTIMATE.css, "text": f"estimated angle, with its {SIGMAS:g} sigma band"},
+        {"kind": "dash", "colour": TRUTH.css, "text": "marker angle"},
+        {"kind": "fill", "colour": PHASE.css, "text": "phase B: the arm lifts"},
+        {
+            "kind": "dash",
+            "colour": INK.css,
+            "text": "upright: where the slip begins, in the colour of who says so",
+        },
+    ]
+    claims = [
+        {"kind": "fill", "colour": colour.css, "text": name.replace("_", " ")}
+        for name, colour in STATES.items()
+    ]
+    return [*lines, *claims] if states else lines

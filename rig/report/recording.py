@@ -1,0 +1,112 @@
+"""Reading a recording for a report: its images with the contacts in them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.report.parts import Notice, joined
+from rig.report.session import read_rows, usable_pose
+from rig.tactile.axis import ellipse_axis
+from rig.tactile.contact import Contact, ContactFinder
+
+ROUND = 1.15
+"""Below this elongation a contact's long axis means nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """One image of a recording. contact: of the classical finder; axis_deg: None where round or none."""
+
+    row: dict[str, Any]
+    about: dict[str, Any]
+    image: Image
+    contact: Contact
+    axis_deg: float | None
+
+    @property
+    def center_px(self) -> NDArray[np.float64] | None:
+        """Centre of the contact, (2,) px, x right and y down; None without contact."""
+        if self.contact.mask is None:
+            return None
+        moments = cv2.moments(self.contact.mask, binaryImage=True)
+        return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recording as far as it can be read. rows: all attempts at poses, in order."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    rows: list[dict[str, Any]]
+    taken: list[Taken]
+    problems: list[Notice]
+
+
+def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
+    """Read the images of a recording; what is missing or damaged is named and left out."""
+    rows, problems = read_rows(folder / "poses.jsonl", usable_pose)
+    rows.sort(key=lambda row: (row["pose"], row["attempt"]))
+    finders = {s: _finder(folder / "reference" / f"{s}.png") for s in _serials(rows)}
+    without = [serial for serial, finder in finders.items() if finder is None]
+    if without:
+        what = f"The reference image of {joined(without)} cannot be read."
+        advice = (
+            "Contacts cannot be told from the empty gel there: copy the session's reference folder again."
+        )
+        problems.append(Notice("bad", what, advice))
+    taken, missing = [], []
+    for row in rows:
+        for about in row["images"]:
+            image = _read(folder / about["file"])
+            finder = finders.get(about["serial"])
+            if image is None:
+                missing.append(str(about["file"]))
+            elif finder is not None and finder.shape == image.shape:
+                taken.append(_taken(row, about, image, finder))
+    if missing:
+        what = f"{len(missing)} images cannot be read: {joined(missing)}."
+        problems.append(Notice("bad", what, "They are missing below: copy them again from the rig's disk."))
+    return Recording(folder, manifest, rows, taken, problems)
+
+
+def _taken(row: dict[str, Any], about: dict[str, Any], image: Image, finder: "_Finder") -> Taken:
+    contact = finder.find(image)
+    axis = ellipse_axis(contact.contour) if contact.mask is not None else None
+    told = axis is not None and axis.elongation >= ROUND
+    return Taken(row, about, image, contact, axis.angle_deg if axis is not None and told else None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Finder:
+    """A finder that keeps no memory from image to image: they are not a series."""
+
+    reference: Image
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.reference.shape
+
+    def find(self, image: Image) -> Contact:
+        return ContactFinder(self.reference).find(image)
+
+
+def _serials(rows: list[dict[str, Any]]) -> list[str]:
+    return sorted({str(about["serial"]) for row in rows for about in row["images"]})
+
+
+def _finder(path: Path) -> _Finder | None:
+    reference = _read(path)
+    return None if reference is None else _Finder(reference)
+
+
+def _read(path: Path) -> Image | None:
+    if not path.is_file():
+        return None
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    return None if image is None else np.asarray(image, np.uint8)

@@ -1,0 +1,169 @@
+"""Lifts from plain CSV files: two angle curves each, from whatever tool measured them."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from rig.metrics import ErrorSummary, Floats, summarize
+from rig.report.curves import Curve, LiftCurves, signed_errors
+from rig.result import FINAL_S
+from rig.slip_onset import slip_onset_ns
+
+TIME_COLUMNS = ("t_s", "time_s", "time")
+ESTIMATE_COLUMNS = ("estimate_deg", "pred_deg", "angle_deg")
+TRUTH_COLUMNS = ("truth_deg", "aruco_gt_deg", "aruco_deg", "marker_deg")
+SIGMA_COLUMNS = ("sigma_deg",)
+SETTLED_DEG, SETTLED_SHARE = 0.5, 0.05
+"""Phase C begins when the reference stays within this, or this share of its turn, of where it ends."""
+_REFUSED = ("", "nan", "none", "null")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableLift:
+    """A lift from a table. errors: over all its frames, None where no frame has both angles."""
+
+    path: Path
+    curves: LiftCurves
+    errors: ErrorSummary | None
+    final_estimate_deg: float | None
+    final_truth_deg: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """The lifts that could be read, and a note for each file that could not."""
+
+    lifts: tuple[TableLift, ...]
+    notes: tuple[str, ...]
+
+
+def read_tables(sources: Sequence[Path]) -> Tables:
+    """Read CSV files, and those in folders. Raises `InputError` when no lift is among them.
+
+    A file that is named and holds no lift is an error; one that merely lies in a folder is a note.
+    """
+    lifts, notes = [], []
+    for source in sources:
+        if not source.is_dir():
+            lifts.append(read_table(source))
+            continue
+        for path in sorted(source.glob("*.csv")):
+            try:
+                lifts.append(read_table(path))
+            except InputError as error:
+                notes.append(f"left out: {error}")
+    if not lifts:
+        why = f"; {notes[0]}" if notes else ""
+        raise InputError(
+            f"{sources[0]}: neither a session nor CSV files with columns {TIME_COLUMNS[0]}, "
+            f"{ESTIMATE_COLUMNS[0]}, {TRUTH_COLUMNS[0]}{why}"
+        )
+    return Tables(tuple(lifts), tuple(notes))
+
+
+def read_table(path: Path) -> TableLift:
+    """Read one CSV file. Raises `InputError` naming the column or line that is wrong."""
+    columns = _columns(path)
+    time_s = columns["time"]
+    if not np.isfinite(time_s).all() or (np.diff(time_s) <= 0.0).any():
+        line = 2 + int(np.argmin(np.append(True, np.diff(time_s) > 0.0) & np.isfinite(time_s)))
+        raise InputError(
+            f"{path}: line {line}: the times do not increase; sort the rows and drop repeated ones"
+        )
+    unknown = np.full(time_s.shape, np.nan)
+    truth = Curve(time_s, columns["truth"], unknown)
+    phases, onset_s = detected_phases(truth)
+    estimate = Curve(time_s, columns["estimate"], columns.get("sigma", unknown))
+    curves = LiftCurves(
+        name=path.stem.replace("_", " "),
+        estimate=estimate,
+        truth=truth,
+        phases_s=phases,
+        onset_truth_s=onset_s,
+        onset_estimate_s=_onset_s(estimate),
+        time_label="time, s",
+    )
+    errors = np.abs(signed_errors(curves))
+    return TableLift(
+        path, curves, summarize(errors[np.isfinite(errors)]), _final_deg(estimate), _final_deg(truth)
+    )
+
+
+def detected_phases(truth: Curve) -> tuple[dict[str, float], float | None]:
+    """Where A, B and C begin, and the onset, told from the reference alone; none where nothing slipped.
+
+    B begins with the slip (contract, metrics), C where the angle stays near to where it ends.
+    """
+    onset_s = _onset_s(truth)
+    known = truth.answered
+    if onset_s is None:
+        return {}, None
+    final = _final_deg(truth) or 0.0
+    away = np.abs(known.angle_deg - final) > max(SETTLED_DEG, SETTLED_SHARE * abs(final))
+    settled_s = float(known.time_s[away].max(initial=onset_s))
+    start_s, end_s = float(known.time_s[0]), float(known.time_s[-1])
+    return {"A": min(start_s, onset_s), "B": onset_s, "C": settled_s, "lower": end_s + 1e-6}, onset_s
+
+
+def _columns(path: Path) -> dict[str, Floats]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from error
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
+    rows = list(csv.reader(lines, delimiter=separator))
+    heads = [head.strip().lower() for head in rows[0]] if rows else []
+    found: dict[str, Floats] = {}
+    for what, names in _WANTED.items():
+        index = next((heads.index(name) for name in names if name in heads), None)
+        if index is not None:
+            found[what] = _numbers(path, rows[1:], index, heads[index])
+        elif what != "sigma":
+            raise InputError(
+                f"{path}: no column {' or '.join(names)}; it has {', '.join(heads) or 'nothing'}"
+            )
+    if len(rows) < 3:
+        raise InputError(f"{path}: holds {max(len(rows) - 1, 0)} rows; a curve needs two at least")
+    return found
+
+
+_WANTED = {
+    "time": TIME_COLUMNS,
+    "estimate": ESTIMATE_COLUMNS,
+    "truth": TRUTH_COLUMNS,
+    "sigma": SIGMA_COLUMNS,
+}
+
+
+def _numbers(path: Path, rows: list[list[str]], index: int, head: str) -> Floats:
+    values = np.full(len(rows), np.nan)
+    for number, row in enumerate(rows):
+        cell = row[index].strip() if index < len(row) else ""
+        if cell.lower() in _REFUSED:
+            continue
+        try:
+            values[number] = float(cell)
+        except ValueError as error:
+            raise InputError(f"{path}: row {number + 1}: {head} '{cell}' is not a number") from error
+    return values
+
+
+def _onset_s(curve: Curve) -> float | None:
+    known = curve.answered
+    times_ns = np.rint(known.time_s * NS_PER_S).astype(np.int64)
+    if times_ns.size < 2 or (np.diff(times_ns) <= 0).any():
+        return None
+    onset_ns = slip_onset_ns(times_ns, known.angle_deg)
+    return None if onset_ns is None else onset_ns / NS_PER_S
+
+
+def _final_deg(curve: Curve) -> float | None:
+    late = curve.angle_deg[curve.time_s >= curve.time_s[-1] - FINAL_S]
+    late = late[np.isfinite(late)]
+    return float(late.mean()) if late.size else None

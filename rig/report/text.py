@@ -1,0 +1,30 @@
+"""Numbers for people, written the same way on every page."""
+
+import math
+
+from rig.metrics import Mare
+
+
+def mare_text(value: Mare | None) -> str:
+    """MARE with its spread and interval, deg."""
+    return (
+        "no answer"
+        if value is None
+        else f"{value.mean_deg:.2f} ± {value.std_deg:.2f} {interval_text(value)}".strip()
+    )
+
+
+def mare_short(value: Mare | None) -> str:
+    """MARE with its spread, deg."""
+    return "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
+
+
+def interval_text(value: Mare | None) -> str:
+    """The 95 % interval of a MARE, "" where it has none."""
+    return "" if value is None or value.low_deg is None else f"[{value.low_deg:.2f}, {value.high_deg:.2f}]"
+
+
+def angle_text(angle_deg: float | None) -> str:
+    """An angle with its sign."""
+    known = angle_deg is not None and math.isfinite(angle_deg)
+    return f"{angle_deg:+.1f}°" if known else "refused"

@@ -1,0 +1,165 @@
+"""The report of a trial."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from rig.pages.page import render
+from rig.report.advice import trial_notices
+from rig.report.calibrations import calibration_table
+from rig.report.counts import counts_table, stage_table, state_table
+from rig.report.curves import LiftCurves
+from rig.report.groups import object_chart, surface_chart
+from rig.report.header import header
+from rig.report.lift_chart import key, lift_chart
+from rig.report.parts import Chart, Notice, Table
+from rig.report.session import UNREADABLE, Lift, Trial, curves_of
+from rig.report.strips import Still, strip
+from rig.report.text import interval_text, mare_short, mare_text
+from rig.report.trial_charts import (
+    coverage_chart,
+    error_against_angle,
+    error_against_rate,
+    finals_chart,
+    sigma_ratios,
+)
+from rig.summary import ObjectSummary, TrialSummary, summarize_trial
+
+WORST_LIFTS = 3
+
+
+def trial_page(trial: Trial, now: datetime | None = None) -> str:
+    """Return the report of a trial as one HTML page."""
+    now = now or datetime.now(UTC)
+    summary = summarize_trial(trial.rows)
+    return render(
+        "rig.report",
+        "trial.html",
+        trial=trial,
+        manifest=trial.manifest,
+        head=header(trial.manifest, "Slip trial"),
+        tiles=_tiles(trial, summary),
+        warnings=trial_notices(trial, now),
+        objects=object_table(summary) if summary.objects else None,
+        charts=_charts(trial),
+        worst=_worst(trial),
+        groups=_by_object(trial),
+        key=key(),
+        stages=stage_table(trial.timing),
+        counts=counts_table([lift.row for lift in trial.lifts]),
+        states=state_table([lift.row for lift in trial.lifts]),
+        calibrations=calibration_table(trial.manifest, now),
+        made=now.strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def object_table(summary: TrialSummary) -> Table:
+    """The paper's table: error per object over B, and over B and C."""
+    columns = (
+        "object",
+        "lifts",
+        "outcomes",
+        "true turn, °",
+        "MARE in B, °",
+        "MARE in B and C, °",
+        "answered",
+    )
+    rows = [_object_row(o) for o in summary.objects]
+    overall = [mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted)]
+    rows.append(["all", *overall, "", f"{summary.answered:.1%}", ""])
+    return Table(columns, rows, text=(0, 6), total=True)
+
+
+def _object_row(o: ObjectSummary) -> list[str]:
+    outcomes = ", ".join(f"{count} {name}" for name, count in o.outcomes.items())
+    turn = f"{o.turn_deg[0]:+.0f} to {o.turn_deg[1]:+.0f}"
+    errors = [mare_text(o.mare_b), mare_text(o.mare)]
+    return [f"{o.object_id} {o.name}", *errors, str(o.lifts), turn, f"{o.answered:.1%}", outcomes]
+
+
+def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
+    tiles = [
+        (str(summary.lifts_accepted), f"lifts of {len(summary.objects)} objects"),
+        (mare_short(summary.mare), f"MARE in B and C {interval_text(summary.mare)}"),
+        (
+            mare_short(summary.mare_b),
+            f"MARE in B {interval_text(summary.mare_b)}; the paper, on its real bench: 1.85°",
+        ),
+        (mare_short(summary.mare_held), "MARE with refused frames held at the last answer"),
+        (f"{summary.answered:.1%}", "of the frames answered"),
+    ]
+    ratios = sigma_ratios(curves_of(trial.lifts))
+    if ratios.size:
+        tiles.append((f"{np.mean(ratios <= 2.0):.1%}", "of the errors within 2 sigma; 95 % should be"))
+    return tiles
+
+
+def _charts(trial: Trial) -> list[Chart]:
+    lifts = curves_of(trial.lifts)
+    if not lifts:
+        return []
+    finals = [
+        (row["final_estimate_deg"], row["final_truth_deg"])
+        for row in (lift.row for lift in trial.lifts)
+        if row.get("final_estimate_deg") is not None and row["final_truth_deg"] is not None
+    ]
+    charts = [
+        object_chart(trial.lifts),
+        finals_chart(finals),
+        coverage_chart(lifts),
+        error_against_angle(lifts),
+        error_against_rate(lifts),
+        surface_chart(trial.lifts),
+    ]
+    return [chart for chart in charts if chart is not None]
+
+
+def _worst(trial: Trial) -> list[dict[str, Any]]:
+    """The lifts with the largest mean error, with their frames."""
+    ranked = [lift for lift in trial.lifts if lift.curves is not None and lift.row["re"]]
+    ranked.sort(key=lambda lift: -lift.row["re"]["mean_deg"])
+    return [_with_strips(trial, lift, lift.curves) for lift in ranked[:WORST_LIFTS] if lift.curves]
+
+
+def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, Any]:
+    strips: dict[str, list[Still]] = {}
+    problem: Notice | None = None
+    for serial, sign in trial.manifest.get("signs", {}).items():
+        zero_ns = round(lift.row["phases_s"]["B"] * 1e9)
+        try:
+            strips[serial] = strip(trial.folder / lift.row["recording"], curves, zero_ns, serial, sign)
+        except UNREADABLE as error:
+            problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
+    return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}
+
+
+def _by_object(trial: Trial) -> list[dict[str, Any]]:
+    groups: dict[str, list[Chart]] = {}
+    for lift in trial.lifts:
+        if lift.curves is not None:
+            title = f"{lift.row['object']} {lift.row['name']}"
+            groups.setdefault(title, []).append(lift_chart(lift.curves, _lift_caption(lift)))
+    return [{"title": title, "charts": charts} for title, charts in groups.items()]
+
+
+def _lift_caption(lift: Lift) -> str:
+    row = lift.row
+    error = row["re"]
+    parts = [
+        f"{row['outcome']}, {row.get('position', '?')}, grip {row.get('grip_counts', '?')}",
+        f"error {error['mean_deg']:.2f} ± {error['std_deg']:.2f}°, at most {error['max_deg']:.1f}°"
+        if error
+        else "no answer",
+    ]
+    if row["answered"] < 1.0:
+        parts.append(f"{row['answered']:.0%} answered")
+    if (late := _onset_delay(lift.curves)) is not None:
+        parts.append(f"onset seen {late * 1e3:+.0f} ms")
+    return "; ".join(parts)
+
+
+def _onset_delay(curves: LiftCurves | None) -> float | None:
+    if curves is None or curves.onset_truth_s is None or curves.onset_estimate_s is None:
+        return None
+    return curves.onset_estimate_s - curves.onset_truth_s

@@ -1,0 +1,111 @@
+"""Writes the report of what it is given: a trial, a recording, tables of curves, or what is left of one."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from drivers.errors import InputError, RigError, SessionError
+from rig.pages.page import render
+from rig.records.files import write_file
+from rig.records.session import MANIFEST, read_manifest
+from rig.report.parts import Notice
+from rig.report.session import UNREADABLE
+
+REPORT = "report.html"
+_log = logging.getLogger("rig.report")
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Where a report went, and what of its source could not be read."""
+
+    path: Path
+    problems: tuple[str, ...] = ()
+
+
+def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
+    """Write the report of one session, or of CSV files (or folders of them) with two angle curves.
+
+    out: the page's file; default `report.html` in the session or folder, in the current folder
+    for single files. Raises `InputError` for sources that are neither, `RecordingError` when the
+    page cannot be written.
+    """
+    for source in sources:
+        if not source.exists():
+            raise InputError(f"{source}: no such session, folder or file")
+    session = next((s for s in sources if (s / MANIFEST).exists()), None)
+    if session is not None:
+        if len(sources) > 1:
+            raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
+        html, problems = _session_page(session)
+        return _written(out or session / REPORT, html, problems)
+    from rig.report.curves_page import curves_page
+    from rig.report.tables import read_tables
+
+    found = read_tables(sources)
+    default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
+    return _written(out or default, curves_page(found), found.notes)
+
+
+def report_after(folder: Path) -> Path | None:
+    """Write the report at the end of a trial or recording; None, with a line in the log, when that fails.
+
+    The results are on disk already, so nothing that goes wrong here may fail the run.
+    """
+    try:
+        return write_report([folder]).path
+    except Exception:  # whatever it is, the run itself is complete
+        _log.exception("the report of %s could not be written", folder)
+        return None
+
+
+def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
+    try:
+        manifest = read_manifest(folder)
+    except RigError as error:
+        return _broken_page(folder, error), (str(error),)
+    try:
+        if manifest.get("kind") == "trial":
+            from rig.report.session import read_trial
+            from rig.report.trial_page import trial_page
+
+            trial = read_trial(folder, manifest)
+            return trial_page(trial), tuple(notice.what for notice in trial.problems)
+        if manifest.get("kind") == "record":
+            from rig.report.recording import read_recording
+            from rig.report.recording_page import recording_page
+
+            recording = read_recording(folder, manifest)
+            return recording_page(recording), tuple(notice.what for notice in recording.problems)
+        raise SessionError(
+            f"{folder}: a '{manifest.get('kind')}' session; trials and recordings have reports"
+        )
+    except UNREADABLE as error:
+        _log.warning("report of %s", folder, exc_info=True)
+        return _broken_page(folder, error), (str(error),)
+
+
+def _broken_page(folder: Path, error: BaseException) -> str:
+    """The page of a session of which nothing can be shown: what was seen, and what still lies there."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith("."))
+    rows = [[str(p.relative_to(folder)), f"{p.stat().st_size / 1e6:.2f}"] for p in files[:60]]
+    return render(
+        "rig.report",
+        "broken.html",
+        folder=folder,
+        notice=Notice("bad", "This session cannot be shown.", str(error)),
+        files=rows,
+        more=max(len(files) - len(rows), 0),
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def _written(path: Path, html: str, problems: Sequence[str]) -> Written:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the page a name with --out {path / REPORT}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path.parent}: no such folder; make it, or choose another --out")
+    write_file(path, html.encode("utf-8"))
+    return Written(path, tuple(problems))

@@ -11,8 +11,9 @@ from typing import Any
 
 from drivers.errors import DeviceError, InputError, RigError
 from fakes.wire.control import Control
-from fakes.wire.host import Addresses, FakesHost
+from fakes.wire.host import Addresses, FakesHost, WirePlan
 from fakes.wire.loopback import free_address, require_free
+from fakes.wire.ur_controller import POLYSCOPE
 from rig.assembly import simulated_bench_plan
 from rig.config import BenchConfig
 from rig.operators import SimulatedOperator
@@ -23,20 +24,23 @@ STOP_S = 10.0
 
 @contextmanager
 def hosted_fakes(
-    config: BenchConfig, host: str | None, seed: int = 0
+    config: BenchConfig, host: str | None, seed: int = 0, polyscope: str = POLYSCOPE
 ) -> Iterator[tuple[BenchConfig, FakesHost]]:
     """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
 
-    host: a loopback address; None takes the first that is free. Raises `InputError` for a bench
-    file without [fakes], and for an address that is taken.
+    host: a loopback address; None takes the first that is free. polyscope: the version that the
+    controller announces. Raises `InputError` for a bench file without [fakes], an address that is
+    taken, and a version that is none.
     """
     if config.fakes is None:
         raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
     host = host or free_address()
     require_free(host)
     with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder:
-        rtu = str(Path(folder) / "gripper") if config.gripper.transport == "rtu" else None
-        fakes = FakesHost(simulated_bench_plan(config), host, seed, rtu)
+        gripper = config.gripper
+        rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
+        wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)
+        fakes = FakesHost(simulated_bench_plan(config), wire, host, seed)
         try:
             yield addressed(config, fakes.start()), fakes
         finally:

@@ -17,7 +17,7 @@ from fakes.wire.mirror import snapshot_of
 from fakes.wire.modbus_gripper import GripperRtu, GripperServer
 from fakes.wire.motion_log import MotionLog
 from fakes.wire.render import Renderer
-from fakes.wire.ur_controller import URController
+from fakes.wire.ur_controller import POLYSCOPE, URController
 from fakes.world import World
 
 TICK_S = 0.004
@@ -47,17 +47,30 @@ class Addresses:
     control: str
 
 
+@dataclass(frozen=True, slots=True)
+class WirePlan:
+    """How the arm and the gripper show themselves on the wire.
+
+    polyscope: the version that the controller announces. fingers: the gripper's that carry the
+    fingertips. preset: its register map over TCP. rtu: a path to serve it under on a
+    pseudo-terminal instead.
+    """
+
+    polyscope: str = POLYSCOPE
+    fingers: tuple[str, str] = ("B", "C")
+    preset: str = "tcp"
+    rtu: str | None = None
+
+
 class FakesHost:
     """Starts and stops the fakes of a bench.
 
     host: the loopback address of all of them; a controller's ports are fixed, so a second bench
-    needs another one (127.0.0.2). rtu: serve the gripper on a pseudo-terminal under this path.
+    needs another one (127.0.0.2).
     """
 
-    def __init__(
-        self, plan: BenchPlan, host: str = "127.0.0.1", seed: int = 0, rtu: str | None = None
-    ) -> None:
-        self._plan, self._host, self._rtu = plan, host, rtu
+    def __init__(self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0) -> None:
+        self._plan, self._wire, self._host = plan, wire, host
         self._clock = SharedClock(time.monotonic_ns())
         self._world = World(plan.layout, seed)
         self._motion = MotionLog()
@@ -90,7 +103,7 @@ class FakesHost:
         first = snapshot_of(self._world, self._clock.now_ns())
         renderer = Renderer(self._plan, self._clock, first, self._host)
         self._running.callback(renderer.stop)
-        arm = URController(self._world, self._clock, host=self._host)
+        arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
         gripper = self._gripper()
         for device in (arm, gripper):
             device.start()
@@ -106,9 +119,10 @@ class FakesHost:
         return Addresses(self._host, where, streams, control.address)
 
     def _gripper(self) -> GripperServer | GripperRtu:
-        if self._rtu is not None:
-            return GripperRtu(self._world, self._clock, self._rtu)
-        return GripperServer(self._world, self._clock, host=self._host)
+        wire = self._wire
+        if wire.rtu is not None:
+            return GripperRtu(self._world, self._clock, wire.rtu, wire.fingers)
+        return GripperServer(self._world, self._clock, self._host, preset=wire.preset, fingers=wire.fingers)
 
     def _tick(self, renderer: Renderer) -> None:
         """Keep the world going and the cameras informed, whether or not a device asks."""

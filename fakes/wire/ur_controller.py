@@ -9,6 +9,7 @@ interpreter to themselves, and the answer they wait for would never come.
 """
 
 import logging
+import re
 import selectors
 import threading
 import time
@@ -32,6 +33,8 @@ RTDE_PORT, DASHBOARD_PORT = 30004, 29999
 SCRIPT_PORTS = (30001, 30002, 30003)
 TOO_LATE_NS = 250_000_000
 """Cycles missed by more than this are skipped, not caught up."""
+POLYSCOPE = "5.11.0"
+"""The version that is announced unless another is asked for."""
 BUILDS = {(5, 11): 108249}
 JOIN_S = 2.0
 _log = logging.getLogger(__name__)
@@ -49,7 +52,7 @@ class URController:
         world: World,
         clock: Clock,
         host: str = "127.0.0.1",
-        version: str = "5.11.0",
+        version: str = POLYSCOPE,
         serial_number: str = "20265500001",
         release_after_s: float = 5.0,
     ) -> None:
@@ -232,8 +235,7 @@ class URController:
 
 
 def _version(text: str) -> Version:
-    try:
-        major, minor, bugfix = (int(part) for part in text.split("."))
-    except ValueError as error:
-        raise InputError(f"controller version '{text}': write it as 5.11.0") from error
+    if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", text):
+        raise InputError(f"controller version '{text}': an e-Series arm's is written as 5.11.0 or 5.25.0")
+    major, minor, bugfix = (int(part) for part in text.split("."))
     return major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)

@@ -21,6 +21,9 @@ def serve(
     host: Annotated[
         str, typer.Option("--host", help="Loopback address; another one for a second bench.")
     ] = "127.0.0.1",
+    polyscope: Annotated[
+        str, typer.Option("--polyscope", help="Version that the controller announces.")
+    ] = "5.11.0",
     write: Annotated[
         Path | None, typer.Option("--write", help="Also write the bench file to this file.")
     ] = None,
@@ -32,6 +35,8 @@ def serve(
 
     Examples:
       rig fakes serve --write fakes.toml
+
+      rig fakes serve --host 127.0.0.2 --polyscope 5.25.0 --write second.toml
 
       rig trial --bench fakes.toml --lifts 1 --object wrench
 
@@ -46,7 +51,7 @@ def serve(
     from rig.fakes_process import hosted_fakes
 
     try:
-        with hosted_fakes(load_bench(bench), host, seed) as (served, running):
+        with hosted_fakes(load_bench(bench), host, seed, polyscope) as (served, running):
             if write is not None:
                 write_bench(write, served)
             print(bench_text(served), flush=True)

@@ -2,6 +2,9 @@
 
 import math
 import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +23,8 @@ from fakes.wire.loopback import require_free, taken_ports
 from fakes.wire.mirror import MirroredWorld, snapshot_of
 from fakes.wire.motion_log import MotionLog
 from fakes.world import World
-from rig.assembly import simulated_bench_plan
-from rig.config import load_bench
+from rig.assembly import build_real_bench, simulated_bench_plan
+from rig.config import BenchConfig, load_bench
 from rig.config.load import parse_bench
 from rig.config.write import bench_text
 from rig.fakes_process import addressed, fakes_control, hosted_fakes
@@ -67,13 +70,13 @@ def test_a_mirror_that_is_not_fed_gives_the_newest_moment() -> None:
 
 
 @pytest.fixture
-def control() -> Control:
+def control() -> Iterator[Control]:
     def place(object_id: str) -> dict[str, str]:
         return {"placed": find_object(object_id).name}
 
     server = ControlServer({"place": place})
     server.start()
-    yield Control(server.address)  # type: ignore[misc]
+    yield Control(server.address)
     server.stop()
 
 
@@ -134,11 +137,10 @@ def test_a_bench_without_fakes_is_not_served() -> None:
         pass
 
 
-@pytest.mark.parametrize("gripper", [("127.0.0.2", 40001), "/tmp/gripper"])
-def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(gripper: tuple[str, int] | str) -> None:
-    config = load_bench("wire")
-    if isinstance(gripper, str):
-        config = config.model_copy(update={"gripper": config.gripper.model_copy(update={"transport": "rtu"})})
+@pytest.mark.parametrize("transport", ["tcp", "rtu"])
+def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport: str, tmp_path: Path) -> None:
+    gripper = ("127.0.0.2", 40001) if transport == "tcp" else str(tmp_path / "gripper")
+    config = _with_gripper(transport=transport)
     streams = {serial: f"http://127.0.0.2/{serial}" for serial in ("SIM-D0001", "SIM-D0002", "SIM-C0001")}
     served = addressed(config, Addresses("127.0.0.2", gripper, streams, "127.0.0.2:9"))
     again = parse_bench(bench_text(served), "served.toml")
@@ -147,3 +149,42 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(gripper: t
     assert again.camera.address == streams["SIM-C0001"]
     assert (again.gripper.device or (again.gripper.host, again.gripper.port)) == gripper
     assert again.simulated
+
+
+@pytest.mark.parametrize(
+    "gripper",
+    [
+        {"fingers": ("A", "B")},
+        {"fingers": ("C", "A"), "preset": "tcp-2014"},
+        {"fingers": ("A", "C"), "transport": "rtu"},
+    ],
+)
+def test_the_gripper_is_served_as_the_bench_file_has_it(gripper: dict[str, Any]) -> None:
+    config = _with_gripper(**gripper)
+    fingers = [{"finger": name} for name in config.gripper.fingers]
+    tactile = tuple(t.model_copy(update=f) for t, f in zip(config.tactile, fingers, strict=True))
+    config = config.model_copy(update={"tactile": tactile})
+    with hosted_fakes(config, host=None, polyscope="5.25.0") as (served, _):
+        driver = build_real_bench(served).gripper
+        driver.connect()
+        try:
+            driver.activate()
+            driver.move_to(100).wait(5.0)
+            status = Control(served.fakes.control).call("status")  # type: ignore[union-attr]
+        finally:
+            driver.disconnect()
+    assert status["finger_counts"] == pytest.approx(100.0)
+    assert status["devices"]["arm"]["version"] == "5.25.0"
+
+
+def test_a_version_that_is_none_is_refused() -> None:
+    with (
+        pytest.raises(InputError, match="is written as"),
+        hosted_fakes(load_bench("wire"), host=None, polyscope="latest"),
+    ):
+        pass
+
+
+def _with_gripper(**changes: Any) -> BenchConfig:
+    config = load_bench("wire")
+    return config.model_copy(update={"gripper": config.gripper.model_copy(update=changes)})

@@ -8,8 +8,9 @@ rig claims is held against the simulated world: where its tool truly moved, and 
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
 from protocols.watch import Operator
 from rig.attempt import TrialSettings
-from rig.bench_source import BenchSource, StandingBench
+from rig.bench_source import StandingBench
 from rig.benchmark.fault_cases import CASES, FaultCase
 from rig.config import BenchConfig, load_bench
 from rig.fakes_process import fakes_control, started_fakes
@@ -41,6 +42,7 @@ class FaultResult:
 
     Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
     after it, when the simulated tool then stood still. faults: outcomes of failed attempts.
+    given_up: the next lift did not run within three attempts. recovered: it ran.
     """
 
     case: FaultCase
@@ -48,6 +50,7 @@ class FaultResult:
     detected_ns: int = 0
     still_ns: int = 0
     faults: list[str] = field(default_factory=list)
+    given_up: bool = False
     recovered: bool = False
 
     @property
@@ -105,29 +108,16 @@ class TimedArm(Arm):
         self._arm.recover(confirm)
 
 
-class FaultyBench(BenchSource):
+class FaultyBench(StandingBench):
     """The bench behind wires, with a fault in the first attempt at each lift that comes to mid-lift.
 
     Lift n meets the n-th case. Between attempts somebody mends what the rig cannot.
     """
 
     def __init__(self, config: BenchConfig, results: list[FaultResult]) -> None:
-        self._inner = StandingBench(config, ConsoleOperator(lambda _: True), "")
+        super().__init__(config, ConsoleOperator(lambda _: True), "")
         self._control = fakes_control(config)
         self._results = results
-
-    @property
-    def after_fault(self) -> bool:
-        """As the bench's."""
-        return self._inner.after_fault
-
-    def displaced(self) -> None:
-        """As the bench's."""
-        self._inner.displaced()
-
-    def close(self) -> None:
-        """As the bench's."""
-        self._inner.close()
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
@@ -135,7 +125,7 @@ class FaultyBench(BenchSource):
         result = self._results[int(lift.rpartition("/")[2]) - 1]
         if len(result.faults) >= result.case.mended_after:
             self._control.call("fault", device="all", kind="clear")
-        with self._inner.for_lift(seed, lift, attempt) as (bench, operator):
+        with super().for_lift(seed, lift, attempt) as (bench, operator):
             if result.injected_ns:
                 yield bench, operator
                 return
@@ -184,26 +174,34 @@ def run_faults(
 ) -> list[FaultResult]:
     """Run the cases as a trial of as many lifts, kept in `folder`; return what came of each.
 
-    Raises `DeviceError` when a case is not recovered from within three attempts.
+    Raises `DeviceError` unless each case's lift is on disk in the end.
     """
     results = [FaultResult(case) for case in cases]
 
     def note(done: int, total: int, row: dict[str, Any]) -> None:
         result = results[row["lift"] - 1]
         if row["accepted"]:
-            result.recovered = bool(result.injected_ns)
+            result.recovered = bool(result.injected_ns) and not result.given_up
             progress(result)
         elif result.injected_ns:
             result.faults.append(row["fault"])
 
-    with started_fakes(load_bench("wire")) as config:
-        benches = FaultyBench(config, results)
-        try:
-            settings = TrialSettings(config, 0, choose_estimator())
-            run_trial(folder, settings, ["t1"], len(cases), benches=benches, progress=note)
-        finally:
-            benches.close()
+    with started_fakes(load_bench("wire")) as config, closing(FaultyBench(config, results)) as benches:
+        settings = TrialSettings(config, 0, choose_estimator())
+        run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
+        _run_to_the_end(run, results)
     kept = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
     if len(kept) != len(cases):
         raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
     return results
+
+
+def _run_to_the_end(run: Callable[..., object], results: list[FaultResult]) -> None:
+    """Run the trial; where three attempts at a lift fail, so has its case, and the trial is resumed."""
+    for resumed in range(len(results) + 1):
+        try:
+            run(resume=resumed > 0)
+            return
+        except DeviceError:
+            case = next(result for result in results if not (result.recovered or result.given_up))
+            case.given_up = True

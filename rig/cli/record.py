@@ -16,6 +16,7 @@ from rig.cli.common import (
     say,
     session_folder,
 )
+from rig.cli.report import NoReportOption, report_after
 
 
 def record(
@@ -28,6 +29,7 @@ def record(
     bench: BenchOption = "fake",
     out: OutOption = None,
     resume: ResumeOption = False,
+    no_report: NoReportOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -78,8 +80,9 @@ def record(
         f"{simulated}{figures['images_accepted']} images in {figures['poses_accepted']} poses, "
         f"{figures['images_rejected']} frames without contact rejected, {figures['wall_s']:.1f} s"
     )
+    page = report_after(folder, no_report)
     if json:
-        emit_json(figures)
+        emit_json({**figures, "report": page})
     else:
         print(folder)
 

@@ -8,6 +8,29 @@ import typer
 from rig.cli.common import JsonOption, emit_json, say
 
 
+NoReportOption = Annotated[
+    bool, typer.Option("--no-report", help="Leave the report out: rig report makes it later.")
+]
+
+
+def report_after(folder: Path, unwanted: bool) -> str | None:
+    """Write the report at the end of a trial or recording; return its path, None where there is none.
+
+    The results are on disk by then, so nothing that goes wrong here may fail the run.
+    """
+    if unwanted:
+        return None
+    from rig.report.write import write_report
+
+    try:
+        path = write_report([folder]).path
+    except Exception as error:  # whatever it is: the run itself is complete
+        say(f"note: no report ({type(error).__name__}: {error}); try again: rig report {folder}")
+        return None
+    say(f"report: {path}")
+    return str(path)
+
+
 def report(
     sources: Annotated[
         list[Path],

@@ -1,5 +1,6 @@
 """`rig trial`: lift objects, measure how they turn, compare with the markers."""
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -18,6 +19,7 @@ from rig.cli.common import (
     session_folder,
     trial_jobs,
 )
+from rig.cli.report import NoReportOption, report_after
 
 
 def trial(
@@ -56,8 +58,15 @@ def trial(
     bench: BenchOption = "fake",
     out: OutOption = None,
     resume: ResumeOption = False,
+    no_report: NoReportOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Open rerun: pictures, markers, angles, arm (extra 'live').")
+    ] = False,
+    live_to: Annotated[
+        Path | None, typer.Option("--live-to", help="The same into FILE.rrd, without a display.")
+    ] = None,
 ) -> None:
     """Lift each object several times and measure its rotation from both fingertips.
 
@@ -68,13 +77,17 @@ def trial(
 
       rig trial --lifts 5 --out sessions/campaign --resume
 
+      rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
+
     """
     import time
 
     from rig.attempt import TrialSettings
     from rig.bench_source import session_bench
-    from rig.cli.tables import TrialProgress, summary_json, trial_table
+    from rig.cli.tables import lift_note, summary_json, trial_table
     from rig.config import load_bench
+    from rig.live.session import live_session
+    from rig.live.terminal import TrialView
     from rig.operators import ConsoleOperator
     from rig.tactile.estimator import choose_estimator
     from rig.trial import describe_plan, resolve_objects, run_trial
@@ -90,7 +103,8 @@ def trial(
     person = ConsoleOperator(ask, agreed=yes)
     with (
         session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,
-        TrialProgress(len(ids) * lifts) as progress,
+        live_session(live, live_to) as (feed, inbox),
+        TrialView(len(ids) * lifts, inbox, lift_note) as progress,
     ):
         summary = run_trial(
             folder,
@@ -101,11 +115,14 @@ def trial(
             resume=resume,
             benches=benches,
             progress=progress,
+            live=feed,
         )
     wall_s = time.perf_counter() - began
     trial_table(summary, simulated, wall_s, to_stderr=json)
+    page = report_after(folder, no_report)
     if json:
-        emit_json({"session": str(folder), **summary_json(summary), "wall_s": round(wall_s, 2)})
+        figures = {**summary_json(summary), "wall_s": round(wall_s, 2), "report": page}
+        emit_json({"session": str(folder), **figures})
     _check_limit(summary, max_mare)
 
 

@@ -1,6 +1,5 @@
 """Writes the report of what it is given: a trial, a recording, tables of curves, or what is left of one."""
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,7 +13,6 @@ from rig.report.parts import Notice
 from rig.report.session import UNREADABLE
 
 REPORT = "report.html"
-_log = logging.getLogger("rig.report")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +47,6 @@ def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
     return _written(out or default, curves_page(found), found.notes)
 
 
-def report_after(folder: Path) -> Path | None:
-    """Write the report at the end of a trial or recording; None, with a line in the log, when that fails.
-
-    The results are on disk already, so nothing that goes wrong here may fail the run.
-    """
-    try:
-        return write_report([folder]).path
-    except Exception:  # whatever it is, the run itself is complete
-        _log.exception("the report of %s could not be written", folder)
-        return None
-
-
 def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
     try:
         manifest = read_manifest(folder)
@@ -83,7 +69,6 @@ def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
             f"{folder}: a '{manifest.get('kind')}' session; trials and recordings have reports"
         )
     except UNREADABLE as error:
-        _log.warning("report of %s", folder, exc_info=True)
         return _broken_page(folder, error), (str(error),)
 
 

@@ -54,11 +54,13 @@ def test_a_trial_prints_one_json_object_and_says_simulated(session: Path) -> Non
     figures = json.loads(done.stdout)
     assert set(figures) == {
         "session", "lifts_accepted", "mare_deg", "mare_std_deg", "mare_b_deg", "mare_held_deg",
-        "answered", "wall_s", "bench_s",
+        "answered", "wall_s", "bench_s", "report",
     }  # fmt: skip
     assert figures["lifts_accepted"] == 1
     assert done.stderr.startswith("SIMULATED")
-    assert "SIMULATED" in done.stderr.splitlines()[-3]
+    assert "SIMULATED" in done.stderr.splitlines()[-4]
+    assert figures["report"] == str(session / "report.html")
+    assert "SIMULATED" in (session / "report.html").read_text()
     assert json.loads((session / "session.json").read_text())["simulated"] is True
 
 

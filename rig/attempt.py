@@ -15,10 +15,13 @@ from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.slip_trial import LiftPlan, run_lift
 from protocols.steps import make_ready
+from protocols.watch import Watch
 from rig.assembly import TOOL_DOWN
 from rig.bench_source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.lift import LiftMeasurement
+from rig.live.feed import LiveFeed
+from rig.live.watch import LiveWatch
 from rig.records.recorder import LiftRecorder
 from rig.result import Outcome, lift_result, stage_times
 from rig.seeds import derived_seed
@@ -30,6 +33,10 @@ LEAST_LIFT = 0.4
 MAX_TRIAL_TURN_DEG = 15.0
 MAX_FAULTS_IN_A_ROW = 3
 """Rig faults in a row that end a trial or a recording: by then a person has to look."""
+
+LIVE_KEYS = ("number", "attempt", "object", "name", "lift")
+"""What of a lift's row tells lookers-on which lift it is."""
+NOBODY = LiveFeed()
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +107,16 @@ def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  #
     return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
 
 
-def attempt_lift(settings: TrialSettings, task: LiftTask, benches: BenchSource | None = None) -> Attempt:
+def attempt_lift(
+    settings: TrialSettings,
+    task: LiftTask,
+    benches: BenchSource | None = None,
+    live: LiveFeed = NOBODY,
+) -> Attempt:
     """Carry out one lift and evaluate it.
 
     A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
-    benches: where its bench comes from; a simulated bench of its own when None.
+    benches: where its bench comes from; a simulated bench of its own when None. live: who looks on.
     """
     cv2.setNumThreads(1)
     began = time.perf_counter()
@@ -115,7 +127,10 @@ def attempt_lift(settings: TrialSettings, task: LiftTask, benches: BenchSource |
     recorder = LiftRecorder(stream)
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
-    error, bench_s = _carry_out(benches, task, seed, plan, watched)
+    shown = LiveWatch(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
+    error, bench_s = _carry_out(benches, task, seed, plan, shown or watched)
+    if shown:
+        shown.close()
     if error is None:
         row, series = lift_result(watched)
         watched.record_results(series)
@@ -150,7 +165,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 
 def _carry_out(
-    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watched: LiftMeasurement
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: Watch
 ) -> tuple[DeviceError | CalibrationError | None, float]:
     """Return the fault, if any, and how long it took by the bench's clock, s."""
     clock: Clock | None = None
@@ -161,7 +176,7 @@ def _carry_out(
             clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
-            run_lift(bench, plan, watched)
+            run_lift(bench, plan, watch)
     except (DeviceError, CalibrationError) as error:
         fault = error
     return fault, (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0

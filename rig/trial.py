@@ -12,8 +12,9 @@ from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
 from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
-from rig.attempt import MAX_FAULTS_IN_A_ROW, Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.attempt import MAX_FAULTS_IN_A_ROW, NOBODY, Attempt, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.bench_source import BenchSource
+from rig.live.feed import LiveFeed
 from rig.records.session import Session, open_session, session_request
 from rig.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.workers import run_tasks
@@ -71,11 +72,13 @@ def run_trial(
     resume: bool = False,
     benches: BenchSource | None = None,
     progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
+    live: LiveFeed = NOBODY,
 ) -> TrialSummary:
     """Run a trial, or what is left of it, and return its summary.
 
     benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
-    progress is called after each attempt with lifts accepted, lifts wanted, and the row.
+    progress is called after each attempt with lifts accepted, lifts wanted, and the row. live: who
+    looks on while lifts happen.
     Raises `InputError` or `RecordingError` as `open_session` does, `DeviceError` after three
     rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
     """
@@ -83,7 +86,7 @@ def run_trial(
         if not session.complete:
             tasks = remaining_tasks(session, objects, lifts)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
-            _carry_on(session, settings, tasks, jobs, benches, progress)
+            _carry_on(session, settings, tasks, jobs, benches, progress, live)
             session.finish(order=("number", "attempt"))
             for row in session.rows:
                 _log.info("lift %s/%s: %s", row["object"], row["lift"], row["outcome"])
@@ -115,11 +118,12 @@ def _carry_on(
     jobs: int,
     benches: BenchSource | None,
     progress: Callable[[int, int, dict[str, Any]], None],
+    live: LiveFeed,
 ) -> None:
     accepted = sum(row["accepted"] for row in session.rows)
     total = accepted + len(tasks)
     faults = 0
-    work = partial(attempt_lift, settings, benches=benches)
+    work = partial(attempt_lift, settings, benches=benches, live=live)
     for task, attempt in run_tasks(work, tasks, jobs):
         _keep(session, task, attempt)
         if attempt.row["accepted"]:

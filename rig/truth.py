@@ -133,6 +133,11 @@ class MarkerTruth:
         stale = self._newest_ns - self._angles.time_ns[-1] > LONGEST_GAP_NS
         return None if stale else self._angles.angle_deg[-1]
 
+    def latest_corners_px(self) -> NDArray[np.float64] | None:
+        """Both markers in the newest picture, (2, 4, 2) px, for display; None where they were refused."""
+        newest = self._sightings[-1] if self._sightings else None
+        return newest.seen.corners_px if newest and newest.time_ns == self._newest_ns else None
+
     def series(self) -> TruthSeries:
         """All angles so far. Raises `CalibrationError` before `set_zero`."""
         if self._zero is None:

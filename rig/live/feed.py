@@ -1,0 +1,128 @@
+"""From the lift to whoever looks on: messages that are sent or lost, but never waited for.
+
+A message is one datagram on a local socket (unix(7), SOCK_DGRAM), sent without blocking: where a
+viewer is slow, stopped or gone, the message is lost and the lift goes on. It is the same from the
+main process and from a worker's. The receiver keeps the newest messages and drops the oldest.
+"""
+
+import json
+import os
+import socket
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+KEPT_MESSAGES = 512
+"""What a receiver keeps unread: some seconds of one lift."""
+LARGEST_BYTES = 200_000
+"""A datagram has to fit into a socket's send buffer, 208 KiB by default (socket(7), wmem_default)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What happened, under a kind's name, with values that fit into JSON, and perhaps a JPEG."""
+
+    kind: str
+    values: dict[str, Any]
+    picture: bytes = b""
+
+    def packed(self) -> bytes:
+        """Return the datagram: a line of JSON, then the picture's bytes."""
+        return json.dumps({"kind": self.kind, **self.values}).encode() + b"\n" + self.picture
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> "Message":
+        """Return the message of a datagram. Raises `ValueError` for anything else."""
+        line, _, picture = data.partition(b"\n")
+        values = json.loads(line)
+        return cls(values.pop("kind"), values, picture)
+
+
+@dataclass(frozen=True, slots=True)
+class Listener:
+    """The address of somebody who looks on, and whether they look at pictures."""
+
+    address: str
+    pictures: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFeed:
+    """Who looks on: handed to lifts, in this process or in workers."""
+
+    listeners: tuple[Listener, ...] = ()
+
+    @property
+    def pictures(self) -> bool:
+        """Whether anybody looks at pictures."""
+        return any(listener.pictures for listener in self.listeners)
+
+
+@dataclass(slots=True)
+class Sender:
+    """Sends to everybody who looks on. `lost` counts the messages that somebody did not get."""
+
+    feed: LiveFeed
+    lost: int = 0
+    _socket: socket.socket = field(default_factory=lambda: socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+
+    def send(self, kind: str, values: dict[str, Any], picture: bytes = b"") -> None:
+        """Send a message to those who want it; never waits, never raises."""
+        data = Message(kind, values, picture).packed()
+        if len(data) > LARGEST_BYTES:
+            self.lost += 1
+            return
+        for listener in self.feed.listeners:
+            if listener.pictures or not picture:
+                self._send_to(listener.address, data)
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+    def _send_to(self, address: str, data: bytes) -> None:
+        try:
+            self._socket.sendto(data, socket.MSG_DONTWAIT, address)
+        except OSError:  # full, or nobody is there any more
+            self.lost += 1
+
+
+class Inbox:
+    """Receives messages at an address; a thread empties the socket, so that senders find room.
+
+    address: a path where no file is yet, at most 107 bytes long (unix(7)).
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(address)
+        self._messages: deque[Message] = deque(maxlen=KEPT_MESSAGES)
+        self._thread = threading.Thread(target=self._receive, daemon=True, name="live inbox")
+        self._thread.start()
+
+    def take(self) -> list[Message]:
+        """Return what came since the last call, oldest first."""
+        messages = []
+        with suppress(IndexError):
+            while True:
+                messages.append(self._messages.popleft())
+        return messages
+
+    def close(self) -> None:
+        """Stop receiving, and remove the address."""
+        # An empty datagram to itself ends the thread: closing would leave it in its system call.
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+            end.sendto(b"", self.address)
+        self._thread.join()
+        self._socket.close()
+        os.unlink(self.address)
+
+    def _receive(self) -> None:
+        while data := self._socket.recv(LARGEST_BYTES):
+            try:
+                self._messages.append(Message.unpacked(data))
+            except (ValueError, KeyError):  # not one of ours
+                continue

@@ -1,0 +1,111 @@
+"""Starting and ending the live view of a session: addresses for its messages, the viewer's process."""
+
+import logging
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from drivers.errors import InputError
+from rig.live.feed import Inbox, Listener, LiveFeed
+
+START_TIMEOUT_S = 30.0
+END_TIMEOUT_S = 30.0
+_log = logging.getLogger("rig.live")
+
+
+def check_viewer(window: bool, file: Path | None) -> None:
+    """Say beforehand what would keep a viewer from starting.
+
+    window: whether one is to be opened. file: the .rrd file to write. Raises `InputError`.
+    """
+    if not window and file is None:
+        return
+    if window and file is not None:
+        raise InputError("--live opens a viewer and --live-to writes a file: choose one")
+    if find_spec("rerun") is None:
+        raise InputError('the live view needs rerun: pip install "visuotactile-slip-rig[live]"')
+    if window and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError("--live: there is no display here; write a file instead: --live-to FILE.rrd")
+    if file is not None and not file.resolve().parent.is_dir():
+        raise InputError(f"--live-to {file}: there is no folder {file.resolve().parent}")
+
+
+@contextmanager
+def live_session(window: bool, file: Path | None) -> Iterator[tuple[LiveFeed, Inbox]]:
+    """Give the feed that lifts send to, and the inbox of the terminal's view.
+
+    window, file: as `check_viewer`, which this asks first. The viewer's process ends with the
+    session, and a viewer that ends earlier changes nothing.
+    """
+    check_viewer(window, file)
+    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
+        inbox = Inbox(f"{folder}/terminal")
+        stack.callback(inbox.close)
+        listeners = [Listener(inbox.address, pictures=False)]
+        if window or file is not None:
+            address = f"{folder}/viewer"
+            stack.enter_context(_viewer(address, file))
+            listeners.append(Listener(address, pictures=True))
+        yield LiveFeed(tuple(listeners)), inbox
+
+
+@contextmanager
+def viewer_feed(file: Path) -> Iterator[LiveFeed]:
+    """Give a feed into a .rrd file alone, without a terminal's view. Raises `InputError`."""
+    check_viewer(False, file)
+    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
+        address = f"{folder}/viewer"
+        with _viewer(address, file):
+            yield LiveFeed((Listener(address, pictures=True),))
+
+
+@contextmanager
+def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "rig.live.viewer", address, *([str(file)] if file else [])]
+    process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        _wait_until_ready(process)
+        yield process
+    finally:
+        if process.poll() is not None:
+            # Without a handler of the caller's, logging brings a warning to standard error.
+            _log.warning(
+                "the live viewer ended before the lifts did; what was recorded is complete all the same"
+            )
+        _end(process)
+
+
+def _wait_until_ready(process: subprocess.Popen[str]) -> None:
+    if process.stdout is None or process.stderr is None:
+        return
+    if select.select([process.stdout], [], [], START_TIMEOUT_S)[0] and process.stdout.readline() == "ready\n":
+        return
+    process.kill()
+    said = process.stderr.read().strip().splitlines()
+    raise InputError(
+        f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live, or see "
+        "whether `rerun` alone starts"
+    )
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """Wait until the viewer has written what it has; one that hangs is ended."""
+    if process.stdin is not None:
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+    try:
+        process.wait(END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    for stream in (process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()

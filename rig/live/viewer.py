@@ -1,0 +1,45 @@
+"""The viewer's own process: `python -m rig.live.viewer ADDRESS [FILE.rrd]`.
+
+It says "ready" when it listens and ends when its standard input ends, so also when the process
+that started it is killed; the file is then complete up to there.
+"""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from rig.live.feed import Inbox
+from rig.live.scene import RerunScene
+
+EVERY_S = 0.05
+
+
+def main(arguments: list[str]) -> None:
+    """Show what arrives until the input ends. arguments: address, and the file to write to if any."""
+    # Ctrl-C is for the trial; what it then still sends is to be seen.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    scene = RerunScene(Path(arguments[1]) if len(arguments) > 1 else None)
+    inbox = Inbox(arguments[0])
+    over = threading.Event()
+    threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
+    print("ready", flush=True)
+    while not over.wait(EVERY_S):
+        _show(inbox, scene)
+    _show(inbox, scene)
+    inbox.close()
+    scene.close()
+
+
+def _show(inbox: Inbox, scene: RerunScene) -> None:
+    for message in inbox.take():
+        scene.show(message)
+
+
+def _wait_for_end(over: threading.Event) -> None:
+    sys.stdin.read()
+    over.set()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,142 @@
+"""A watch that tells of a lift while another one measures it: it only reads, so nothing changes."""
+
+import os
+from collections import deque
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.types import ArmState, Frame, GripperState, Image
+from protocols.watch import Phase, Watch
+from rig.lift import LiftMeasurement
+from rig.live.feed import LiveFeed, Sender
+
+MOST_PER_S = 10.0
+"""Pictures of one source, and sets of figures, in a second of real time."""
+PICTURE_LONG_SIDE_PX = 320
+PICTURE_QUALITY = 80
+RATE_FRAMES = 31
+"""Frames of a source whose times give its rate: a second of the camera's."""
+
+
+class LiveWatch(Watch):
+    """Passes everything to a lift's measurement first, then sends what a viewer shows.
+
+    lift: its number, attempt, object, name and lift, sent with each message. clock: of real time,
+    which limits how much is sent, however fast a simulated bench runs.
+    """
+
+    def __init__(
+        self, watched: LiftMeasurement, feed: LiveFeed, lift: dict[str, Any], clock: Clock | None = None
+    ) -> None:
+        self._watched = watched
+        self._sender = Sender(feed)
+        self._pictures = feed.pictures
+        self._lift = {**lift, "sender": os.getpid()}
+        self._clock = clock or SystemClock()
+        self._sent_ns: dict[str, int] = {}
+        self._times: dict[str, deque[int]] = {}
+        self._phase = ""
+        self._fused_sent = 0
+        self._truth: list[tuple[int, float | None]] = []
+        self._send("lift", {})
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase."""
+        self._watched.phase(phase, time_ns)
+        self._phase = phase.value
+        self._send("phase", {"phase": phase.value, "time_ns": time_ns})
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame: measured first, then shown unless one of its source was shown just now."""
+        self._watched.frame(frame)
+        self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
+        if frame.serial not in self._watched.tips:
+            self._truth.append((frame.time_ns, self._watched.truth.latest_angle_deg()))
+        if self._pictures and self._due(frame.serial):
+            self._show(frame)
+        if self._due("figures"):
+            self._figures(frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state."""
+        self._watched.arm(state)
+        if self._pictures and self._due("arm"):
+            pose = state.base_T_tcp
+            values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
+            self._send("arm", {"time_ns": state.time_ns, **values})
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state."""
+        self._watched.gripper(state)
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip has shown contact in its last frames."""
+        return self._watched.touching(serial)
+
+    def close(self) -> None:
+        """Send what is left."""
+        self._figures(max((times[-1] for times in self._times.values()), default=0))
+        self._sender.close()
+
+    def _due(self, what: str) -> bool:
+        """Whether enough real time has passed since it was last sent; if so, it is sent now."""
+        now = self._clock.now_ns()
+        if now - self._sent_ns.get(what, -NS_PER_S) < NS_PER_S / MOST_PER_S:
+            return False
+        self._sent_ns[what] = now
+        return True
+
+    def _show(self, frame: Frame) -> None:
+        small, scale = _shrunk(frame.image)
+        values: dict[str, Any] = {"serial": frame.serial, "time_ns": frame.time_ns}
+        if frame.serial not in self._watched.tips:
+            values["source"] = "camera"
+            corners = self._watched.truth.latest_corners_px()
+            # OpenCV has whole numbers at a pixel's middle, viewers have halves
+            values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
+        self._send("frame", values, _jpeg(small))
+
+    def _figures(self, time_ns: int) -> None:
+        fused = self._watched.fused[self._fused_sent :]
+        self._fused_sent = len(self._watched.fused)
+        tips = self._watched.tips
+        sources = {**tips, "camera": self._watched.camera}
+        values = {
+            "time_ns": time_ns,
+            "phase": self._phase,
+            "estimate": [(s.time_ns, s.angle_deg, s.sigma_deg) for s in fused],
+            "truth": self._truth,
+            "rates_hz": {
+                serial if serial in tips else "camera": _rate(times) for serial, times in self._times.items()
+            },
+            "dropped": {name: source.dropped for name, source in sources.items()},
+        }
+        self._truth = []
+        self._send("figures", values)
+
+    def _send(self, kind: str, values: dict[str, Any], picture: bytes = b"") -> None:
+        self._sender.send(kind, {**self._lift, **values}, picture)
+
+
+def _rate(times: "deque[int]") -> float | None:
+    """Return frames per second of the bench's time."""
+    span = times[-1] - times[0]
+    return None if span <= 0 else round((len(times) - 1) * NS_PER_S / span, 1)
+
+
+def _shrunk(image: Image) -> tuple[Image, float]:
+    """Return a copy no larger than a viewer needs, and its scale."""
+    scale = min(1.0, PICTURE_LONG_SIDE_PX / max(image.shape[:2]))
+    if scale == 1.0:
+        return image, 1.0
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), scale
+
+
+def _jpeg(image: Image) -> bytes:
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])
+    return encoded.tobytes()

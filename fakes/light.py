@@ -70,12 +70,18 @@ def vary_light(light: Light, light_seed: int | None) -> Light:
     rng = np.random.default_rng((light_seed, 29))
     turn = np.deg2rad(rng.normal(0.0, 12.0, (3, 1, 1))).astype(np.float32)
     cos, sin = np.cos(turn), np.sin(turn)
+    background = _mixed(light.background, rng)
+    gain = light.gain * rng.uniform(0.35, 1.3) * rng.uniform(0.7, 1.3, (3, 1, 1))
+    # where less light falls, a slope has less to reflect
+    columns, rows = light.gain.shape[2], light.gain.shape[1]
+    brighter = (background.mean(axis=2) + 5.0) / (light.background.mean(axis=2) + 5.0)
+    gain *= cv2.resize(brighter, (columns, rows), interpolation=cv2.INTER_AREA) ** rng.uniform(0.0, 1.0)
     return replace(
         light,
-        background=_mixed(light.background, rng),
+        background=background,
         towards_x=cos * light.towards_x - sin * light.towards_y,
         towards_y=sin * light.towards_x + cos * light.towards_y,
-        gain=light.gain * rng.uniform(0.35, 1.3) * rng.uniform(0.7, 1.3, (3, 1, 1)).astype(np.float32),
+        gain=gain.astype(np.float32),
     )
 
 
@@ -109,8 +115,12 @@ def _mixed(image: Planes, rng: np.random.Generator) -> Planes:
     mixed = image @ (np.eye(3) + rng.uniform(-0.12, 0.22, (3, 3))).astype(np.float32)
     level = mixed.mean()
     mixed = level * np.maximum(mixed / level, 0.02) ** rng.uniform(0.6, 1.25)
-    coarse = rng.normal(0.0, rng.uniform(0.0, 0.22), (7, 6, 3)).astype(np.float32)
-    patches = np.exp(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC))
+    patches = np.ones((rows, columns, 3), np.float32)
+    # colour by colour, and all together: corners of real units are dark
+    for cells, spread in (((7, 6, 3), 0.22), ((4, 3, 1), 0.45)):
+        coarse = rng.normal(0.0, rng.uniform(0.0, spread), cells).astype(np.float32)
+        smooth = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC)
+        patches *= np.exp(smooth).reshape(rows, columns, cells[2])
     return np.clip(mixed * patches * rng.uniform(0.55, 1.15), 5.0, 250.0).astype(np.float32)
 
 

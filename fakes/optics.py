@@ -66,9 +66,15 @@ class GelSensor:
         np.clip(frame, 0, 255, out=frame)
         return frame.astype(np.uint8)
 
+    def touching(self, imprint: Imprint | None) -> NDArray[np.uint8]:
+        """Return where object and gel touch as (H, W) uint8, 0 or 255."""
+        if imprint is None:
+            return np.zeros(self._pad.shape, np.uint8)
+        return self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
+
     def contact_mask(self, imprint: Imprint) -> NDArray[np.uint8]:
         """Return where object and gel touch as (H, W) uint8, 0 or 255; gaps of a texture are filled."""
-        touching = self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
+        touching = self.touching(imprint)
         reach = max(round(0.9 / self._pad.mm_per_px[0]), 1) | 1
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
         padded = cv2.copyMakeBorder(touching, reach, reach, reach, reach, cv2.BORDER_REPLICATE)

@@ -55,6 +55,10 @@ class FakeDigit(FakeSource, TactileSensor):
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
 
+    def true_mask(self, time_ns: int) -> Image:
+        """Where object and gel touch at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
+        return self._gel.touching(self._imprint(self._world.moment_at(time_ns)))
+
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
         key = (id(grasp.site), grasp.off_m, self._world.seed)

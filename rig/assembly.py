@@ -1,5 +1,6 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
+from collections.abc import Callable
 from functools import cache
 
 from scipy.spatial.transform import Rotation
@@ -8,7 +9,7 @@ from calibration.sheets import target_picture
 from drivers.bench import Bench, Fingertip
 from drivers.clock import SystemClock
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
-from drivers.types import Pose
+from drivers.types import Image, Pose
 from fakes.arm import FakeArm
 from fakes.clock import SimulatedClock
 from fakes.faults import Fault, FaultScript
@@ -16,6 +17,7 @@ from fakes.fixture import Sheet
 from fakes.gripper import FakeGripper
 from fakes.moment import Layout
 from fakes.plan import BenchPlan, CameraPlan, DigitPlan
+from fakes.tactile import FakeDigit
 from fakes.world import World
 from protocols.watch import Operator
 from rig.config import ArmConfig, BenchConfig, CameraConfig, GripperConfig, TactileConfig
@@ -50,6 +52,15 @@ def build_bench(
         base_T_table=world.layout.base_T_table,
     )
     return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
+
+
+def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
+    """Return, by serial, what simulated fingertips truly touch at a time in ns: (H, W) uint8, 0 or 255.
+
+    Empty for a bench that is not in this process. For labels of simulated images alone.
+    """
+    sensors = [tip.sensor for tip in bench.fingertips]
+    return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
 
 
 def build_real_bench(config: BenchConfig) -> Bench:

@@ -1,5 +1,6 @@
 """Watches that take images while the hand grasps: the reference first, then each pose."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.types import ArmState, Frame, GripperState, Image
@@ -12,10 +13,16 @@ FRAMES_APART = 3
 
 @dataclass(slots=True)
 class PoseCapture:
-    """A watch that takes images with contact, turn about from each fingertip."""
+    """A watch that takes images with contact, turn about from each fingertip.
+
+    true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
+    taken. Nothing here looks at them.
+    """
 
     finders: dict[str, ContactFinder]
     taken: list[tuple[Frame, int, float]] = field(default_factory=list)
+    true_masks: dict[str, Callable[[int], Image]] = field(default_factory=dict)
+    masks: list[Image] = field(default_factory=list)
     rejected: int = 0
     _grip_counts: int = 0
     _wanted: int = 0
@@ -55,6 +62,8 @@ class PoseCapture:
             return
         if area > 0:
             self.taken.append((frame, self._grip_counts, area))
+            if frame.serial in self.true_masks:
+                self.masks.append(self.true_masks[frame.serial](frame.time_ns))
         else:
             self.rejected += 1
         self._last[frame.serial] = frame.sequence

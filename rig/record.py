@@ -18,22 +18,26 @@ import cv2
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError, InputError, RecordingError, SessionError
+from drivers.errors import DeviceError, InputError, SessionError
 from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
 from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, make_ready
 from protocols.watch import Operator
+from rig.assembly import true_masks
 from rig.attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose
 from rig.bench_source import BenchSource, FreshBenches
 from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
+from rig.records.encoding import png
 from rig.records.session import Session, open_session, session_request
 from rig.seeds import derived_seed
 from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
 
 RESULTS = "poses.jsonl"
+TRUTH = "truth/masks"
+"""Where the true contacts of simulated images are kept, apart from what the rig sees."""
 MANIFEST_COLUMNS: tuple[str, ...] = (
     "file",
     "pose",
@@ -231,6 +235,7 @@ def _carry_out(
     """Return None, or the fault's text."""
     try:
         with given as (bench, operator):
+            watch.true_masks = true_masks(bench)
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
             record_pose(bench, plan, watch)
@@ -247,6 +252,8 @@ def _keep_images(
     for number, (frame, grip_counts, area) in enumerate(watch.taken):
         name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
         session.write(name, png(frame.image))
+        if frame.serial in watch.true_masks:
+            session.write(f"{TRUTH}/{Path(name).stem}.png", png(watch.masks[number]))
         files.append(
             {
                 "file": name,
@@ -268,14 +275,6 @@ def _manifest_csv(rows: list[dict[str, Any]]) -> str:
         pose = {key: row[key] for key in ("pose", "position", "orientation_deg")}
         writer.writerows({**pose, **image} for image in row["images"])
     return text.getvalue()
-
-
-def png(image: Image) -> bytes:
-    """Encode (H, W, 3) uint8 RGB as PNG."""
-    ok, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    if not ok:
-        raise RecordingError("an image could not be encoded as PNG")
-    return encoded.tobytes()
 
 
 def _read_png(path: Path) -> Image:

@@ -31,3 +31,11 @@ def decoded(jpeg: bytes) -> Image:
     if image is None:
         raise RecordingError("a stored image cannot be decoded; the recording is damaged")
     return np.asarray(image, np.uint8)
+
+
+def png(image: Image) -> bytes:
+    """Encode (H, W, 3) uint8 RGB, or a mask (H, W) uint8, as PNG. Raises `RecordingError`."""
+    ok, encoded = cv2.imencode(".png", image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not ok:
+        raise RecordingError("an image could not be encoded as PNG")
+    return encoded.tobytes()

@@ -1,0 +1,119 @@
+"""`rig segment`: contact masks of anyone's tactile images."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli.common import JsonOption, emit_json, say
+
+if TYPE_CHECKING:
+    from rig.segmentation import SegmentedImage
+
+ImagesArgument = Annotated[
+    list[Path], typer.Argument(help="Images, folders of images, or sessions of rig record.")
+]
+BackgroundOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Frame without contact: an IMAGE, first:N (mean of the first N images) or auto (made from the "
+        "images themselves). Default: a session's own; else auto, from nine images on."
+    ),
+]
+MarginOption = Annotated[
+    float,
+    typer.Option(
+        help="How loose masks are: their outline is moved out by this share of the image's width; "
+        "negative is tighter. 0 is the label's definition."
+    ),
+]
+
+
+def segment(
+    images: ImagesArgument,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the masks.")],
+    background: BackgroundOption = None,
+    model: Annotated[
+        str, typer.Option(help="ours, pspnet, classical (no network), or the path of an ONNX file.")
+    ] = "ours",
+    margin: MarginOption = 0.0,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of one inference.")] = 1,
+    json: JsonOption = False,
+) -> None:
+    """Write the contact mask of every image: STEM.png, 0 or 255, at the image's own size.
+
+    ours compares each image with a frame without contact; pspnet sees the image alone. Both were
+    trained on SIMULATED frames. A mask is the convex hull of each part of the contact. Black and saturated
+    images get an empty mask, unreadable ones none; both are said.
+
+    Examples:
+      rig segment frames/ --out masks
+
+      rig segment a.png b.png --background empty.png --out masks --margin -0.01
+
+      rig segment sessions/mug --model pspnet --out masks --json
+
+    """
+    from drivers.errors import InputError
+    from rig.segmentation import (
+        SegmentChoice,
+        image_groups,
+        make_folder,
+        needs_background,
+        output_names,
+        segment_groups,
+    )
+
+    choice = SegmentChoice(model, margin, threads)
+    groups = image_groups(images, background, needs_background(choice))
+    names = output_names(groups, out, ".png")
+    make_folder(out)
+    for note in dict.fromkeys(group.note for group in groups):
+        say(note)
+    rows = []
+    for done in segment_groups(groups, choice):
+        if done.image is not None:
+            _write_mask(names[done.file], done)
+        rows.append(_row(done, names[done.file]))
+        if done.state in ("black", "saturated", "unreadable"):
+            say(f"warning: {done.file}: {done.state}")
+    if all(row["state"] == "unreadable" for row in rows):
+        raise InputError(f"{images[0]}: not one complete image: copy it anew")
+    figures = _figures(model, rows)
+    say(_summary(figures, out))
+    if json:
+        emit_json(
+            {"out": str(out), "background": [group.note for group in groups], **figures, "images": rows}
+        )
+
+
+def _write_mask(path: Path, done: "SegmentedImage") -> None:
+    from rig.records.encoding import png
+    from rig.records.files import write_file
+
+    write_file(path, png(done.mask))
+
+
+def _row(done: "SegmentedImage", name: Path) -> dict[str, Any]:
+    area = 0.0 if done.segmentation is None else done.segmentation.contact.area_px
+    return {
+        "image": str(done.file),
+        "mask": None if done.image is None else str(name),
+        "state": done.state,
+        "area_px": area,
+        "ms": round(1e3 * done.cost_s, 3),
+    }
+
+
+def _figures(model: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    from collections import Counter
+    from statistics import median
+
+    states = dict(sorted(Counter(row["state"] for row in rows).items()))
+    costs = [row["ms"] for row in rows if row["state"] != "unreadable"]
+    return {"model": model, "states": states, "median_ms": round(median(costs), 3) if costs else None}
+
+
+def _summary(figures: dict[str, Any], out: Path) -> str:
+    states = ", ".join(f"{count} {state}" for state, count in figures["states"].items())
+    return f"{figures['model']}: {states}; {figures['median_ms']} ms per image (median); masks in {out}"

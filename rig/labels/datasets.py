@@ -1,0 +1,189 @@
+"""Labelled images on disk: the paper's data set, LabelMe files, and sessions of `rig record`.
+
+VISTASE has a folder per object with `image_label` (images and LabelMe JSON side by side) and
+`voc_format` (`JPEGImages`, `SegmentationClassPNG`). A session keeps the true masks of simulated
+images under `truth/masks`, and its sensors' frames without contact under `reference`.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Image
+from protocols.grasps import find_grasp_file
+from rig.frames import IMAGE_ENDINGS, read_image
+from rig.labels.outline import contact_label
+from rig.labels.shapes import labelme_mask
+from rig.records.files import read_lines
+from rig.records.session import MANIFEST, read_manifest
+
+TRUTH = Path("truth") / "masks"
+REFERENCE = "reference"
+_VOC = "voc_format"
+_NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledFile:
+    """One labelled image on disk.
+
+    background: a file with the same sensor's frame without contact, None where the data has none. group:
+    images of one sensor and object, from which a background can be made. simulated: rendered.
+    """
+
+    image: Path
+    object_id: str
+    group: str
+    background: Path | None
+    simulated: bool
+    read_label: Callable[[tuple[int, int]], Image]
+
+    def label(self, shape: tuple[int, int]) -> Image:
+        """Return the label of an image of (H, W) as (H, W) uint8, 0 or 255. Raises `InputError`."""
+        return self.read_label(shape)
+
+
+def read_dataset(folder: Path) -> list[LabelledFile]:
+    """Find all labelled images under a folder, in any of the three layouts, sorted by object and name.
+
+    Raises `InputError` where there is none.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder: give the one that holds the objects' folders")
+    sessions = sorted(path.parent for path in folder.rglob(MANIFEST))
+    found = [file for session in sessions for file in _session_files(session)]
+    inside_sessions = tuple(str(session.resolve()) for session in sessions)
+    for place in _folders(folder):
+        if not str(place.resolve()).startswith(inside_sessions or ("\0",)):
+            found += _voc_files(place) if place.name == _VOC else _labelme_files(place)
+    if not found:
+        raise InputError(
+            f"{folder}: no labelled image in it: give a VISTASE folder (voc_format or image_label per "
+            "object), a folder of LabelMe files, or simulated sessions of rig record"
+        )
+    return sorted(_without_doubles(found), key=lambda file: (file.object_id, file.group, file.image.name))
+
+
+def object_of(folder: Path) -> str:
+    """Return the object's id that a folder's name says: its number, a known object's name, or the name."""
+    number = _NUMBER.search(folder.name)
+    if number:
+        return number.group(1)
+    try:
+        return find_grasp_file(folder.name.replace("_", " ")).id
+    except InputError:
+        return folder.name
+
+
+def _folders(folder: Path) -> Iterator[Path]:
+    yield folder
+    yield from sorted(path for path in folder.rglob("*") if path.is_dir())
+
+
+def _without_doubles(files: list[LabelledFile]) -> list[LabelledFile]:
+    """VISTASE holds every image twice, as LabelMe and as VOC: keep the first of each name and object."""
+    kept: dict[tuple[str, str, str], LabelledFile] = {}
+    for file in files:
+        owner = str(_object_folder(file.image.parent))
+        kept.setdefault((owner, file.object_id, file.image.stem), file)
+    return list(kept.values())
+
+
+def _object_folder(place: Path) -> Path:
+    """The object's folder of a folder inside it (`image_label`, `voc_format` ...); else the folder itself."""
+    while place.name in ("image_label", _VOC, "JPEGImages", "SegmentationClassPNG"):
+        place = place.parent
+    return place
+
+
+def _voc_files(folder: Path) -> list[LabelledFile]:
+    owner = _object_folder(folder)
+    files = []
+    for label in sorted((folder / "SegmentationClassPNG").glob("*.png")):
+        image = _beside(folder / "JPEGImages" / label.stem)
+        if image is None:
+            raise InputError(f"{label}: no image of that name in {folder / 'JPEGImages'}: copy it anew")
+        files.append(_file(image, owner, lambda shape, path=label: _png_label(path, shape)))
+    return files
+
+
+def _labelme_files(folder: Path) -> list[LabelledFile]:
+    owner = _object_folder(folder)
+    files = []
+    for path in sorted(folder.glob("*.json")):
+        document = _labelme_document(path)
+        if document is None:
+            continue
+        image = _beside(path.with_suffix("")) or _named_image(path, document)
+        files.append(
+            _file(image, owner, lambda shape, path=path, doc=document: labelme_mask(doc, shape, str(path)))
+        )
+    return files
+
+
+def _named_image(path: Path, document: dict[str, object]) -> Path:
+    image = path.parent / str(document.get("imagePath", "")).replace("\\", "/")
+    if not image.is_file():
+        raise InputError(f"{path}: its image '{document.get('imagePath')}' is not beside it: copy it there")
+    return image
+
+
+def _session_files(session: Path) -> list[LabelledFile]:
+    manifest = read_manifest(session)
+    if manifest.get("kind") != "record" or not (session / TRUTH).is_dir():
+        return []
+    files = []
+    for row in read_lines(session / "poses.jsonl"):
+        for taken in row["images"] if row["accepted"] else ():
+            image = session / taken["file"]
+            mask = session / TRUTH / f"{image.stem}.png"
+            files.append(
+                LabelledFile(
+                    image,
+                    str(manifest["objects"][0]),
+                    f"{session}/{taken['serial']}",
+                    session / REFERENCE / f"{taken['serial']}.png",
+                    True,
+                    lambda shape, path=mask: contact_label(_png_label(path, shape)),
+                )
+            )
+    return files
+
+
+def _file(image: Path, owner: Path, read_label: Callable[[tuple[int, int]], Image]) -> LabelledFile:
+    references = sorted((owner / REFERENCE).glob("*.png"))
+    return LabelledFile(
+        image, object_of(owner), str(owner), references[0] if references else None, False, read_label
+    )
+
+
+def _beside(stem: Path) -> Path | None:
+    """Return the image of a name without ending."""
+    for ending in sorted(IMAGE_ENDINGS):
+        for path in (stem.with_name(stem.name + ending), stem.with_name(stem.name + ending.upper())):
+            if path.is_file():
+                return path
+    return None
+
+
+def _png_label(path: Path, shape: tuple[int, int]) -> Image:
+    """Read a mask or a VOC class image: everything but black is contact."""
+    image = read_image(path).max(axis=2)
+    if image.shape != shape:
+        image = cv2.resize(image, shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return np.where(image > 0, 255, 0).astype(np.uint8)
+
+
+def _labelme_document(path: Path) -> dict[str, object] | None:
+    """Read a LabelMe file; None for other JSON. Raises `InputError` for a damaged one."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is no complete JSON file ({error}): save it anew in LabelMe") from error
+    return document if isinstance(document, dict) and isinstance(document.get("shapes"), list) else None

@@ -1,0 +1,48 @@
+"""LabelMe's shapes as masks: what a person drew, filled."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.labels.polygons import Polygon, polygons_mask
+
+_BACKGROUND_LABELS = ("_background_", "background", "__ignore__")
+_CIRCLE_CORNERS = 72
+
+
+def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -> Image:
+    """Return the union of a document's shapes as (H, W) uint8, 0 or 255.
+
+    shape: (H, W) of the image. Points are scaled where the document was drawn on another size.
+    Raises `InputError` naming `where` for shapes that enclose nothing.
+    """
+    height, width = document.get("imageHeight") or shape[0], document.get("imageWidth") or shape[1]
+    scale = np.array([shape[1] / width, shape[0] / height])
+    polygons = [
+        _corners(entry, f"{where}, shape {number}") * scale
+        for number, entry in enumerate(document["shapes"], start=1)
+        if entry.get("label", "") not in _BACKGROUND_LABELS
+    ]
+    return polygons_mask(polygons, (shape[1], shape[0]))
+
+
+def _corners(entry: dict[str, Any], where: str) -> Polygon:
+    """Return a shape's outline, x and y in px, 0 at the image's corner."""
+    kind = entry.get("shape_type") or "polygon"
+    try:
+        points = np.asarray(entry["points"], np.float64).reshape(-1, 2)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: its points cannot be read: draw it again in LabelMe") from error
+    if kind == "rectangle" and len(points) == 2:
+        (x0, y0), (x1, y1) = points
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    if kind == "circle" and len(points) == 2:
+        radius = math.dist(points[0], points[1])
+        turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
+        return points[0] + radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    if kind == "polygon" and len(points) >= 3 and np.isfinite(points).all():
+        return points
+    raise InputError(f"{where}: a {kind} of {len(points)} points encloses nothing: draw a polygon in LabelMe")

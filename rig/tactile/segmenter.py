@@ -1,0 +1,136 @@
+"""Where the object touches the gel: a contact mask by a network, found as `rig.tactile.contact` does.
+
+The network's answer is brought to the frame's own size before it is cut, so outlines are finer
+than the network's pixels.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.tactile.contact import NO_CONTACT, Contact
+from rig.tactile.network import Network
+from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.relative import RelativeDifference, check_frame
+
+# Parts below this share of the largest one's area are specks.
+PART_SHARE = 0.1
+# A contact covers at least this share of the frame, as in rig.tactile.contact.
+LEAST_SHARE = 0.006
+# Grey levels below which a frame is black, above which a pixel is saturated; share of such pixels.
+BLACK_LEVEL, WHITE_LEVEL, WHITE_SHARE = 12, 250, 0.5
+MAX_MARGIN = 0.2
+
+
+class FrameState(Enum):
+    """What a segmented frame was; the value stands in tables."""
+
+    CONTACT = "contact"
+    NO_CONTACT = "no_contact"
+    BLACK = "black"
+    SATURATED = "saturated"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segmentation:
+    """The contact in a frame, and whether the frame could be judged at all."""
+
+    contact: Contact
+    state: FrameState
+
+
+class Segmenter:
+    """Finds the contact in the frames of one sensor with a network.
+
+    background: (H, W, 3) uint8 RGB, a frame without contact; networks that see the frame alone need
+    none. margin: how much looser (positive) or tighter than the label's definition a mask is, as a
+    share of the image's width by which its outline is moved; -0.2 to 0.2. Frames are independent of
+    one another. Raises `InputError`.
+    """
+
+    def __init__(self, network: Network, background: Image | None = None, margin: float = 0.0) -> None:
+        self._network, self._margin = network, check_margin(margin)
+        self._shape: tuple[int, ...] | None = None
+        self._reference: RelativeDifference | None = None
+        if network.recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE:
+            if background is None:
+                raise InputError(
+                    f"the network '{network.name}' compares with a frame without contact: give --background"
+                )
+            self._reference = RelativeDifference(background, network.size)
+            self._shape = background.shape
+        threshold = network.recipe.threshold
+        self._level = float(np.log(threshold / (1.0 - threshold)))
+
+    def find(self, image: Image) -> Contact:
+        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError` for another one."""
+        return self.segment(image).contact
+
+    def segment(self, image: Image) -> Segmentation:
+        """Return the contact and the frame's state; black and saturated frames show no contact."""
+        check_frame(image, self._shape)
+        state = frame_exposure(image)
+        if state is not None:
+            return Segmentation(NO_CONTACT, state)
+        logits = self._network.logits(self._planes(image))
+        height, width = image.shape[:2]
+        fine = cv2.resize(logits, (width, height), interpolation=cv2.INTER_LINEAR)
+        mask = _without_specks(np.asarray(fine > self._level, np.uint8) * 255)
+        if cv2.countNonZero(mask) < LEAST_SHARE * mask.size:
+            return Segmentation(NO_CONTACT, FrameState.NO_CONTACT)
+        return Segmentation(contact_of(moved_outline(mask, self._margin)), FrameState.CONTACT)
+
+    def _planes(self, image: Image) -> NDArray[np.float32]:
+        if self._reference is None:
+            return frame_planes(image, self._network.size)
+        return compared_planes(image, self._reference)
+
+
+def check_margin(margin: float) -> float:
+    """Return a margin within its range. Raises `InputError`."""
+    if not -MAX_MARGIN <= margin <= MAX_MARGIN:
+        raise InputError(f"margin {margin:g} is not within {MAX_MARGIN:g} of the image's width")
+    return margin
+
+
+def moved_outline(mask: Image, margin: float) -> Image:
+    """Return a mask (H, W) uint8, 0 or 255, whose outline lies further out by a share of the width."""
+    reach_px = margin * mask.shape[1]
+    if reach_px == 0.0 or not mask.any():
+        return mask
+    side = np.uint8(255) - mask if reach_px > 0 else mask
+    distance = cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    inside = distance <= reach_px if reach_px > 0 else distance > -reach_px
+    return np.asarray(inside, np.uint8) * np.uint8(255)
+
+
+def frame_exposure(image: Image) -> FrameState | None:
+    """Whether a frame is too dark or too bright to show anything."""
+    sample = image[::4, ::4]
+    if sample.max() < BLACK_LEVEL:
+        return FrameState.BLACK
+    return FrameState.SATURATED if np.mean(sample.min(axis=2) > WHITE_LEVEL) > WHITE_SHARE else None
+
+
+def _without_specks(mask: Image) -> Image:
+    count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    if count <= 2:
+        return mask
+    areas = stats[:, cv2.CC_STAT_AREA].copy()
+    areas[0] = 0
+    kept = np.where(areas >= PART_SHARE * areas.max(), 255, 0).astype(np.uint8)
+    return kept[np.asarray(parts, np.int32)]
+
+
+def contact_of(mask: Image) -> Contact:
+    """Return the contact of a mask (H, W) uint8, 0 or 255; its outline is that of the largest part."""
+    parts, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not parts:
+        return NO_CONTACT
+    outline = np.asarray(max(parts, key=cv2.contourArea), np.float32)
+    return Contact(mask, float(cv2.countNonZero(mask)), outline)

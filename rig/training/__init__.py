@@ -1,0 +1,1 @@
+"""Training of segmentation networks (extra `train`): data, networks, the loop, export to ONNX."""

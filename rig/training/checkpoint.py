@@ -1,0 +1,68 @@
+"""Checkpoints of segmentation-models-pytorch, read without running what is in them."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from drivers.errors import InputError
+
+_WRAPPERS = ("module.", "model.", "net.")
+"""What DataParallel and Lightning put before the names of weights."""
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint's tensors and plain values. Raises `InputError`.
+
+    Code inside a pickle is never run (`weights_only`), so a file from anywhere is safe to try.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such checkpoint: check the path")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (RuntimeError, OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(
+            f"{path}: is no complete PyTorch checkpoint of weights ({first}): copy it anew, or save it again "
+            "as a dictionary of tensors"
+        ) from error
+    if not isinstance(state, dict):
+        raise InputError(f"{path}: holds a {type(state).__name__}, not a dictionary with 'state_dict'")
+    return state
+
+
+def read_state(path: Path) -> dict[str, torch.Tensor]:
+    """Return the weights under `state_dict`, or of the whole file, without wrappers' prefixes."""
+    checkpoint = read_checkpoint(path)
+    inner = checkpoint.get("state_dict", checkpoint)
+    if not isinstance(inner, dict):
+        raise InputError(f"{path}: 'state_dict' is a {type(inner).__name__}, not a dictionary of tensors")
+    weights = {str(key): value for key, value in inner.items() if isinstance(value, torch.Tensor)}
+    if not weights:
+        raise InputError(f"{path}: holds no weights (keys: {', '.join(map(str, list(inner)[:5]))})")
+    for prefix in _WRAPPERS:
+        if all(key.startswith(prefix) for key in weights):
+            return {key.removeprefix(prefix): value for key, value in weights.items()}
+    return weights
+
+
+def load_weights(network: nn.Module, path: Path) -> None:
+    """Put a checkpoint's weights into a network of the same make.
+
+    Raises `InputError` naming what is missing, unknown or of another shape.
+    """
+    weights, own = read_state(path), network.state_dict()
+    # statistics of normalisation kept beside the network, as Lightning scripts do
+    weights = {key: value for key, value in weights.items() if key not in ("mean", "std")}
+    missing = [key for key in own if key not in weights]
+    unknown = [key for key in weights if key not in own]
+    other = [key for key in own if key in weights and own[key].shape != weights[key].shape]
+    for what, keys in (("lacks", missing), ("has unknown", unknown), ("has other shapes for", other)):
+        if keys:
+            raise InputError(
+                f"{path}: {what} {len(keys)} of {len(own)} weights ({', '.join(keys[:3])} ...): "
+                "choose the --arch and --encoder it was made with"
+            )
+    network.load_state_dict(weights)

@@ -1,0 +1,140 @@
+"""From a trained network to ONNX in full, half and eight-bit precision, with a model card."""
+
+import json
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+from onnxruntime.quantization.shape_inference import quant_pre_process
+from torch import nn
+
+from drivers.errors import RigError
+from rig.records.files import write_json
+from rig.tactile.network import METADATA_KEY, Recipe, load_network
+from rig.training.batches import plain_batches
+from rig.training.examples import Examples
+
+OPSET = 18
+INPUT, OUTPUT = "planes", "logits"
+CALIBRATION_FRAMES = 96
+MOST_DIFFERENCE = 1e-4
+"""Largest difference between the library's logits and those of its ONNX file."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedFile:
+    """One ONNX file: its precision, size and hash."""
+
+    precision: str
+    path: Path
+
+    def facts(self) -> dict[str, Any]:
+        """Return what a model card says about the file."""
+        data = self.path.read_bytes()
+        return {"file": self.path.name, "bytes": len(data), "sha256": sha256(data).hexdigest()}
+
+
+def export_onnx(
+    network: nn.Module, channels: int, size: tuple[int, int], recipe: Recipe, path: Path
+) -> float:
+    """Write a network as ONNX; return the largest difference of its logits from the library's own.
+
+    size: (height, width). The recipe goes into the file's metadata, so that the file is enough to run
+    it. Raises `RigError` where the two disagree by more than `MOST_DIFFERENCE`.
+    """
+    network.eval()
+    planes = torch.rand(1, channels, *size, generator=torch.Generator().manual_seed(0))
+    program = torch.onnx.export(
+        network,
+        (planes,),
+        dynamo=True,
+        verbose=False,
+        opset_version=OPSET,
+        input_names=[INPUT],
+        output_names=[OUTPUT],
+    )
+    if program is None:
+        raise RigError("the network could not be exported")
+    model = program.model_proto
+    _describe(model, recipe)
+    onnx.save(model, path)
+    with torch.inference_mode():
+        own = network(planes)[0, 0].numpy()
+    worst = float(np.abs(load_network(path).logits(planes[0].numpy()) - own).max())
+    if not worst <= MOST_DIFFERENCE:
+        raise RigError(
+            f"{path}: its logits differ from the library's by {worst:.2g}, more than {MOST_DIFFERENCE:g}"
+        )
+    return worst
+
+
+def export_half(full: Path, path: Path) -> None:
+    """Write a network with weights kept in half precision; it computes in full precision.
+
+    Processors without half-precision arithmetic run it as fast as the full one, at half the size.
+    """
+    model = onnx.load(full)
+    kept, casts = [], []
+    for weight in model.graph.initializer:
+        values = onnx.numpy_helper.to_array(weight)
+        if values.dtype != np.float32 or values.size < 64:
+            kept.append(weight)
+            continue
+        half = onnx.numpy_helper.from_array(values.astype(np.float16), weight.name + "_half")
+        kept.append(half)
+        casts.append(onnx.helper.make_node("Cast", [half.name], [weight.name], to=onnx.TensorProto.FLOAT))
+    nodes = list(model.graph.node)
+    del model.graph.initializer[:], model.graph.node[:]
+    model.graph.initializer.extend(kept)
+    model.graph.node.extend([*casts, *nodes])
+    onnx.save(model, path)
+
+
+def export_eight_bit(
+    full: Path, examples: Examples, recipe: Recipe, size: tuple[int, int], path: Path
+) -> None:
+    """Write a network in eight bits, scaled by what it answers on some frames."""
+    prepared = path.with_name(path.name + ".prepared")
+    quant_pre_process(str(full), str(prepared), skip_symbolic_shape=True)
+    places = np.linspace(0, len(examples) - 1, min(CALIBRATION_FRAMES, len(examples))).astype(int)
+    quantize_static(
+        str(prepared),
+        str(path),
+        _Frames(examples.at(places), recipe, size),
+        quant_format=QuantFormat.QDQ,
+        activation_type=QuantType.QUInt8,
+        weight_type=QuantType.QInt8,
+        per_channel=True,
+    )
+    prepared.unlink()
+    model = onnx.load(path)
+    _describe(model, recipe)
+    onnx.save(model, path)
+
+
+def write_card(path: Path, card: dict[str, Any]) -> None:
+    """Write a model card as JSON."""
+    write_json(path, card)
+
+
+class _Frames(CalibrationDataReader):
+    """Feeds frames to the quantiser one by one."""
+
+    def __init__(self, examples: Examples, recipe: Recipe, size: tuple[int, int]) -> None:
+        self._batches = plain_batches(examples, recipe.inputs, size, 1)
+
+    def get_next(self) -> dict[str, Any] | None:  # type: ignore[override] - None ends the data
+        """Return the next frame's planes, None after the last."""
+        batch = next(self._batches, None)
+        return None if batch is None else {INPUT: batch[0].numpy()}
+
+
+def _describe(model: onnx.ModelProto, recipe: Recipe) -> None:
+    text = json.dumps({"inputs": recipe.inputs.value, "threshold": recipe.threshold})
+    del model.metadata_props[:]
+    model.metadata_props.append(onnx.StringStringEntryProto(key=METADATA_KEY, value=text))

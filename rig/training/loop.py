@@ -1,0 +1,200 @@
+"""The training loop: focal loss and Adam as the paper has them, resumable after every epoch."""
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from drivers.errors import InputError
+from rig.training.batches import plain_batches, training_batches
+from rig.training.examples import Examples
+from rig.training.networks import Architecture, build_network
+
+FOCUS = 2.0
+"""Exponent of the focal loss (Lin et al. 2017), the library's default, as the paper's script uses it."""
+AVERAGING = 0.995
+"""Share that the averaged weights keep at each step (Polyak averaging)."""
+WARM_UP = 0.1
+DICE_SMOOTHING_PX = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """How a network is trained. rate: peak learning rate, constant unless `cycle` (one-cycle, Smith 2018)."""
+
+    epochs: int
+    batch: int
+    rate: float
+    cycle: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """What one epoch reached: mean loss, and mean Dice on the validation objects."""
+
+    number: int
+    loss: float
+    validation_dice: float
+
+
+class Training:
+    """One network in training.
+
+    seed: of weights, order and augmentation; an epoch's draws depend on the seed and its number alone,
+    so a continued training goes the same way. threads: of torch.
+    """
+
+    def __init__(
+        self, architecture: Architecture, encoder: str, size: tuple[int, int], schedule: Schedule, seed: int
+    ) -> None:
+        torch.manual_seed(seed)
+        self.architecture, self.size, self.schedule, self._seed = architecture, size, schedule, seed
+        self.network = build_network(architecture, encoder)
+        self.best = deepcopy(self.network.state_dict())
+        self.history: list[Epoch] = []
+        self._averaged = deepcopy(self.network).requires_grad_(False)
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=schedule.rate)
+        self._step = 0
+
+    def load_encoder(self, path: Path) -> None:
+        """Begin with the encoder weights of a file (a state dict, as the library's encoders save it)."""
+        from rig.training.checkpoint import read_state
+
+        encoder = getattr(self.network, "encoder", None)
+        if encoder is None:
+            raise InputError(f"{path}: the network '{self.architecture.name}' has no encoder to load")
+        encoder.load_state_dict(read_state(path), strict=False)
+        self._averaged.load_state_dict(self.network.state_dict())
+
+    def run(
+        self,
+        train: Examples,
+        validation: Examples,
+        checkpoint: Path,
+        progress: Callable[[Epoch | None, float], None] = lambda epoch, share: None,
+    ) -> None:
+        """Train the epochs that are still to do; after each, the state is on disk at `checkpoint`."""
+        steps = max(1, len(train) // self.schedule.batch)
+        while len(self.history) < self.schedule.epochs:
+            number = len(self.history) + 1
+            loss = self._epoch(train, number, steps, progress)
+            epoch = Epoch(number, loss, self.dice(validation))
+            if epoch.validation_dice >= max((e.validation_dice for e in self.history), default=0.0):
+                self.best = deepcopy(self._averaged.state_dict())
+            self.history.append(epoch)
+            self.save(checkpoint)
+            progress(epoch, 1.0)
+
+    def best_network(self) -> nn.Module:
+        """Return the network of the epoch that was best on the validation objects, ready to answer."""
+        network = deepcopy(self._averaged)
+        network.load_state_dict(self.best)
+        return network.eval()
+
+    def dice(self, examples: Examples) -> float:
+        """Return the mean Dice of the averaged weights at the network's own resolution."""
+        self._averaged.eval()
+        level = float(np.log(self.architecture.threshold / (1.0 - self.architecture.threshold)))
+        scores = []
+        with torch.inference_mode():
+            for planes, labels in plain_batches(examples, self.architecture.inputs, self.size):
+                found, true = self._averaged(planes) > level, labels > 0.5
+                both, sum_ = (found & true).sum((1, 2, 3)), found.sum((1, 2, 3)) + true.sum((1, 2, 3))
+                scores.append(torch.where(sum_ == 0, 1.0, 2.0 * both / sum_.clamp(min=1)))
+        return float(torch.cat(scores).mean())
+
+    def save(self, path: Path) -> None:
+        """Write everything that continuing needs."""
+        aside = path.with_name(path.name + ".part")
+        state = {
+            "state_dict": self.best,
+            "network": self.network.state_dict(),
+            "averaged": self._averaged.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "step": self._step,
+            "history": [asdict(epoch) for epoch in self.history],
+        }
+        torch.save(state, aside)
+        aside.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Continue from a state. Raises `InputError` for a damaged file."""
+        from rig.training.checkpoint import read_checkpoint
+
+        state = read_checkpoint(path)
+        try:
+            self.network.load_state_dict(state["network"])
+            self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            self.best, self._step = state["state_dict"], int(state["step"])
+            self.history = [Epoch(**epoch) for epoch in state["history"]]
+        except (KeyError, TypeError, RuntimeError) as error:
+            raise InputError(f"{path}: is no state of this training ({error}): remove the file") from error
+
+    def _epoch(self, train: Examples, number: int, steps: int, progress: Any) -> float:
+        rng = np.random.default_rng((self._seed, number))
+        torch.manual_seed(self._seed * 100_003 + number)
+        self.network.train()
+        losses: list[float] = []
+        batches = training_batches(train, self.architecture.inputs, self.size, self.schedule.batch, rng)
+        for planes, labels in batches:
+            self._optimizer.param_groups[0]["lr"] = self._rate(steps)
+            loss = self._loss(self._answer(planes), labels)
+            self._optimizer.zero_grad()
+            loss.backward()
+            self._optimizer.step()
+            self._average()
+            losses.append(float(loss))
+            progress(None, len(losses) / steps)
+        return float(np.mean(losses))
+
+    def _answer(self, planes: torch.Tensor) -> torch.Tensor:
+        # brain floats halve the time on processors that multiply them, and lose no accuracy here
+        with torch.autocast("cpu", torch.bfloat16):
+            return self.network(planes.contiguous(memory_format=torch.channels_last)).float()
+
+    def _loss(self, logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+        if self.architecture.family is not None:
+            return focal_loss(logits, labels)
+        return functional.binary_cross_entropy_with_logits(logits, labels) + 0.5 * dice_loss(logits, labels)
+
+    def _rate(self, steps: int) -> float:
+        if not self.schedule.cycle:
+            return self.schedule.rate
+        done = self._step / (steps * self.schedule.epochs)
+        if done < WARM_UP:
+            return self.schedule.rate * (0.04 + 0.96 * done / WARM_UP)
+        return self.schedule.rate * max(
+            1e-3, 0.5 + 0.5 * float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP)))
+        )
+
+    def _average(self) -> None:
+        self._step += 1
+        keep = min(AVERAGING, self._step / (self._step + 10.0))
+        with torch.no_grad():
+            pairs = zip(self._averaged.state_dict().values(), self.network.state_dict().values(), strict=True)
+            for mean, new in pairs:
+                if mean.dtype.is_floating_point:
+                    mean.lerp_(new, 1.0 - keep)
+                else:
+                    mean.copy_(new)
+
+
+def focal_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+    """Mean of (1 - p_t)^2 times the cross entropy (Lin et al. 2017); labels 0 to 1, soft at edges."""
+    entropy = functional.binary_cross_entropy_with_logits(logits, labels, reduction="none")
+    share = torch.sigmoid(logits)
+    return (torch.abs(labels - share) ** FOCUS * entropy).mean()
+
+
+def dice_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+    """One minus the mean Dice of shares (Milletari et al. 2016); keeps small contacts from being lost."""
+    share, over = torch.sigmoid(logits), (1, 2, 3)
+    both, sum_ = (share * labels).sum(over), share.sum(over) + labels.sum(over)
+    return 1.0 - ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()

@@ -16,10 +16,11 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
 from protocols.watch import Operator
-from rig.attempt import LiftTask, TrialSettings, attempt_lift
+from rig.attempt import NOBODY, LiftTask, TrialSettings, attempt_lift
 from rig.bench_source import StandingBench
 from rig.config import BenchConfig, load_bench
 from rig.fakes_process import fakes_control, started_fakes
+from rig.live.feed import LiveFeed
 from rig.operators import ConsoleOperator
 from rig.records.files import read_lines
 from rig.records.reading import recorded_frames
@@ -86,15 +87,18 @@ class WireReport:
         return not any(stream.missing for stream in self.streams)
 
 
-def measure_wire(folder: Path, object_id: str, seeds: int = 20) -> WireReport:
-    """Do one lift behind wires, kept as a session in `folder`, and the seeds' lifts in this process."""
+def measure_wire(folder: Path, object_id: str, seeds: int = 20, live: LiveFeed = NOBODY) -> WireReport:
+    """Do one lift behind wires, kept as a session in `folder`, and the seeds' lifts in this process.
+
+    live: who looks on at the lift behind wires.
+    """
     choice = choose_estimator()
     with started_fakes(load_bench("wire")) as config:
         benches = _Counted(config)
         began = time.perf_counter()
         try:
             settings = TrialSettings(config, 0, choice)
-            run_trial(folder, settings, [object_id], 1, benches=benches)
+            run_trial(folder, settings, [object_id], 1, benches=benches, live=live)
         finally:
             benches.close()
         wall_s = time.perf_counter() - began

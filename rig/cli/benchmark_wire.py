@@ -20,6 +20,9 @@ def wire(
         int, typer.Option("--seeds", min=3, max=100, help="Lifts in this process to compare with.")
     ] = 20,
     out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lift.")] = None,
+    live_to: Annotated[
+        Path | None, typer.Option("--live-to", help="Have the live view look on, into FILE.rrd.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
@@ -33,13 +36,17 @@ def wire(
 
       rig benchmark wire --object spam --seeds 20 --json
 
+      rig benchmark wire --live-to lift.rrd
+
     """
     from protocols.grasps import find_grasp_file
     from rig.benchmark.wire import measure_wire
+    from rig.live.session import viewer_feed
 
     folder = session_folder(out, False, "wire")
     say(f"SIMULATED bench 'wire', one lift in real time, session {folder}")
-    report = measure_wire(folder, find_grasp_file(object_name).id, seeds)
+    with viewer_feed(live_to) as feed:
+        report = measure_wire(folder, find_grasp_file(object_name).id, seeds, feed)
     missed = _missed(report)
     if json:
         emit_json({"session": str(folder), **_plain(report), "missed": missed})

@@ -56,9 +56,15 @@ def live_session(window: bool, file: Path | None) -> Iterator[tuple[LiveFeed, In
 
 
 @contextmanager
-def viewer_feed(file: Path) -> Iterator[LiveFeed]:
-    """Give a feed into a .rrd file alone, without a terminal's view. Raises `InputError`."""
+def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
+    """Give a feed into a .rrd file alone, without a terminal's view; without a file nobody looks on.
+
+    Raises `InputError` as `check_viewer`.
+    """
     check_viewer(False, file)
+    if file is None:
+        yield LiveFeed()
+        return
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
         address = f"{folder}/viewer"
         with _viewer(address, file):

@@ -37,6 +37,8 @@ class Message:
         """Return the message of a datagram. Raises `ValueError` for anything else."""
         line, _, picture = data.partition(b"\n")
         values = json.loads(line)
+        if not isinstance(values, dict) or "kind" not in values:
+            raise ValueError("no message of the live view")
         return cls(values.pop("kind"), values, picture)
 
 
@@ -124,5 +126,5 @@ class Inbox:
         while data := self._socket.recv(LARGEST_BYTES):
             try:
                 self._messages.append(Message.unpacked(data))
-            except (ValueError, KeyError):  # not one of ours
+            except ValueError:  # not one of ours
                 continue

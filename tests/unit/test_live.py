@@ -1,0 +1,144 @@
+"""The live view's messages: lost rather than waited for, and lifts as a terminal shows them."""
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import InputError
+from rig.cli.tables import lift_note
+from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
+from rig.live.session import check_viewer
+from rig.live.terminal import LiftInView, TrialView
+
+LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
+FIGURES = {
+    "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
+    "rates_hz": {"D1": 60.0, "D2": 59.5, "camera": None}, "dropped": {"D1": 0, "D2": 2, "camera": 1},
+}  # fmt: skip
+
+
+def wait_for(inbox: Inbox, count: int) -> list[Message]:
+    messages: list[Message] = []
+    deadline = time.monotonic() + 20.0
+    while len(messages) < count and time.monotonic() < deadline:
+        messages += inbox.take()
+        time.sleep(0.005)
+    return messages
+
+
+def test_a_message_arrives_whole_and_pictures_only_where_they_are_wanted(tmp_path: Path) -> None:
+    table, viewer = Inbox(str(tmp_path / "t")), Inbox(str(tmp_path / "v"))
+    sender = Sender(LiveFeed((Listener(table.address, False), Listener(viewer.address, True))))
+    picture = os.urandom(30_000) + b"\n"
+    sender.send("frame", {"serial": "D1"}, picture)
+    sender.send("phase", {"phase": "B"})
+    assert wait_for(viewer, 2) == [
+        Message("frame", {"serial": "D1"}, picture),
+        Message("phase", {"phase": "B"}),
+    ]
+    assert wait_for(table, 1) == [Message("phase", {"phase": "B"})]
+    assert sender.lost == 0
+    for end in (sender, table, viewer):
+        end.close()
+
+
+def test_nobody_there_a_stopped_viewer_and_too_much_are_lost_without_waiting(tmp_path: Path) -> None:
+    import socket
+
+    absent = Sender(LiveFeed((Listener(str(tmp_path / "nobody"), True),)))
+    absent.send("phase", {})
+    absent.send("frame", {}, b"x" * LARGEST_BYTES)
+    assert absent.lost == 2
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stopped:
+        stopped.bind(str(tmp_path / "stopped"))
+        sender = Sender(LiveFeed((Listener(str(tmp_path / "stopped"), True),)))
+        for _ in range(100):  # a socket that waited would never come back from this
+            sender.send("frame", {}, b"x" * 20_000)
+        assert 0 < sender.lost < 100
+    sender.close()
+    absent.close()
+
+
+def test_a_reader_that_does_not_come_finds_the_newest_messages(tmp_path: Path) -> None:
+    inbox = Inbox(str(tmp_path / "a"))
+    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    count = KEPT_MESSAGES + 200
+    for number in range(count):
+        lost = sender.lost
+        sender.send("phase", {"n": number})
+        while sender.lost > lost:  # the inbox's own thread is behind: this test is not about that
+            lost = sender.lost
+            time.sleep(0.001)
+            sender.send("phase", {"n": number})
+    sender.close()
+    inbox.close()  # what was sent before is received first
+    numbers = [message.values["n"] for message in inbox.take()]
+    assert len(numbers) == KEPT_MESSAGES
+    assert numbers[-1] == count - 1
+    assert not Path(inbox.address).exists()
+
+
+def test_what_is_no_message_is_passed_over(tmp_path: Path) -> None:
+    import socket
+
+    inbox = Inbox(str(tmp_path / "a"))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stranger:
+        for data in (b"hello", b"[1, 2]\n", b'{"no": "kind"}\n', Message("phase", {"n": 1}).packed()):
+            stranger.sendto(data, inbox.address)
+    assert wait_for(inbox, 1) == [Message("phase", {"n": 1})]
+    inbox.close()
+
+
+def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
+    lift = LiftInView(3, "t1 wrench lift 2")
+    lift.take(Message("figures", {**LIFT, **FIGURES}))
+    assert lift.cells() == ("t1 wrench lift 2", "B", "-3.1 deg", "-3.1 deg", "60 60 -", "3")
+
+
+def test_away_from_a_terminal_there_are_plain_lines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.live.terminal.PLAIN_EVERY_S", 0.02)
+    inbox = Inbox(str(tmp_path / "a"))
+    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    row: dict[str, Any] = {
+        **LIFT, "outcome": "slipped", "accepted": True, "re": {"mean_deg": 0.5}, "final_truth_deg": -8.0,
+    }  # fmt: skip
+    text = ""
+    with TrialView(5, inbox, lift_note) as view:
+        sender.send("figures", {**LIFT, **FIGURES})
+        deadline = time.monotonic() + 20.0
+        while "phase B" not in text and time.monotonic() < deadline:
+            time.sleep(0.02)
+            text += capsys.readouterr().err
+        view(1, 5, row)
+        assert not view.lines()
+    text += capsys.readouterr().err
+    assert (
+        "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg; 60 60 - frames/s, 3 dropped" in text
+    )
+    assert "1/5 t1 wrench lift 2: slipped, turned -8.0 deg, mean error 0.50 deg" in text
+    assert "\x1b" not in text
+    sender.close()
+    inbox.close()
+
+
+def test_a_viewer_that_cannot_be_is_refused_beforehand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_viewer(False, None)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InputError, match="choose one"):
+        check_viewer(True, tmp_path / "x.rrd")
+    monkeypatch.setattr("rig.live.session.find_spec", lambda _: object())
+    with pytest.raises(InputError, match="no display"):
+        check_viewer(True, None)
+    with pytest.raises(InputError, match="no folder"):
+        check_viewer(False, tmp_path / "nowhere" / "x.rrd")
+    monkeypatch.setattr("rig.live.session.find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"\[live\]"):
+        check_viewer(False, tmp_path / "x.rrd")

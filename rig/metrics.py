@@ -58,11 +58,12 @@ def mare(means_deg: Sequence[float], stds_deg: Sequence[float], seed: int = 0) -
     if not means_deg:
         return None
     means = np.asarray(means_deg, float)
-    low, high = _interval(means, seed)
+    low, high = bootstrap_interval(means, seed)
     return Mare(float(means.mean()), float(np.mean(stds_deg)), low, high, len(means))
 
 
-def _interval(values: Floats, seed: int) -> tuple[float | None, float | None]:
+def bootstrap_interval(values: Floats, seed: int = 0) -> tuple[float | None, float | None]:
+    """95 % interval of the mean of (N,) values (percentile bootstrap); None for both below two values."""
     if values.size < 2:
         return None, None
     if np.ptp(values) == 0.0:

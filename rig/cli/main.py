@@ -9,14 +9,20 @@ from rig.cli.bench import bench
 from rig.cli.benchmark import benchmark
 from rig.cli.calibrate import calibrate
 from rig.cli.common import exit_code, say, stop_on_signals
+from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
 from rig.cli.fakes import fakes
+from rig.cli.label import label
+from rig.cli.model import model
+from rig.cli.play import play
 from rig.cli.record import record
 from rig.cli.replay import replay
 from rig.cli.report import report
 from rig.cli.results import results
+from rig.cli.segment import segment
 from rig.cli.sessions import sessions
+from rig.cli.train import train
 from rig.cli.trial import trial
 
 app = typer.Typer(
@@ -28,8 +34,11 @@ app = typer.Typer(
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
     "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
 )
-for command in (record, trial, sessions, report, replay, results, estimate, doctor):
+for command in (record, trial, sessions, report, compare, play, replay, results):
     app.command()(command)
+for command in (estimate, segment, label, train, doctor):
+    app.command()(command)
+app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")
 app.add_typer(fakes, name="fakes")
 app.add_typer(benchmark, name="benchmark")

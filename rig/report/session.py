@@ -11,7 +11,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from drivers.clock import NS_PER_S
-from drivers.errors import RigError
+from drivers.errors import InputError, RigError, SessionError
 from protocols.watch import Phase
 from rig.records.reading import recorded_values
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
@@ -67,7 +67,7 @@ def lift_name(row: dict[str, Any]) -> str:
 
 def read_trial(folder: Path, manifest: dict[str, Any]) -> Trial:
     """Read the lifts of a trial; what is damaged is named and left out."""
-    rows, problems = read_rows(folder / "lifts.jsonl", _usable_lift)
+    rows, problems = read_rows(folder / "lifts.jsonl", usable_lift)
     timing, _ = read_rows(folder / "timing.jsonl", lambda row: isinstance(row.get("stages"), dict))
     lifts, damaged = [], []
     for row in sorted((r for r in rows if r["accepted"]), key=lambda r: r["number"]):
@@ -85,6 +85,27 @@ def read_trial(folder: Path, manifest: dict[str, Any]) -> Trial:
         )
         problems.append(Notice("bad", what, advice))
     return Trial(folder, manifest, rows, lifts, timing, problems)
+
+
+def find_lift(folder: Path, manifest: dict[str, Any], wanted: str) -> Lift:
+    """Find an accepted lift by its number in the session ("3"), or by object and lift ("t1/3", "wrench/3").
+
+    Raises `SessionError` for another kind of session, or a recording that cannot be read,
+    `InputError` with the lifts there are for one that is not there.
+    """
+    if manifest.get("kind") != "trial":
+        raise SessionError(f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts")
+    rows, _ = read_rows(folder / "lifts.jsonl", usable_lift)
+    rows = sorted((row for row in rows if row["accepted"]), key=lambda row: row["number"])
+    for row in rows:
+        names = {str(row["number"]), f"{row['object']}/{row['lift']}", f"{row['name']}/{row['lift']}"}
+        if wanted.strip() in names:
+            try:
+                return Lift(row, read_curves(folder, row, manifest))
+            except UNREADABLE as error:
+                raise SessionError(f"{folder / row['recording']}: cannot be read ({_why(error)})") from error
+    there = joined([f"{row['number']} ({row['object']}/{row['lift']} {row['name']})" for row in rows], 6)
+    raise InputError(f"{folder}: no finished lift '{wanted}'; there are {there or 'none'}")
 
 
 def read_rows(path: Path, usable: Any) -> tuple[list[dict[str, Any]], list[Notice]]:
@@ -144,7 +165,8 @@ def _curve(path: Path, topic: str, zero_s: float) -> Curve:
     return Curve(times, column("angle_deg"), column("sigma_deg"), tuple(v["state"] for v in ordered))
 
 
-def _usable_lift(row: dict[str, Any]) -> bool:
+def usable_lift(row: dict[str, Any]) -> bool:
+    """Whether a row of `lifts.jsonl` holds what a report shows."""
     needed = _LIFT_KEYS | (_RESULT_KEYS if row.get("accepted") else set())
     return row.keys() >= needed
 

@@ -87,10 +87,15 @@ def _broken_page(folder: Path, error: BaseException) -> str:
     )
 
 
-def _written(path: Path, html: str, problems: Sequence[str]) -> Written:
+def write_page(path: Path, html: str) -> None:
+    """Write a page. Raises `InputError` for a place it cannot have, `RecordingError` when writing fails."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: give the page a name with --out {path / REPORT}")
     if not path.parent.is_dir():
         raise InputError(f"{path.parent}: no such folder; make it, or choose another --out")
     write_file(path, html.encode("utf-8"))
+
+
+def _written(path: Path, html: str, problems: Sequence[str]) -> Written:
+    write_page(path, html)
     return Written(path, tuple(problems))

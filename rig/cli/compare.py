@@ -1,0 +1,112 @@
+"""`rig compare`: two sessions, or two estimators on one session, lift by lift."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli.common import JsonOption, emit_json, say, trial_jobs
+
+if TYPE_CHECKING:
+    from rig.report.compare import Comparison
+    from rig.report.sides import Side
+
+
+def compare(
+    first: Annotated[str, typer.Argument(help="Session folder of a trial; with --on, an estimator.")],
+    second: Annotated[str, typer.Argument(help="The other one.")],
+    on: Annotated[
+        Path | None, typer.Option("--on", help="Session whose lifts both estimators are to see.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="The page; default compare_<A>_<B>.html in the (second) session."),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Compare two trials, or two estimators on the lifts of one: paired differences with intervals.
+
+    Lifts are paired by object and number. Sessions of one seed hold the same simulated lifts; on a
+    real bench every lift is another one, and pairing takes only the object out.
+
+    Examples:
+      rig compare sessions/monday sessions/tuesday
+
+      rig compare slip ellipse --on sessions/2026-11-21T093000_trial
+
+      rig compare slip pca --on sessions/monday --out slip_pca.html --json
+
+    """
+    from drivers.errors import InputError
+    from rig.report.compare import compare_rows, verdict
+    from rig.report.compare_page import compare_page
+    from rig.report.sides import session_side
+    from rig.report.write import write_page
+
+    if first == second:
+        raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
+    if on is not None:
+        sides = _estimators(on, first, second, trial_jobs(jobs, True, False))
+        folder, about = on, f"Two estimators on the lifts of session {on.name}."
+    else:
+        sides = (session_side(Path(first)), session_side(Path(second)))
+        folder, about = Path(second), f"Two sessions: {first} and {second}."
+    for note in (note for side in sides for note in side.notes):
+        say(f"note: {note}")
+    names = _names(sides)
+    found = compare_rows(names, sides[0].rows, sides[1].rows)
+    page = out or folder / f"compare_{names[0]}_{names[1]}.html"
+    write_page(page, compare_page(found, any(side.simulated for side in sides), about))
+    if json:
+        emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
+    else:
+        _print(found)
+        print(page)
+
+
+def _estimators(on: Path, first: str, second: str, jobs: int) -> "tuple[Side, Side]":
+    from rig.cli.tables import TrialProgress
+    from rig.report.sides import estimator_side
+
+    with TrialProgress(1) as progress:
+        return estimator_side(on, first, jobs, progress), estimator_side(on, second, jobs, progress)
+
+
+def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
+    first, second = (side.name for side in sides)
+    return (first, second) if first != second else (f"{first} (1)", f"{second} (2)")
+
+
+def _print(found: "Comparison") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rig.report.compare import verdict
+    from rig.report.compare_page import figure_table, object_table
+
+    console = Console(width=None if Console().is_terminal else 140)
+    for table in (figure_table(found), object_table(found)):
+        shown = Table()
+        for i, column in enumerate(table.columns):
+            shown.add_column(column, justify="left" if i == 0 else "right")
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
+    console.print(verdict(found))
+
+
+def _figures(found: "Comparison") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    def plain(value: Any) -> dict[str, Any]:
+        row = asdict(value)
+        figure = row.pop("figure")
+        return {**row, "figure": figure["name"], "unit": figure["unit"], "winner": value.winner}
+
+    return {
+        "names": list(found.names),
+        "lifts": len(found.pairs),
+        "figures": [plain(p) for p in found.overall],
+        "objects": {name: plain(p) for name, p in found.objects.items()},
+    }

@@ -1,0 +1,50 @@
+"""`rig play`: a film of one lift."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.common import JsonOption, emit_json, say
+
+
+def play(
+    session: Annotated[Path, typer.Argument(help="Session folder of a trial.")],
+    lift: Annotated[
+        str, typer.Option("--lift", help="Number in the session (3), or object and lift (t1/3, wrench/3).")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="The film: .mp4 (MPEG-4) or .avi (motion JPEG).")],
+    fps: Annotated[
+        float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")
+    ] = 30.0,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.01, max=20, help="1 as it happened, 0.25 four times slower.")
+    ] = 1.0,
+    json: JsonOption = False,
+) -> None:
+    """Render a lift: both fingertips with contact and axes, the camera, and the growing angle curve.
+
+    Needs no display. OpenCV writes both kinds of file everywhere; VLC, mpv and ffmpeg play both,
+    and where a player knows no MPEG-4, --out film.avi does.
+
+    Examples:
+      rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.mp4
+
+      rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
+
+    """
+    from rig.records.session import read_manifest
+    from rig.report.film import write_film
+    from rig.report.session import find_lift
+
+    manifest = read_manifest(session)
+    chosen = find_lift(session, manifest, lift)
+    film = write_film(session, manifest, chosen, out, fps, speed)
+    width, height = film.size_px
+    say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")
+    if json:
+        emit_json(
+            {"film": str(film.path), "frames": film.frames, "codec": film.codec, "size_px": [width, height]}
+        )
+    else:
+        print(film.path)

@@ -1,0 +1,156 @@
+"""Two ways to measure the same lifts, lift by lift: which is better, by how much, and where."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import InputError
+from rig.metrics import Floats, bootstrap_interval
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure of a lift that is compared. smaller: whether less of it is better; None where neither is."""
+
+    name: str
+    unit: str
+    value: Callable[[Row], float | None]
+    smaller: bool | None = True
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """One figure over the lifts that both sides have.
+
+    first, second: means of the sides. difference: mean of second - first, with its 95 % interval
+    (bootstrap over lifts; None below two). wins: lifts in which the first is better, the second,
+    neither. lifts: how many pairs have the figure.
+    """
+
+    figure: Figure
+    lifts: int
+    first: float
+    second: float
+    difference: float
+    low: float | None
+    high: float | None
+    wins: tuple[int, int, int]
+
+    @property
+    def winner(self) -> int | None:
+        """0 or 1 where the interval says which side is better, else None."""
+        if (
+            self.low is None
+            or self.high is None
+            or self.figure.smaller is None
+            or self.low <= 0.0 <= self.high
+        ):
+            return None
+        return int((self.difference < 0.0) == self.figure.smaller)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All figures over all pairs, the mean error per object, and the pairs themselves.
+
+    alone: lifts that only the first, only the second side has.
+    """
+
+    names: tuple[str, str]
+    overall: tuple[Paired, ...]
+    objects: dict[str, Paired]
+    pairs: tuple[tuple[Row, Row], ...]
+    alone: tuple[int, int]
+
+
+def _of(part: str, key: str) -> Callable[[Row], float | None]:
+    return lambda row: (row.get(part) or {}).get(key)
+
+
+def _onset_delay_s(row: Row) -> float | None:
+    seen, true = row.get("onset_estimate_s"), row.get("onset_truth_s")
+    return None if seen is None or true is None else abs(seen - true)
+
+
+ERROR = Figure("mean error in B and C", "°", _of("re", "mean_deg"))
+FIGURES = (
+    ERROR,
+    Figure("mean error in B", "°", _of("re_b", "mean_deg")),
+    Figure("mean error, refused frames held", "°", _of("re_held", "mean_deg")),
+    Figure("largest error in B and C", "°", _of("re", "max_deg")),
+    Figure("share answered", "", lambda row: row.get("answered"), smaller=False),
+    Figure("onset, off by", "s", _onset_delay_s),
+    Figure("time per tactile frame, median", "ms", lambda row: row.get("frame_ms")),
+    Figure("true turn", "°", lambda row: row.get("final_truth_deg"), smaller=None),
+)
+
+
+def compare_rows(names: tuple[str, str], first: Iterable[Row], second: Iterable[Row]) -> Comparison:
+    """Compare accepted lifts, paired by object and number. Raises `InputError` when none is in both."""
+    left, right = _by_lift(first), _by_lift(second)
+    keys = [key for key in left if key in right]
+    if not keys:
+        raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
+    pairs = tuple((left[key], right[key]) for key in keys)
+    overall = (paired(figure, pairs) for figure in FIGURES)
+    objects: dict[str, list[tuple[Row, Row]]] = {}
+    for pair in pairs:
+        objects.setdefault(f"{pair[0]['object']} {pair[0]['name']}", []).append(pair)
+    found = {name: paired(ERROR, own) for name, own in objects.items()}
+    return Comparison(
+        names,
+        tuple(p for p in overall if p is not None),
+        {name: p for name, p in found.items() if p is not None},
+        pairs,
+        (len(left) - len(keys), len(right) - len(keys)),
+    )
+
+
+def differences(figure: Figure, pairs: Iterable[tuple[Row, Row]]) -> tuple[Floats, Floats]:
+    """The figure on both sides, (N,) each, of the pairs that have it on both."""
+    both = [
+        (a, b) for x, y in pairs if (a := figure.value(x)) is not None and (b := figure.value(y)) is not None
+    ]
+    values = np.array(both, float).reshape(-1, 2)
+    return values[:, 0], values[:, 1]
+
+
+def paired(figure: Figure, pairs: Iterable[tuple[Row, Row]]) -> Paired | None:
+    """Compare one figure; None where no pair has it."""
+    first, second = differences(figure, pairs)
+    if not first.size:
+        return None
+    away = second - first
+    low, high = bootstrap_interval(away)
+    better = away > 0.0 if figure.smaller else away < 0.0
+    wins = int(better.sum()), int(((away != 0.0) & ~better).sum()), int((away == 0.0).sum())
+    return Paired(
+        figure, first.size, float(first.mean()), float(second.mean()), float(away.mean()), low, high, wins
+    )
+
+
+def verdict(comparison: Comparison) -> str:
+    """Say in a sentence who wins, by the mean error over B and C."""
+    found = next((p for p in comparison.overall if p.figure is ERROR), None)
+    if found is None:
+        return "No lift has an error on both sides: nothing can be said."
+    first, second = comparison.names
+    if found.winner is None:
+        size = "" if found.low is None else f", 95 % interval {found.low:+.2f} to {found.high:+.2f}"
+        return (
+            f"No difference is shown: {second} is off by {found.difference:+.2f}° more than {first} over "
+            f"{found.lifts} lifts{size}."
+        )
+    ends = sorted(abs(end) for end in (found.low or 0.0, found.high or 0.0))
+    return (
+        f"{comparison.names[found.winner]} is better by {abs(found.difference):.2f}° "
+        f"[{ends[0]:.2f}, {ends[1]:.2f}] over {found.lifts} lifts."
+    )
+
+
+def _by_lift(rows: Iterable[Row]) -> dict[tuple[str, int], Row]:
+    return {(str(row["object"]), int(row["lift"])): row for row in rows if row["accepted"]}

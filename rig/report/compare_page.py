@@ -1,0 +1,116 @@
+"""The page of a comparison, with its one picture."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from rig.pages.figure import drawing, svg
+from rig.pages.page import render
+from rig.pages.palette import FIRST, INK, MUTED, SECOND
+from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
+from rig.report.parts import Chart, Table
+
+_ROW_PX = 30
+_JITTER = 0.22
+
+
+def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
+    """Return the comparison as one HTML page. about: what the sides are, in words."""
+    return render(
+        "rig.report",
+        "compare.html",
+        names=comparison.names,
+        simulated=simulated,
+        about=about,
+        verdict=verdict(comparison),
+        chart=difference_chart(comparison),
+        figures=figure_table(comparison),
+        objects=object_table(comparison),
+        alone=comparison.alone,
+        colours=(FIRST.css, SECOND.css),
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def difference_chart(comparison: Comparison) -> Chart:
+    """Difference of the mean error in B and C: a dot per lift, a bar per object with its interval."""
+    first, second = comparison.names
+    rows = list(comparison.objects.items())
+    total = next((p for p in comparison.overall if p.figure is ERROR), None)
+    with drawing(90 + _ROW_PX * (len(rows) + 1), 600) as figure:
+        axes = figure.subplots()
+        axes.axvline(0.0, color=INK.light, linewidth=1.0)
+        for i, (name, own) in enumerate(rows):
+            _dots(axes, i, comparison, name)
+            _bar(axes, i, own)
+        if total is not None:
+            _bar(axes, len(rows), total)
+        axes.set_yticks(range(len(rows) + 1), [*(name for name, _ in rows), "all lifts"])
+        axes.set_ylim(len(rows) + 0.6, -0.6)
+        axes.grid(False, axis="y")
+        reach = 1.1 * max(float(np.abs(axes.get_xlim()).max()), 0.1)
+        axes.set_xlim(-reach, reach)
+        axes.set_xlabel(f"mean error of {second} minus that of {first}, degrees")
+        for x, side, text in (
+            (0.0, "left", f"\u25c0 {second} is closer"),
+            (1.0, "right", f"{first} is closer \u25b6"),
+        ):
+            axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
+        title = "Who is closer to the markers, and where"
+        caption = "A dot per lift; the bar is the mean of the differences with its 95 % interval."
+        return Chart(title, svg(figure, f"{title}: {first} and {second}"), caption)
+
+
+def figure_table(comparison: Comparison) -> Table:
+    """Every figure over all pairs."""
+    return Table(
+        _columns(comparison, "figure"),
+        [_cells(f"{p.figure.name}", p, comparison) for p in comparison.overall],
+    )
+
+
+def object_table(comparison: Comparison) -> Table:
+    """The mean error over B and C per object."""
+    return Table(
+        _columns(comparison, "object"), [_cells(n, p, comparison) for n, p in comparison.objects.items()]
+    )
+
+
+def _columns(comparison: Comparison, head: str) -> tuple[str, ...]:
+    first, second = comparison.names
+    return (
+        head,
+        first,
+        second,
+        "difference [95 %]",
+        "lifts",
+        f"{first} better",
+        f"{second} better",
+        "shown to win",
+    )
+
+
+def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
+    digits = 3 if p.figure.unit in ("s", "") else 2
+    unit = f" {p.figure.unit}" if p.figure.unit not in ("", "°") else p.figure.unit
+    interval = "" if p.low is None else f" [{p.low:+.{digits}f}, {p.high:+.{digits}f}]"
+    winner = "-" if p.winner is None else comparison.names[p.winner]
+    wins = ["-", "-"] if p.figure.smaller is None else [str(p.wins[0]), str(p.wins[1])]
+    sides = [f"{p.first:.{digits}f}{unit}", f"{p.second:.{digits}f}{unit}"]
+    return [name, *sides, f"{p.difference:+.{digits}f}{interval}", str(p.lifts), *wins, winner]
+
+
+def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:
+    own = [pair for pair in comparison.pairs if f"{pair[0]['object']} {pair[0]['name']}" == name]
+    first, second = differences(ERROR, own)
+    away = second - first
+    places = row + np.linspace(-_JITTER, _JITTER, len(away)) if len(away) > 1 else np.array([row], float)
+    for side, colour, marker in ((away > 0, FIRST, "o"), (away < 0, SECOND, "D"), (away == 0, MUTED, "x")):
+        axes.plot(away[side], places[side], marker, color=colour.light, markersize=4.5, alpha=0.8)
+
+
+def _bar(axes: Axes, row: int, p: Paired) -> None:
+    if p.low is not None and p.high is not None:
+        axes.plot([p.low, p.high], [row, row], color=INK.light, linewidth=2.0, solid_capstyle="butt")
+    axes.plot([p.difference], [row], "|", color=INK.light, markersize=13, markeredgewidth=2.5)

@@ -1,0 +1,165 @@
+"""A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError, RecordingError, SessionError
+from drivers.types import Image
+from rig.metrics import Floats
+from rig.pages.palette import INK, PAPER
+from rig.records.reading import recorded_frames
+from rig.report.curve_panel import CurvePanel, draw_panel
+from rig.report.curves import LiftCurves
+from rig.report.lift_chart import shown_range
+from rig.report.session import Lift
+from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
+
+HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
+CURVE_WIDTH_PX = 560
+DEFAULT_FPS = 30.0
+CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
+"""Codecs that every build of OpenCV writes, by the file's ending."""
+_TEXT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A film that was written. codec: the four letters OpenCV knows it by."""
+
+    path: Path
+    frames: int
+    codec: str
+    size_px: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """What is filmed. tips: fingertips with their frames' times; camera: small pictures with theirs."""
+
+    title: str
+    curves: LiftCurves
+    tips: tuple[tuple[TipFrames, Floats], ...]
+    camera: tuple[list[Image], Floats]
+    panel: CurvePanel
+
+
+def write_film(
+    folder: Path,
+    manifest: dict[str, Any],
+    lift: Lift,
+    out: Path,
+    fps: float = DEFAULT_FPS,
+    speed: float = 1.0,
+) -> Film:
+    """Render a lift. fps: of the film; speed: 1 as it happened, 0.25 four times slower.
+
+    Raises `InputError` for an ending that no codec is known for, `SessionError` for a recording
+    that cannot be read, `RecordingError` when the film cannot be written.
+    """
+    if out.suffix.lower() not in CODECS:
+        raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
+    pictures = _pictures(_read(folder, manifest, lift), speed / fps)
+    first = next(pictures)
+    codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
+    writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*codec), fps, size)
+    if not writer.isOpened():
+        raise RecordingError(f"{out}: cannot be written as '{codec}'; choose a name ending in .avi")
+    count = 0
+    try:
+        for picture in (first, *pictures):
+            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+            count += 1
+    finally:
+        writer.release()
+    if not out.exists() or out.stat().st_size == 0:
+        raise RecordingError(f"{out}: nothing was written; free space, or choose another --out")
+    return Film(out, count, codec, size)
+
+
+def _read(folder: Path, manifest: dict[str, Any], lift: Lift) -> _Scene:
+    if lift.curves is None:
+        raise SessionError(
+            f"{folder / lift.row['recording']}: the recording cannot be read; choose another --lift"
+        )
+    path = folder / lift.row["recording"]
+    zero_ns = round(lift.row["phases_s"]["B"] * NS_PER_S)
+    tips = []
+    for serial, sign in manifest["signs"].items():
+        tip = read_tip(path, lift.curves, zero_ns, serial, sign)
+        tips.append((tip, np.array([(f.time_ns - zero_ns) / NS_PER_S for f in tip.frames])))
+    camera: list[Image] = []
+    times: list[float] = []
+    for serial in (s for s in manifest.get("serials", []) if s not in manifest["signs"]):
+        for frame in recorded_frames(path, serial):
+            camera.append(_scaled(frame.image))
+            times.append((frame.time_ns - zero_ns) / NS_PER_S)
+    mark = "SIMULATED, " if manifest.get("simulated") else ""
+    panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
+    return _Scene(f"{mark}{lift.name}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
+
+
+def _pictures(scene: _Scene, step_s: float) -> Iterator[Image]:
+    start, end = shown_range(scene.curves)
+    for time_s in np.arange(start, end, step_s):
+        yield _picture(scene, float(time_s))
+
+
+def _picture(scene: _Scene, time_s: float) -> Image:
+    panels = []
+    for tip, times in scene.tips:
+        image = tip.frames[_at(times, time_s)].image
+        panels.append(
+            _labelled(_scaled(drawn(image, tip, *angles_at(scene.curves, tip.serial, time_s))), tip.serial)
+        )
+    images, times = scene.camera
+    panels.append(_labelled(images[_at(times, time_s)], "camera") if images else _empty("no camera frames"))
+    panels.append(scene.panel.until(time_s))
+    gap = np.full((HEIGHT_PX, GAP_PX, 3), rgb(PAPER.light), np.uint8)
+    row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
+    return _even(np.concatenate([row, _band(scene, time_s, row.shape[1])]))
+
+
+def _band(scene: _Scene, time_s: float, width: int) -> Image:
+    """The line below: which lift, which phase, both angles."""
+    band = np.full((BAND_PX, width, 3), rgb(PAPER.light), np.uint8)
+    begun = [(t, name) for name, t in scene.curves.phases_s.items() if t <= time_s]
+    phase = max(begun)[1] if begun else ""
+    angles = caption(time_s, *angles_at(scene.curves, "", time_s)).replace("°", " deg")
+    text = f"{scene.title}   phase {phase}   {angles}"
+    cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, 0.6, rgb(INK.light), 1, cv2.LINE_AA)
+    return band
+
+
+def _at(times: Floats, time_s: float) -> int:
+    """Which frame is the newest at a time."""
+    return max(int(np.searchsorted(times, time_s, side="right")) - 1, 0)
+
+
+def _scaled(image: Image) -> Image:
+    width = round(image.shape[1] * HEIGHT_PX / image.shape[0])
+    return np.asarray(cv2.resize(image, (width, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _labelled(picture: Image, text: str) -> Image:
+    labelled = picture.copy()
+    for colour, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(labelled, text, (8, 20), _TEXT, 0.5, colour, thick, cv2.LINE_AA)
+    return labelled
+
+
+def _empty(text: str) -> Image:
+    return _labelled(np.full((HEIGHT_PX, HEIGHT_PX, 3), 128, np.uint8), text)
+
+
+def _even(picture: Image) -> Image:
+    """Without an odd last row and column, which most codecs refuse."""
+    height, width = picture.shape[:2]
+    return np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])

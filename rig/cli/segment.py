@@ -43,8 +43,8 @@ def segment(
     """Write the contact mask of every image: STEM.png, 0 or 255, at the image's own size.
 
     ours compares each image with a frame without contact; pspnet sees the image alone. Both were
-    trained on SIMULATED frames. A mask is the convex hull of each part of the contact. Black and saturated
-    images get an empty mask, unreadable ones none; both are said.
+    trained on SIMULATED frames and answer with the convex hull of each part of the contact. Black
+    and saturated images get an empty mask, unreadable ones none; the JSON says which.
 
     Examples:
       rig segment frames/ --out masks

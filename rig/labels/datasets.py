@@ -5,7 +5,6 @@ VISTASE has a folder per object with `image_label` (images and LabelMe JSON side
 images under `truth/masks`, and its sensors' frames without contact under `reference`.
 """
 
-import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from drivers.types import Image
 from protocols.grasps import find_grasp_file
 from rig.frames import IMAGE_ENDINGS, read_image
 from rig.labels.outline import contact_label
+from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
 from rig.records.files import read_lines
 from rig.records.session import MANIFEST, read_manifest
@@ -117,9 +117,9 @@ def _labelme_files(folder: Path) -> list[LabelledFile]:
     owner = _object_folder(folder)
     files = []
     for path in sorted(folder.glob("*.json")):
-        document = _labelme_document(path)
-        if document is None:
+        if not _is_label(path):
             continue
+        document = read_label(path)
         image = _beside(path.with_suffix("")) or _named_image(path, document)
         files.append(
             _file(image, owner, lambda shape, path=path, doc=document: labelme_mask(doc, shape, str(path)))
@@ -180,10 +180,6 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
     return np.where(image > 0, 255, 0).astype(np.uint8)
 
 
-def _labelme_document(path: Path) -> dict[str, object] | None:
-    """Read a LabelMe file; None for other JSON. Raises `InputError` for a damaged one."""
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is no complete JSON file ({error}): save it anew in LabelMe") from error
-    return document if isinstance(document, dict) and isinstance(document.get("shapes"), list) else None
+def _is_label(path: Path) -> bool:
+    """Whether a JSON file looks like LabelMe's; others (manifests, COCO) lie about as well."""
+    return b'"shapes"' in path.read_bytes()

@@ -28,10 +28,19 @@ _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a network is used: what it sees, and the share above which a pixel is contact."""
+    """How a network is used.
+
+    threshold: share above which a pixel is contact. convex: whether it learnt labels whose parts are
+    convex (`rig.labels.outline`), so that parts of a mask may be replaced by their hulls.
+    """
 
     inputs: NetworkInput
     threshold: float
+    convex: bool = False
+
+    def metadata(self) -> str:
+        """Return the text that goes into an ONNX file."""
+        return json.dumps({"inputs": self.inputs.value, "threshold": self.threshold, "convex": self.convex})
 
 
 class Network:
@@ -111,7 +120,9 @@ def _recipe(session: onnxruntime.InferenceSession, channels: int, name: str) -> 
         return Recipe(by_channels, PAPER_THRESHOLD)
     try:
         card = json.loads(text)
-        recipe = Recipe(NetworkInput(card["inputs"]), float(card["threshold"]))
+        recipe = Recipe(
+            NetworkInput(card["inputs"]), float(card["threshold"]), bool(card.get("convex", False))
+        )
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{name}: its metadata cannot be read ({error}): export it again") from error
     if recipe.inputs is not by_channels or not 0.0 < recipe.threshold < 1.0:

@@ -80,7 +80,7 @@ class Segmenter:
         logits = self._network.logits(self._planes(image))
         height, width = image.shape[:2]
         fine = cv2.resize(logits, (width, height), interpolation=cv2.INTER_LINEAR)
-        mask = _without_specks(np.asarray(fine > self._level, np.uint8) * 255)
+        mask = _large_parts(np.asarray(fine > self._level, np.uint8), self._network.recipe.convex)
         if cv2.countNonZero(mask) < LEAST_SHARE * mask.size:
             return Segmentation(NO_CONTACT, FrameState.NO_CONTACT)
         return Segmentation(contact_of(moved_outline(mask, self._margin)), FrameState.CONTACT)
@@ -117,14 +117,15 @@ def frame_exposure(image: Image) -> FrameState | None:
     return FrameState.SATURATED if np.mean(sample.min(axis=2) > WHITE_LEVEL) > WHITE_SHARE else None
 
 
-def _without_specks(mask: Image) -> Image:
-    count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
-    if count <= 2:
-        return mask
-    areas = stats[:, cv2.CC_STAT_AREA].copy()
-    areas[0] = 0
-    kept = np.where(areas >= PART_SHARE * areas.max(), 255, 0).astype(np.uint8)
-    return kept[np.asarray(parts, np.int32)]
+def _large_parts(inside: Image, convex: bool) -> Image:
+    """Return a mask, 0 or 255, without specks; of a network for convex labels, each part as its hull."""
+    mask = np.zeros(inside.shape, np.uint8)
+    parts, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    least = PART_SHARE * max(map(cv2.contourArea, parts), default=0.0)
+    for part in parts:
+        if cv2.contourArea(part) >= least:
+            cv2.fillPoly(mask, [cv2.convexHull(part) if convex else part], 255)
+    return mask
 
 
 def contact_of(mask: Image) -> Contact:

@@ -1,6 +1,5 @@
 """From a trained network to ONNX in full, half and eight-bit precision, with a model card."""
 
-import json
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -14,7 +13,6 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 from torch import nn
 
 from drivers.errors import RigError
-from rig.records.files import write_json
 from rig.tactile.network import METADATA_KEY, Recipe, load_network
 from rig.training.batches import plain_batches
 from rig.training.examples import Examples
@@ -117,11 +115,6 @@ def export_eight_bit(
     onnx.save(model, path)
 
 
-def write_card(path: Path, card: dict[str, Any]) -> None:
-    """Write a model card as JSON."""
-    write_json(path, card)
-
-
 class _Frames(CalibrationDataReader):
     """Feeds frames to the quantiser one by one."""
 
@@ -135,6 +128,6 @@ class _Frames(CalibrationDataReader):
 
 
 def _describe(model: onnx.ModelProto, recipe: Recipe) -> None:
-    text = json.dumps({"inputs": recipe.inputs.value, "threshold": recipe.threshold})
     del model.metadata_props[:]
-    model.metadata_props.append(onnx.StringStringEntryProto(key=METADATA_KEY, value=text))
+    entry = onnx.StringStringEntryProto(key=METADATA_KEY, value=recipe.metadata())
+    model.metadata_props.append(entry)

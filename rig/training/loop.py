@@ -55,7 +55,8 @@ class Training:
     ) -> None:
         torch.manual_seed(seed)
         self.architecture, self.size, self.schedule, self._seed = architecture, size, schedule, seed
-        self.network = build_network(architecture, encoder)
+        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.network = build_network(architecture, encoder).to(self._device)
         self.best = deepcopy(self.network.state_dict())
         self.history: list[Epoch] = []
         self._averaged = deepcopy(self.network).requires_grad_(False)
@@ -95,7 +96,7 @@ class Training:
         """Return the network of the epoch that was best on the validation objects, ready to answer."""
         network = deepcopy(self._averaged)
         network.load_state_dict(self.best)
-        return network.eval()
+        return network.cpu().eval()
 
     def dice(self, examples: Examples) -> float:
         """Return the mean Dice of the averaged weights at the network's own resolution."""
@@ -104,7 +105,7 @@ class Training:
         scores = []
         with torch.inference_mode():
             for planes, labels in plain_batches(examples, self.architecture.inputs, self.size):
-                found, true = self._averaged(planes) > level, labels > 0.5
+                found, true = self._averaged(planes.to(self._device)).cpu() > level, labels > 0.5
                 both, sum_ = (found & true).sum((1, 2, 3)), found.sum((1, 2, 3)) + true.sum((1, 2, 3))
                 scores.append(torch.where(sum_ == 0, 1.0, 2.0 * both / sum_.clamp(min=1)))
         return float(torch.cat(scores).mean())
@@ -145,7 +146,7 @@ class Training:
         batches = training_batches(train, self.architecture.inputs, self.size, self.schedule.batch, rng)
         for planes, labels in batches:
             self._optimizer.param_groups[0]["lr"] = self._rate(steps)
-            loss = self._loss(self._answer(planes), labels)
+            loss = self._loss(self._answer(planes), labels.to(self._device))
             self._optimizer.zero_grad()
             loss.backward()
             self._optimizer.step()
@@ -156,8 +157,9 @@ class Training:
 
     def _answer(self, planes: torch.Tensor) -> torch.Tensor:
         # brain floats halve the time on processors that multiply them, and lose no accuracy here
-        with torch.autocast("cpu", torch.bfloat16):
-            return self.network(planes.contiguous(memory_format=torch.channels_last)).float()
+        planes = planes.to(self._device).contiguous(memory_format=torch.channels_last)
+        with torch.autocast(self._device.type, torch.bfloat16):
+            return self.network(planes).float()
 
     def _loss(self, logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
         if self.architecture.family is not None:

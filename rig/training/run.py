@@ -35,6 +35,7 @@ class TrainSettings:
 
     data: a folder, or `SIMULATED`. images: simulated frames to train on, a fold. paper: the paper's
     settings (256 x 320 px, 30 epochs, batch 32) instead of the reduced ones. encoder_weights: a file.
+    threads: of torch, None for its own choice.
     """
 
     data: str
@@ -46,6 +47,7 @@ class TrainSettings:
     paper: bool
     seed: int
     encoder_weights: Path | None = None
+    threads: int | None = None
 
     def size(self, architecture: Architecture) -> tuple[int, int]:
         """(height, width) in px at which a network looks."""
@@ -79,6 +81,8 @@ def train_all(
     unfinished training goes on after its last epoch. Raises `InputError`.
     """
     _claim(folder, settings, resume)
+    if settings.threads is not None:
+        torch.set_num_threads(settings.threads)
     cards = []
     for fold in settings.folds:
         data: tuple[Examples, Examples, Examples] | None = None
@@ -125,7 +129,7 @@ def train_one(
 
     training.run(train, validation, folder / CHECKPOINT, show)
     progress.tell(f"{title}: exporting", 1.0)
-    recipe = Recipe(architecture.inputs, architecture.threshold)
+    recipe = Recipe(architecture.inputs, architecture.threshold, convex=True)
     files = list(_exported(folder, training, recipe, train))
     card = _card(settings, architecture, fold, data, training, files, test)
     write_json(folder / CARD, card)

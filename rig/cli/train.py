@@ -1,0 +1,155 @@
+"""`rig train`: train segmentation networks (extra `train`)."""
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import typer
+
+from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say
+
+EPOCHS, PAPER_EPOCHS = 10, 30
+ArchOption = Annotated[
+    list[str] | None,
+    typer.Option("--arch", help="ours, pspnet, deeplabv3plus or unetplusplus; repeat for more."),
+]
+EncoderOption = Annotated[
+    str, typer.Option(help="Encoder of the paper's networks: resnet18 or efficientnet-b3.")
+]
+
+
+def train(
+    out: Annotated[Path, typer.Option("--out", help="Folder for checkpoints, ONNX files and cards.")],
+    data: Annotated[
+        str,
+        typer.Option(
+            help="simulated, or a FOLDER: the paper's data set (VISTASE), LabelMe files, or simulated "
+            "sessions of rig record."
+        ),
+    ] = "simulated",
+    arch: ArchOption = None,
+    fold: Annotated[
+        list[str] | None,
+        typer.Option("--fold", help="D_s1, D_s2 or D_s3 (by object id, paper Table I); repeat for more."),
+    ] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All four networks on all three folds: the paper's Table II.")
+    ] = False,
+    paper: Annotated[
+        bool, typer.Option("--paper", help="The paper's settings (256 x 320 px, 30 epochs); wants a GPU.")
+    ] = False,
+    images: Annotated[
+        int,
+        typer.Option(min=24, help="Simulated frames to train on, a fold; a fifth more to validate and test."),
+    ] = 1500,
+    epochs: Annotated[int | None, typer.Option(min=1, help="Default: 10; 30 with --paper.")] = None,
+    encoder: EncoderOption = "resnet18",
+    encoder_weights: Annotated[
+        Path | None, typer.Option(help="File with encoder weights to begin with. Default: random ones.")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads. Default: torch's own.")] = None,
+    seed: SeedOption = 0,
+    resume: ResumeOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Train networks that find the contact, score them on objects they never saw, export them to ONNX.
+
+    OUT/NETWORK_FOLD gets model.onnx (fp32), model.half.onnx (fp16), model.int8.onnx and card.json;
+    rig segment --model takes any of them. Without --data FOLDER everything is SIMULATED.
+    Needs the extra `train`.
+
+    Examples:
+      rig train --arch ours --images 9000 --epochs 16 --out runs/ours
+
+      rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
+
+      rig train --all --out runs/table2 --resume
+
+    """
+    require_training()
+    from rig.labels.folds import FOLDS, find_fold
+    from rig.training.networks import ARCHITECTURES, find_architecture
+    from rig.training.run import Progress, TrainSettings, train_all
+
+    settings = TrainSettings(
+        data=data,
+        architectures=tuple(map(find_architecture, ARCHITECTURES if everything else arch or ["ours"])),
+        folds=tuple(map(find_fold, FOLDS if everything else fold or ["D_s3"])),
+        encoder=encoder,
+        images=images,
+        epochs=epochs or (PAPER_EPOCHS if paper else EPOCHS),
+        paper=paper,
+        seed=seed,
+        encoder_weights=encoder_weights,
+        threads=threads,
+    )
+    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {seed}, into {out}")
+    with _Shown() as shown:
+        cards = train_all(out, settings, resume, Progress(shown))
+    _print(cards, json)
+    if json:
+        emit_json({"out": str(out), "models": cards})
+
+
+def require_training() -> None:
+    """Raise `InputError` that says what to install where the extra is missing."""
+    from importlib.util import find_spec
+
+    from drivers.errors import InputError
+
+    missing = [
+        name
+        for name in ("torch", "segmentation_models_pytorch", "onnx", "onnxscript")
+        if find_spec(name) is None
+    ]
+    if missing:
+        raise InputError(
+            f'{", ".join(missing)} not installed: training is an extra: pip install -e ".[train]" '
+            "(on a computer without GPU, install torch's CPU build first)"
+        )
+
+
+class _Shown:
+    """A progress bar at a terminal, a line per epoch elsewhere."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        self._bar = Progress(console=Console(stderr=True), transient=True)
+        self._task: Any = None
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        self._task = self._bar.add_task("", total=1.0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, text: str, share: float) -> None:
+        """Show what is done, and how far it is."""
+        self._bar.update(self._task, description=text, completed=share)
+        if "loss" in text:
+            self._bar.console.print(text, highlight=False)
+
+
+def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
+    simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
+    table.title = f"Test {simulated} that training never saw, mean +- standard deviation"
+    for card in cards:
+        test, files = card["test"], card["files"]
+        table.add_row(
+            card["title"],
+            card["fold"]["name"],
+            f"{test['dice']:.3f} +- {test['dice_std']:.3f}",
+            f"{test['iou']:.3f} +- {test['iou_std']:.3f}",
+            f"{card['ms_per_frame']:.2f}",
+            f"{files['int8']['dice']:.3f}",
+            card["settings"],
+        )
+    console = Console(stderr=to_stderr)
+    (console if console.is_terminal else Console(stderr=to_stderr, width=140)).print(table)

@@ -14,8 +14,9 @@ from drivers.errors import InputError, RigError, SessionError
 from rig.attempt import TrialSettings
 from rig.records.files import read_lines
 from rig.records.session import Session, open_session, read_manifest
+from rig.records.tables import csv_bytes, has_parquet, parquet_bytes
 from rig.replay import replay_lift, same_as_stored, session_settings
-from rig.results import csv_bytes, flat_row, has_parquet, parquet_bytes
+from rig.results import COLUMNS, flat_row
 from rig.session_list import RESULTS, find_sessions
 from rig.tactile.estimator import choose_estimator
 
@@ -139,9 +140,9 @@ def _tasks_of(folder: Path, estimator: str | None, window: int | None) -> list[R
 
 
 def _write_tables(session: Session, lines: list[dict[str, Any]]) -> None:
-    session.write(TABLES[0], csv_bytes(lines))
+    session.write(TABLES[0], csv_bytes(COLUMNS, lines))
     if has_parquet():
-        session.write(TABLES[1], parquet_bytes(lines))
+        session.write(TABLES[1], parquet_bytes(COLUMNS, lines))
 
 
 def _broken_line(folder: Path, problem: str) -> dict[str, Any]:

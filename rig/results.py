@@ -4,13 +4,11 @@ A line is a flat copy of a lift's row in `lifts.jsonl`, with its session in fron
 degrees, times in seconds. `nested_row` makes the row again, so that one code summarizes both.
 """
 
-import csv
-import io
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InputError, RecordingError
+from drivers.errors import InputError
+from rig.records.tables import has_parquet, read_csv, read_parquet
 
 ERRORS = ("re_b", "re", "re_held")
 COLUMNS: dict[str, type] = {
@@ -46,32 +44,6 @@ def nested_row(line: dict[str, Any]) -> dict[str, Any]:
     return {**line, **parts}
 
 
-def csv_bytes(lines: Iterable[dict[str, Any]]) -> bytes:
-    """Return the table as CSV; unknown values are empty, truth values are true and false."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(COLUMNS), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: _csv_cell(value) for key, value in line.items()} for line in lines)
-    return text.getvalue().encode()
-
-
-def parquet_bytes(lines: Iterable[dict[str, Any]]) -> bytes:
-    """Return the table as Parquet. Raises `RecordingError` where pyarrow is not installed."""
-    arrow, parquet = _pyarrow()
-    kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_()}
-    schema = arrow.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
-    sink = io.BytesIO()
-    parquet.write_table(arrow.Table.from_pylist(list(lines), schema=schema), sink)
-    return sink.getvalue()
-
-
-def has_parquet() -> bool:
-    """Whether Parquet can be written here."""
-    from importlib.util import find_spec
-
-    return find_spec("pyarrow") is not None
-
-
 def read_results(path: Path) -> list[dict[str, Any]]:
     """Read a results table, `.csv` or `.parquet`, or that of a folder which holds one.
 
@@ -79,7 +51,7 @@ def read_results(path: Path) -> list[dict[str, Any]]:
     """
     file = _table_in(path) if path.is_dir() else path
     try:
-        raw = _read_parquet(file) if file.suffix == ".parquet" else _read_csv(file)
+        raw = read_parquet(file) if file.suffix == ".parquet" else read_csv(file, COLUMNS)
     except (OSError, ValueError, UnicodeDecodeError) as error:
         raise InputError(f"{file}: cannot be read as a results table ({error})") from error
     missing = [column for column in NEEDED if raw and column not in raw[0]]
@@ -98,37 +70,3 @@ def _table_in(folder: Path) -> Path:
     raise InputError(
         f"{folder}: holds no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
     )
-
-
-def _read_csv(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="") as stream:
-        return [{key: _value(key, text) for key, text in line.items()} for line in csv.DictReader(stream)]
-
-
-def _read_parquet(path: Path) -> list[dict[str, Any]]:
-    _, parquet = _pyarrow()
-    return parquet.read_table(path).to_pylist()
-
-
-def _value(column: str, text: str | None) -> Any:
-    kind = COLUMNS.get(column, str)
-    if not text:
-        return None
-    return text == "true" if kind is bool else kind(text)
-
-
-def _csv_cell(value: Any) -> Any:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return "" if value is None else value
-
-
-def _pyarrow() -> tuple[Any, Any]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise RecordingError(
-            'Parquet needs pyarrow: pip install "visuotactile-slip-rig[export]", or use CSV'
-        ) from error
-    return pyarrow, pyarrow.parquet

@@ -73,7 +73,7 @@ class TrialView:
         self._lifts: dict[int, LiftInView] = {}
         self._progress = Progress(
             TextColumn("lifts"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-            TimeRemainingColumn(elapsed_when_finished=False), TextColumn("left"), console=console,
+            TimeRemainingColumn(elapsed_when_finished=False), TextColumn("left"), console=console, speed_estimate_period=3600.0,
         )  # fmt: skip
         self._task = self._progress.add_task("lifts", total=total)
         self._shown = _Refreshed(console, self.render) if console.is_terminal else _Plain(self.lines)

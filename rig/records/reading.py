@@ -23,7 +23,7 @@ def show_again(path: Path, watch: Watch) -> None:
     Raises `SessionError` when the recording is missing or damaged.
     """
     pose = b""
-    for topic, time_ns, sequence, data in _messages(path):
+    for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == PHASE_TOPIC:
             watch.phase(Phase(json.loads(data)["phase"]), time_ns)
         elif topic == ARM_TOPIC:
@@ -36,7 +36,7 @@ def show_again(path: Path, watch: Watch) -> None:
 
 def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
     """Yield one source's frames in order. Raises `SessionError`."""
-    for _, time_ns, sequence, data in _messages(path, image_topic(serial)):
+    for _, time_ns, sequence, data in recorded_messages(path, image_topic(serial)):
         yield _frame(data, time_ns, sequence)
 
 
@@ -47,10 +47,10 @@ def phase_times(path: Path) -> dict[Phase, int]:
 
 def recorded_values(path: Path, topic: str) -> list[dict[str, Any]]:
     """Return the JSON values of a topic, each with its `time_ns`. Raises `SessionError`."""
-    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in _messages(path, topic)]
+    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in recorded_messages(path, topic)]
 
 
-def _messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
+def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
     """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics."""
     try:
         with path.open("rb") as stream:

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from drivers.errors import InputError
-from rig.results import csv_bytes, flat_row, nested_row, parquet_bytes, read_results
+from rig.records.tables import csv_bytes, parquet_bytes
+from rig.results import COLUMNS, flat_row, nested_row, read_results
 from rig.summary import summarize_trial
 
 
@@ -40,7 +41,7 @@ def test_a_table_is_read_back_as_it_was_written(kind: str, tmp_path: Path) -> No
         flat_row({}, session="/s/two", number=0, attempt=0, accepted=False, problem='no, "x"'),
     ]
     path = tmp_path / f"results.{kind}"
-    path.write_bytes(csv_bytes(lines) if kind == "csv" else parquet_bytes(lines))
+    path.write_bytes(csv_bytes(COLUMNS, lines) if kind == "csv" else parquet_bytes(COLUMNS, lines))
     assert read_results(path) == lines
     assert read_results(tmp_path) == lines
 

@@ -1,0 +1,76 @@
+"""Tables as CSV and as Parquet: columns with types, lines as dictionaries."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import InputError
+
+Columns = Mapping[str, type]
+"""Names in their order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
+Line = dict[str, Any]
+
+
+def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, Any]]) -> bytes:
+    """Return a table as CSV; unknown values are empty, truth values are true and false."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(line.get(name)) for name in columns} for line in lines)
+    return text.getvalue().encode()
+
+
+def parquet_bytes(columns: Columns, lines: Iterable[Mapping[str, Any]]) -> bytes:
+    """Return a table as Parquet. Raises `InputError` where pyarrow is not installed."""
+    arrow, parquet = pyarrow_modules()
+    kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_()}
+    schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()])
+    sink = io.BytesIO()
+    parquet.write_table(arrow.Table.from_pylist(list(lines), schema=schema), sink)
+    return sink.getvalue()
+
+
+def read_csv(path: Path, columns: Columns) -> list[Line]:
+    """Read a CSV table; columns of other names are texts. Raises `OSError`, `ValueError`."""
+    with path.open(newline="") as stream:
+        return [
+            {name: _value(columns.get(name, str), text) for name, text in line.items()}
+            for line in csv.DictReader(stream)
+        ]
+
+
+def read_parquet(path: Path) -> list[Line]:
+    """Read a Parquet table. Raises `OSError`, `ValueError`, `InputError` as `parquet_bytes`."""
+    return pyarrow_modules()[1].read_table(path).to_pylist()
+
+
+def has_parquet() -> bool:
+    """Whether Parquet can be written here."""
+    return find_spec("pyarrow") is not None
+
+
+def pyarrow_modules() -> tuple[Any, Any]:
+    """Return pyarrow and its Parquet module. Raises `InputError` saying how to get them."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise InputError(
+            'Parquet needs pyarrow: pip install "visuotactile-slip-rig[export]", or use CSV'
+        ) from error
+    return pyarrow, pyarrow.parquet
+
+
+def _value(kind: type, text: str | None) -> Any:
+    if not text:
+        return None
+    return text == "true" if kind is bool else kind(text)
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "" if value is None else value

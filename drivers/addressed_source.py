@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 from drivers.clock import Clock
 from drivers.develop import Developed
+from drivers.errors import DeviceError
 from drivers.frame_reader import FrameReader
 from drivers.frame_stream import FrameStream, Shot
 from drivers.streams import Opened, Wanted, open_wanted
@@ -50,7 +51,7 @@ class AddressedSource(FrameReader):
         source = open_wanted(self._wanted, self._clock, self._discover, self._open_device)
         try:
             self._prepare(source)
-        except Exception:
+        except DeviceError:
             source.stream.close()
             raise
         self._source = source

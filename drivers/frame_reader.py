@@ -171,7 +171,9 @@ class FrameReader(FrameSource):
                 run.buffer.fail(str(error), over)
                 if over:
                     return
-            except Exception as error:
+            except (
+                Exception
+            ) as error:  # a mistake of ours: whoever waits for a frame is told before the thread ends
                 run.buffer.fail(f"its reader failed ({type(error).__name__}: {error}); report this", True)
                 raise
             pause_s = FIRST_PAUSE_S if self._counts["frames"] > frames else min(2 * pause_s, LONGEST_PAUSE_S)

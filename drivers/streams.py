@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import InputError
+from drivers.errors import DeviceError, InputError
 from drivers.frame_stream import FrameStream
 from drivers.mjpeg_stream import MjpegStream, split_url
 from drivers.recordings import FolderStream, VideoStream, check_video, image_files
@@ -75,7 +75,7 @@ def open_wanted(wanted: Wanted, clock: Clock, discover: Discover, open_device: O
         stream = MjpegStream(address, wanted.rate_hz, clock)
         try:
             stream.configure(_settings(wanted))
-        except Exception:
+        except DeviceError:
             stream.close()
             raise
         return Opened(stream, address)

@@ -19,7 +19,7 @@ from drivers.ur_handshake import Version, greet
 from drivers.ur_limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur_link import ArmLink
 from drivers.ur_motion import ArmMotion, is_still
-from drivers.ur_setup import Tool, refusal, release, take_over, wait_until, zero_force_sensor
+from drivers.ur_setup import Tool, ended, refusal, release, take_over, wait_until, zero_force_sensor
 from drivers.ur_status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
@@ -126,7 +126,10 @@ class UR5e(Arm):
         if not link.has_control:
             self._take_over(link)
         pose = to_ur(base_T_tcp)
-        check_joints(link.call("plan", pose, sample.joints_rad), self._joint_limits, base_T_tcp)
+        joints = link.call("plan", pose, sample.joints_rad)
+        if not joints and (reason := ended(link, self._clock)):
+            raise reason
+        check_joints(joints, self._joint_limits, base_T_tcp)
 
         def not_stopped() -> None:
             if self._stops != stops:

@@ -94,9 +94,14 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
     """Why a command came back False."""
+    return ended(link, clock) or refused(command)
+
+
+def ended(link: ArmLink, clock: Clock) -> DeviceError | None:
+    """Why the control program does not run; None when it goes on running."""
     with contextlib.suppress(DeviceTimeoutError):
-        wait_until(lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, command, clock)
-    return refused(command, link.sample())
+        wait_until(lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, "end", clock)
+    return program_reason(link.sample())
 
 
 def wait_until(

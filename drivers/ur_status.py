@@ -84,8 +84,8 @@ def program_reason(sample: Sample) -> DeviceError | None:
     return reason
 
 
-def refused(command: str, sample: Sample) -> DeviceError:
-    """The error for a command that the controller did not carry out."""
-    return program_reason(sample) or DeviceError(
+def refused(command: str) -> DeviceError:
+    """The error for a command that the controller did not carry out although its program runs."""
+    return DeviceError(
         f"arm: '{command}' was refused although nothing else is wrong; see the log on the pendant"
     )

@@ -15,7 +15,6 @@ from fakes.wire.ur_robot import CYCLE_S, Robot
 
 FORCE_MODE_BRAKE = 10.0
 JOG_BRAKE = 1.2
-CONTACT_BRAKE = 3.0
 
 
 def _move_j(loop: ControlLoop) -> Thread:

@@ -1,6 +1,7 @@
 """One state machine of what a gripper may be told, run on the simulated one and on the wire."""
 
 import time
+from abc import abstractmethod
 from collections.abc import Callable
 
 import pytest
@@ -44,8 +45,9 @@ class GripperRun(RuleBasedStateMachine):
         self.motion: Motion | None = None
         self.gripper, self.clock = self.make()
 
+    @abstractmethod
     def make(self) -> tuple[Gripper, Clock]:
-        raise NotImplementedError
+        """The gripper, and the clock that its world goes by."""
 
     @rule()
     def connect(self) -> None:

@@ -27,7 +27,7 @@ from fakes.wire.ur_loop import ControlLoop
 from fakes.wire.ur_robot import CYCLE_NS, Robot
 from fakes.wire.ur_rtde import RtdeSession, package
 from fakes.wire.ur_script import ControlProgram, ProgramReader, ScriptProgram, parse_call, recognise
-from fakes.wire.ur_variables import INPUTS, OutputBank
+from fakes.wire.ur_variables import INPUTS, OutputBank, Value
 from fakes.world import Layout, World
 
 CASES = {
@@ -167,7 +167,9 @@ def test_registers_full_of_nonsense() -> None:
     for _ in range(CASES["command"]):
         if not robot.running:
             robot.run(ControlLoop(robot, ControlProgram(0, ()), COMMANDS))
-        values = {f"input_double_register_{i}": rng.choice(odd) for i in rng.sample(range(24), 8)}
+        values: dict[str, Value] = {
+            f"input_double_register_{i}": rng.choice(odd) for i in rng.sample(range(24), 8)
+        }
         robot.write_inputs(
             {
                 "input_int_register_0": rng.choice((0, rng.randrange(80), 255)),

@@ -2,8 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
@@ -14,82 +13,21 @@ from drivers.errors import (
     InputError,
     OutOfLimitsError,
 )
-from drivers.robotiq_3f import GraspMode, Robotiq3F, rtu_link, tcp_link
+from drivers.robotiq_3f import GraspMode, Robotiq3F, tcp_link
 from drivers.robotiq_modbus import Link
-from drivers.types import Pose
 from fakes.wire.modbus_gripper import GripperRtu, GripperServer
-from fakes.world import Layout, World
+from fakes.world import World
 
 Wire = GripperServer | GripperRtu
+RaisedBy = Callable[[Callable[[], object]], DeviceError]
+Reach = Callable[[Robotiq3F, int], None]
+Written = Callable[[Wire], bytes]
 
 
-class HurriedClock(SystemClock):
-    """The world's time, five times as fast as ours, so that nobody waits for fingers."""
-
-    def now_ns(self) -> int:
-        return 5 * super().now_ns()
-
-
-def make_world() -> World:
-    return World(Layout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
-
-
-@pytest.fixture(params=["tcp", "tcp-2014", "rtu"])
-def wire(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Wire, Link]]:
-    clock, world = HurriedClock(), make_world()
-    if request.param == "rtu":
-        fake: Wire = GripperRtu(world, clock, tmp_path / "gripper", activation_s=0.1)
-        fake.start()
-        link = rtu_link(fake.device)
-    else:
-        fake = GripperServer(world, clock, preset=request.param, activation_s=0.1)
-        fake.start()
-        link = tcp_link(*fake.address, preset=request.param)
-    yield fake, link
-    fake.stop()
-
-
-@pytest.fixture
-def server() -> Iterator[GripperServer]:
-    fake = GripperServer(make_world(), HurriedClock(), activation_s=0.1)
-    fake.start()
-    yield fake
-    fake.stop()
-
-
-@pytest.fixture
-def gripper(server: GripperServer) -> Iterator[Robotiq3F]:
-    """Over TCP, connected and activated, as fast as the gripper goes."""
-    gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    yield gripper
-    gripper.disconnect()
-
-
-def written(fake: Wire) -> bytes:
-    return bytes.fromhex(fake.snapshot()["written"])
-
-
-def raised_by(call: Callable[[], object]) -> DeviceError:
-    """The error that a repeated call raises sooner or later; how soon is for the benchmark."""
-    give_up = time.monotonic() + 10.0
-    while time.monotonic() < give_up:
-        try:
-            call()
-        except DeviceError as error:
-            return error
-        time.sleep(0.005)
-    pytest.fail("nothing was raised")
-
-
-def reach(gripper: Robotiq3F, counts: int) -> None:
-    """Wait until the fingers have passed a position on their way."""
-    while gripper.state().position_counts <= counts:
-        time.sleep(0.005)
-
-
-def test_it_activates_moves_and_stops_on_every_line(wire: tuple[Wire, Link]) -> None:
+@pytest.mark.parametrize("wire", ["tcp", "tcp-2014", "rtu"], indirect=True)
+def test_it_activates_moves_and_stops_on_every_line(
+    wire: tuple[Wire, Link], reach: Reach, written: Written
+) -> None:
     fake, link = wire
     gripper = Robotiq3F(link, speed_m_s=0.022)
     gripper.connect()
@@ -113,7 +51,7 @@ def test_it_activates_moves_and_stops_on_every_line(wire: tuple[Wire, Link]) -> 
 
 
 def test_the_finger_that_does_not_grasp_stays_where_it_stands(
-    gripper: Robotiq3F, server: GripperServer
+    gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
     gripper.move_to(60).wait(5.0)
     command, status = written(server), bytes.fromhex(server.snapshot()["status"])
@@ -124,7 +62,7 @@ def test_the_finger_that_does_not_grasp_stays_where_it_stands(
 
 @pytest.mark.parametrize(("fingers", "requests"), [(("A", "B"), (50, 50, 6)), (("A", "B", "C"), (50, 0, 0))])
 def test_the_fingers_that_grasp_are_the_users_choice(
-    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int]
+    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int], written: Written
 ) -> None:
     gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
     gripper.connect()
@@ -136,7 +74,9 @@ def test_the_fingers_that_grasp_are_the_users_choice(
     gripper.disconnect()
 
 
-def test_a_status_without_the_echo_is_not_believed(gripper: Robotiq3F, server: GripperServer) -> None:
+def test_a_status_without_the_echo_is_not_believed(
+    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
+) -> None:
     """The gripper acknowledges, and goes on telling of the motion before."""
     gripper.move_to(20).wait(5.0)
     server.inject("deaf")
@@ -148,7 +88,7 @@ def test_a_status_without_the_echo_is_not_believed(gripper: Robotiq3F, server: G
 
 
 def test_modes_change_only_on_request_and_motions_keep_them(
-    gripper: Robotiq3F, server: GripperServer
+    gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
     gripper.set_mode(GraspMode.WIDE)
     assert written(server)[0] == 0b0101
@@ -162,8 +102,8 @@ def test_modes_change_only_on_request_and_motions_keep_them(
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.02, 0.03, 0.05, 0.3])
-def test_stop_ends_an_activation_at_any_moment(after_s: float) -> None:
-    slow = GripperServer(make_world(), SystemClock(), activation_s=60.0)
+def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
+    slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()
     gripper = Robotiq3F(tcp_link(*slow.address))
     gripper.connect()
@@ -192,7 +132,9 @@ def test_stop_ends_an_activation_at_any_moment(after_s: float) -> None:
     slow.stop()
 
 
-def test_connecting_keeps_an_activated_gripper_as_it_is(gripper: Robotiq3F, server: GripperServer) -> None:
+def test_connecting_keeps_an_activated_gripper_as_it_is(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
     gripper.move_to(30).wait(5.0)
     before = written(server)
     gripper.connect()
@@ -213,7 +155,9 @@ def test_a_motion_that_takes_too_long_is_stopped(server: GripperServer) -> None:
     slow.disconnect()
 
 
-def test_positions_outside_the_limits_are_never_sent(gripper: Robotiq3F, server: GripperServer) -> None:
+def test_positions_outside_the_limits_are_never_sent(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
     before = written(server)
     for position in (-1, 5, 256, 10**6, 50.5, float("nan")):
         with pytest.raises(OutOfLimitsError, match="counts"):

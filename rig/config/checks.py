@@ -66,8 +66,11 @@ def _tactile(tactile: TactileConfig, number: int) -> Iterator[Misfit]:
 def _camera(camera: CameraConfig) -> Iterator[Misfit]:
     import cv2
 
-    if not camera.marker_dictionary.startswith("DICT_") or not hasattr(cv2.aruco, camera.marker_dictionary):
+    number = getattr(cv2.aruco, camera.marker_dictionary, None)
+    if not camera.marker_dictionary.startswith("DICT_") or number is None:
         yield ("camera", "marker_dictionary"), "is no ArUco dictionary, as DICT_4X4_50"
+    elif max(camera.marker_ids) >= (size := len(cv2.aruco.getPredefinedDictionary(number).bytesList)):
+        yield ("camera", "marker_ids"), f"{camera.marker_dictionary} has markers 0 to {size - 1}"
     if camera.marker_ids[0] == camera.marker_ids[1]:
         yield ("camera", "marker_ids"), "names one marker twice"
     sight = np.subtract(camera.look_at_m, camera.position_m)
@@ -101,10 +104,16 @@ def _together(config: BenchConfig) -> Iterator[Misfit]:
     low, high = config.arm.limits.workspace_min_m, config.arm.limits.workspace_max_m
     if not _inside(config.table.position_m, low, high):
         yield ("table", "position_m"), "is outside the workspace of [arm.limits]: it cannot be reached"
+    elif config.arm.home_m[2] <= config.table.position_m[2]:
+        yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait in the object"
     if "fake" in config.drivers and config.drivers != {"fake"}:
         yield ("arm", "driver"), "some drivers are 'fake' and some are not: make all of them one or the other"
     if config.faults and "fake" not in config.drivers:
         yield ("faults",), "are for simulated devices in this process; this bench has none"
+    devices = {"arm", "gripper", "tactile", "camera", *serials}
+    for number, fault in enumerate(config.faults):
+        if fault.device not in devices:
+            yield ("faults", number, "device"), f"'{fault.device}' is none of {', '.join(sorted(devices))}"
 
 
 def _inside(point: tuple[float, ...], low: tuple[float, ...], high: tuple[float, ...]) -> bool:

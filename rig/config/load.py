@@ -1,5 +1,6 @@
 """Reading a bench file, and saying where it is wrong."""
 
+import json
 import tomllib
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -39,7 +40,9 @@ def load_bench(name_or_path: str) -> BenchConfig:
 def parse_bench(text: str, name: str) -> BenchConfig:
     """Read a bench file's text; `name` is what messages call it. Raises `InputError`."""
     try:
-        config = BenchConfig.model_validate(tomllib.loads(text))
+        # As JSON, where lists are tuples too: otherwise strict, so that true is no 1 and "5" no 5.
+        document = json.dumps(tomllib.loads(text), default=str)
+        config = BenchConfig.model_validate_json(document, strict=True)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{name}: not valid TOML: {error}") from error
     except ValidationError as error:
@@ -66,10 +69,11 @@ def _text(faults: Sequence[tuple[Loc, str]], source: str | None) -> str:
 
 def _reason(details: Any) -> str:
     if details["type"] == "extra_forbidden":
-        near = get_close_matches(str(details["loc"][-1]), known_keys(), n=1)
+        key = str(details["loc"][-1])
+        near = get_close_matches(key, known_keys() - {key}, n=1)
         return "unknown key" + (f", did you mean '{near[0]}'?" if near else "")
     found = "" if details["type"] == "missing" else f", found {details['input']!r}"
-    return f"{details['msg']}{found}"
+    return f"{details['msg'].removeprefix('Value error, ')}{found}"
 
 
 def new_bench_file(path: Path) -> None:

@@ -1,20 +1,46 @@
 """What a bench file holds, key by key."""
 
 import math
+import re
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
 from calibration.planar import Intrinsics
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
 
-Point = tuple[float, float, float]
-JointAngles = tuple[float, float, float, float, float, float]
+Coordinate = Annotated[float, Field(ge=-5, le=5)]
+"""m in the base frame: no arm's bench is larger, and millimetres are seen at once."""
+Point = tuple[Coordinate, Coordinate, Coordinate]
+OnTool = Annotated[float, Field(ge=-1, le=1)]
+"""m from the flange."""
+Offset = tuple[OnTool, OnTool, OnTool]
+HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+"""Degrees; +-360 is the working range of a UR5e's joints (data sheet)."""
+JointAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 Finger = Literal["A", "B", "C"]
 Rate = Annotated[float, Field(gt=0, le=240)]
 Pixels = Annotated[int, Field(gt=0, le=8192)]
+MarkerId = Annotated[int, Field(ge=0)]
+
+
+def _written_as(pattern: str, what: str) -> AfterValidator:
+    """Return a check that a text is written as it has to be."""
+
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(f"is not {what}")
+        return text
+
+    return AfterValidator(check)
+
+
+Host = Annotated[str, _written_as(r"\w([\w.-]*\w)?", "an IPv4 address or a host's name")]
+HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
 
 
 class _Strict(BaseModel):
@@ -51,13 +77,13 @@ class ArmConfig(_Strict):
     """The arm: which driver, where it is reached, what it carries, where it waits."""
 
     driver: Literal["fake", "ur5e"]
-    host: str | None = None
+    host: Host | None = None
     frequency_hz: float = Field(default=500.0, ge=10, le=500)
     home_m: Point
-    tcp_m: Point = (0.0, 0.0, 0.28)
-    tcp_rotation_vector_rad: Point = (0.0, 0.0, 0.0)
+    tcp_m: Offset = (0.0, 0.0, 0.28)
+    tcp_rotation_vector_rad: RotationVector = (0.0, 0.0, 0.0)
     payload_kg: float = Field(default=2.5, ge=0)
-    payload_cog_m: Point = (0.0, 0.0, 0.08)
+    payload_cog_m: Offset = (0.0, 0.0, 0.08)
     limits: ArmLimitsConfig = ArmLimitsConfig()
 
     def flange_T_tcp(self) -> Pose:  # noqa: N802 - frame names keep their case
@@ -83,7 +109,7 @@ class GripperConfig(_Strict):
 
     driver: Literal["fake", "robotiq_3f"]
     transport: Literal["tcp", "rtu"] = "tcp"
-    host: str | None = None
+    host: Host | None = None
     port: int = Field(default=502, ge=1, le=65535)
     device: str | None = None
     preset: Literal["tcp", "tcp-2014", "rtu"] | None = None
@@ -117,7 +143,7 @@ class CameraConfig(_Strict):
     position_m: Point
     look_at_m: Point
     marker_dictionary: str
-    marker_ids: tuple[int, int]
+    marker_ids: tuple[MarkerId, MarkerId]
     marker_side_m: float = Field(gt=0, lt=0.5)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
@@ -153,7 +179,7 @@ class FakesConfig(_Strict):
     session, and the file's own addresses do not count.
     """
 
-    control: str | None = None
+    control: HostPort | None = None
 
 
 class FaultConfig(_Strict):
@@ -170,7 +196,7 @@ class FaultConfig(_Strict):
 class BenchConfig(_Strict):
     """One bench file."""
 
-    name: str
+    name: str = Field(min_length=1)
     arm: ArmConfig
     gripper: GripperConfig
     tactile: tuple[TactileConfig, TactileConfig]

@@ -62,6 +62,16 @@ def test_the_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -
         ("look_at_m = [0.45, 0.0, 0.10]", "look_at_m = [0.45, -0.62, 0.0]", "straight above"),
         ("payload_kg = 2.5", "payload_kg = 5.5", "max_payload_kg"),
         ('driver = "camera"', 'driver = "fake"', "one or the other"),
+        ("port = 502", "port = true", "integer"),
+        ("port = 502", 'port = "502"', "integer"),
+        ("name = ", 'name = ""  # ', "at least 1"),
+        ('host = "192.168.1.10"', 'host = "http://arm:80"', "arm.host"),
+        ("marker_ids = [0, 1]", "marker_ids = [0, 50]", "markers 0 to 49"),
+        ("marker_ids = [0, 1]", "marker_ids = [-1, 1]", "greater than or equal to 0"),
+        ("tcp_m = [0.0, 0.0, 0.28]", "tcp_m = [0.0, 0.0, 280.0]", "less than or equal to 1"),
+        ("joint_max_deg = [360,", "joint_max_deg = [720,", "less than or equal to 360"),
+        ("home_m = [0.45, 0.0, 0.30]", "home_m = [0.45, 0.0, 0.05]", "not above position_m"),
+        ("home_m = [0.45, 0.0, 0.30]", "home_m = 2026-01-01", "array"),
     ],
 )
 def test_impossible_values_and_unknown_keys_are_refused(old: str, new: str, said: str) -> None:

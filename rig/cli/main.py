@@ -12,6 +12,7 @@ from rig.cli.common import exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
+from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.model import model
@@ -34,7 +35,7 @@ app = typer.Typer(
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
     "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
 )
-for command in (record, trial, sessions, report, compare, play, replay, results):
+for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
 for command in (estimate, segment, label, train, doctor):
     app.command()(command)

@@ -47,7 +47,8 @@ def phase_times(path: Path) -> dict[Phase, int]:
 
 def recorded_values(path: Path, topic: str) -> list[dict[str, Any]]:
     """Return the JSON values of a topic, each with its `time_ns`. Raises `SessionError`."""
-    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in recorded_messages(path, topic)]
+    messages = recorded_messages(path, topic)
+    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in messages]
 
 
 def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
@@ -63,6 +64,21 @@ def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int,
         raise SessionError(f"{path}: the recording is damaged ({error})") from error
 
 
+def recorded_pose(data: bytes) -> Pose:
+    """Return `base_T_tcp` of a message of the arm's topic."""
+    pose = PoseInFrame.FromString(data).pose
+    position, quaternion = pose.position, pose.orientation
+    return Pose(
+        (position.x, position.y, position.z),
+        (quaternion.x, quaternion.y, quaternion.z, quaternion.w),
+    )
+
+
+def recorded_jpeg(data: bytes) -> bytes:
+    """Return the stored bytes of a message of an image topic."""
+    return CompressedImage.FromString(data).data
+
+
 def _frame(data: bytes, time_ns: int, sequence: int) -> Frame:
     message = CompressedImage.FromString(data)
     return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
@@ -70,14 +86,9 @@ def _frame(data: bytes, time_ns: int, sequence: int) -> Frame:
 
 def _arm_state(data: bytes, joints: dict[str, Any], time_ns: int) -> ArmState:
     """Put together what the recorder keeps as a pose and as joints."""
-    pose = PoseInFrame.FromString(data).pose
-    position, quaternion = pose.position, pose.orientation
     return ArmState(
         time_ns=time_ns,
-        base_T_tcp=Pose(
-            (position.x, position.y, position.z),
-            (quaternion.x, quaternion.y, quaternion.z, quaternion.w),
-        ),
+        base_T_tcp=recorded_pose(data),
         joints_rad=tuple(joints["joints_rad"]),
         wrench=tuple(joints["wrench"]),
         mode=ArmMode(joints["mode"]),

@@ -1,0 +1,54 @@
+"""`rig export`: a session for other people's tools."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.common import JsonOption, emit_json, say
+
+
+def export(
+    session: Annotated[Path, typer.Argument(help="Session folder of a trial or a recording.")],
+    to: Annotated[str, typer.Option("--to", help="csv, parquet, coco, labelme or lerobot.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="New folder; default: export/FORMAT in the session.")
+    ] = None,
+    every: Annotated[
+        int,
+        typer.Option("--every", min=1, help="coco, labelme: each so-many-th tactile frame of a trial."),
+    ] = 10,
+    json: JsonOption = False,
+) -> None:
+    """Write a session in a format that other tools open; the session itself stays as it is.
+
+    csv, parquet: lifts, angles, arm, gripper and frames, or poses and images. coco, labelme: images
+    with contact masks: the true ones of simulated recordings, else proposals, which the files say.
+    lerobot: a LeRobotDataset v3.0, an episode per lift. The recordings themselves, lifts/NNN.mcap,
+    open in MCAP viewers as they are.
+
+    Examples:
+      rig export sessions/2026-11-21T093000_trial --to csv
+
+      rig export sessions/2026-11-21T093000_trial --to lerobot --out /data/lifts
+
+      rig export sessions/2026-11-21T101500_obj7_record --to labelme
+
+    """
+    import time
+
+    from rig.export.formats import export_session
+
+    began = time.perf_counter()
+    folder = out or session / "export" / to
+    exported = export_session(session, to, folder, every)
+    wall_s = round(time.perf_counter() - began, 2)
+    counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())
+    say(f"{counts}, {wall_s:.1f} s")
+    for note in exported.notes:
+        say(note)
+    if json:
+        figures = {"counts": exported.counts, "notes": list(exported.notes), "wall_s": wall_s}
+        emit_json({"session": str(session), "to": to, "out": str(folder), **figures})
+    else:
+        print(folder)

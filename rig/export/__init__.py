@@ -1,0 +1,1 @@
+"""Sessions for other people's tools: tables, labelled images, data sets."""

@@ -1,0 +1,47 @@
+"""The formats by their names, and how an export comes to be whole or not at all."""
+
+import shutil
+from pathlib import Path
+
+from drivers.errors import InputError, RecordingError
+from rig.export.labels import export_coco, export_labelme
+from rig.export.lerobot import export_lerobot
+from rig.export.result import Exported, Exporter, export_request
+from rig.export.tables import export_csv, export_parquet
+
+FORMATS: dict[str, Exporter] = {
+    "csv": export_csv,
+    "parquet": export_parquet,
+    "coco": export_coco,
+    "labelme": export_labelme,
+    "lerobot": export_lerobot,
+}
+
+
+def export_session(session: Path, to: str, out: Path, every: int = 10) -> Exported:
+    """Export a session into the new folder `out`; the session stays as it is.
+
+    to: one of `FORMATS`. every: see `ExportRequest`. Raises `InputError` when the folder is taken or
+    the session has nothing of the kind, `SessionError` when it is damaged, `RecordingError` when
+    nothing can be written. Nothing is left in `out` then.
+    """
+    if to not in FORMATS:
+        raise InputError(f"unknown format '{to}': choose one of {', '.join(FORMATS)}")
+    if not session.is_dir():
+        raise InputError(f"{session}: no such session folder")
+    if out.exists():
+        raise InputError(f"{out} exists already: remove it, or give another --out")
+    aside = out.with_name(out.name + ".part")
+    try:
+        shutil.rmtree(aside, ignore_errors=True)
+        request = export_request(session, aside, every)
+        aside.mkdir(parents=True)
+        exported = FORMATS[to](request)
+        aside.replace(out)
+    except OSError as error:
+        raise RecordingError(
+            f"{out}: cannot be written ({error.strerror or error}); give another --out"
+        ) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+    return exported

@@ -1,0 +1,93 @@
+"""Tactile images with their contact masks, from recordings and from trials."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.errors import SessionError
+from drivers.types import Image
+from protocols.watch import Phase
+from rig.export.result import ExportRequest
+from rig.records.encoding import decoded
+from rig.records.reading import phase_times, recorded_frames
+from rig.tactile.background import mean_background
+from rig.tactile.contact import ContactFinder
+
+TRUE_MASKS = "truth/masks"
+"""Where simulated recordings keep the masks that the rig does not see."""
+TRUE_NOTE = "mask: the simulator's true contact"
+FOUND_NOTE = "mask: proposed by plain image processing (rig/tactile/contact.py); look before you train on it"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactImage:
+    """An image as stored, (H, W) its mask of 0 and 255, and where the mask comes from."""
+
+    name: str
+    encoded: bytes
+    mask: Image
+    note: str
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.mask.shape[1], self.mask.shape[0]
+
+
+def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
+    """Yield a recording's images, or each so-many-th frame in contact of a trial's fingertips.
+
+    Raises `SessionError` where an image or a recording is missing or damaged.
+    """
+    return _of_recording(request) if request.kind == "record" else _of_trial(request)
+
+
+def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
+    serials = {image["serial"] for row in request.accepted for image in row["images"]}
+    finders = {s: ContactFinder(_read(request.session / f"reference/{s}.png")) for s in serials}
+    for row in request.accepted:
+        for image in row["images"]:
+            path = request.session / image["file"]
+            picture = _read(path)
+            truth = request.session / TRUE_MASKS / f"{path.stem}.png"
+            if truth.exists():
+                mask, note = _mask(truth, picture), TRUE_NOTE
+            else:
+                mask, note = _found(finders[image["serial"]], picture), FOUND_NOTE
+            yield ContactImage(image["file"], path.read_bytes(), mask, note)
+
+
+def _of_trial(request: ExportRequest) -> Iterator[ContactImage]:
+    for row in request.accepted:
+        recording = request.session / row["recording"]
+        grasp_ns = phase_times(recording)[Phase.GRASP]
+        for serial in request.manifest["signs"]:
+            frames = list(recorded_frames(recording, serial))
+            finder = ContactFinder(mean_background([f.image for f in frames if f.time_ns < grasp_ns]))
+            folder = f"{row['object']}_{row['name'].replace(' ', '_')}"
+            for frame in [f for f in frames if f.time_ns >= grasp_ns][:: request.every]:
+                mask = _found(finder, frame.image)
+                if mask.any() and frame.jpeg is not None:
+                    name = f"{folder}/{recording.stem}_{serial}_{frame.sequence:06d}.jpg"
+                    yield ContactImage(name, frame.jpeg, mask, FOUND_NOTE)
+
+
+def _found(finder: ContactFinder, image: Image) -> Image:
+    mask = finder.find(image).mask
+    return np.zeros(image.shape[:2], np.uint8) if mask is None else mask
+
+
+def _read(path: Path) -> Image:
+    if not path.exists():
+        raise SessionError(f"{path}: the image is missing; the session is damaged")
+    return decoded(path.read_bytes())
+
+
+def _mask(path: Path, picture: Image) -> Image:
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if mask is None or mask.shape != picture.shape[:2]:
+        raise SessionError(f"{path}: the true mask cannot be read or is not of its image's size")
+    return np.asarray(mask, np.uint8)

@@ -1,0 +1,75 @@
+"""What a LeRobotDataset says of itself: `meta/`, and the card that a person reads."""
+
+import json
+from typing import Any
+
+from rig.export.result import ExportRequest, simulated_mark
+from rig.export.statistics import FeatureStatistics
+from rig.records.tables import pyarrow_modules
+
+FORMAT_VERSION = "v3.0"
+FILES_PER_CHUNK = 1000
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES_PATH = "meta/episodes/chunk-000/file-000.parquet"
+CARD = """# {session}
+
+{mark}slip trial, an episode per lift: from the grasp until the object is set down again.
+
+- `observation.state`: TCP in the base frame (m, quaternion xyzw) and the gripper's counts.
+- `action`: the state one step later. Commands are not recorded, so this is where the rig went.
+- `angle.estimate_deg`, `angle.truth_deg`: the object's turn since the grasp, estimated from the
+  fingertips and measured from its markers, degrees, counter-clockwise as the camera sees it. Where
+  `..._known` is false there was no answer at that step, and the last one stands.
+- Images are the stored JPEGs, each the latest at its step ({fps} steps a second).
+"""
+
+
+def write_meta(
+    request: ExportRequest,
+    fps: int,
+    features: dict[str, Any],
+    tasks: list[str],
+    episodes: list[dict[str, Any]],
+    statistics: FeatureStatistics,
+) -> None:
+    """Write `meta/` and the card. features, episodes: as `info.json` and `meta/episodes` list them."""
+    arrow, parquet = pyarrow_modules()
+    out = request.out
+    info = {
+        "codebase_version": FORMAT_VERSION,
+        "robot_type": "ur5e_robotiq_3f_digit",
+        "total_episodes": len(episodes),
+        "total_frames": episodes[-1]["dataset_to_index"],
+        "total_tasks": len(tasks),
+        "chunks_size": FILES_PER_CHUNK,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": fps,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": DATA_PATH,
+        "video_path": None,
+        "features": features,
+    }
+    (out / EPISODES_PATH).parent.mkdir(parents=True)
+    (out / "meta/info.json").write_text(json.dumps(info, indent=4))
+    (out / "meta/stats.json").write_text(json.dumps(statistics.as_json(), indent=4))
+    parquet.write_table(arrow.Table.from_pylist(episodes), out / EPISODES_PATH)
+    parquet.write_table(_tasks_table(tasks), out / "meta/tasks.parquet")
+    mark = simulated_mark(request.manifest)
+    (out / "README.md").write_text(CARD.format(session=request.session.name, mark=mark, fps=fps))
+
+
+def _tasks_table(tasks: list[str]) -> Any:
+    """Return the tasks with their text as pandas' index, which is how the loader looks them up."""
+    arrow, _ = pyarrow_modules()
+    index = "__index_level_0__"
+    table = arrow.table({"task_index": list(range(len(tasks))), index: tasks})
+    described = [
+        {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+        for name, field, kind, numpy in (
+            ("task_index", "task_index", "int64", "int64"),
+            (None, index, "unicode", "object"),
+        )
+    ]
+    pandas = {"index_columns": [index], "column_indexes": [], "columns": described, "pandas_version": "2.0.0"}
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})

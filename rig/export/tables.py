@@ -1,0 +1,152 @@
+"""A session as tables, in CSV or Parquet: lifts, angles, arm, gripper and frames, or poses and images.
+
+Angles are in degrees, positive counter-clockwise as the external camera sees them, from the zero at
+the end of phase A. `t_s` is the bench's monotonic time, `t_lift_s` counts from the beginning of phase
+B. Quaternions are xyzw, poses `base_T_tcp` in m, forces in N and torques in N m in the base's axes.
+"""
+
+import json
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.clock import NS_PER_S
+from protocols.watch import Phase
+from rig.export.result import Exported, ExportRequest, simulated_mark
+from rig.records.reading import phase_times, recorded_messages, recorded_pose
+from rig.records.recorder import (
+    ARM_TOPIC,
+    FUSED_TOPIC,
+    GRIPPER_TOPIC,
+    JOINTS_TOPIC,
+    TRUTH_TOPIC,
+    image_topic,
+    slip_topic,
+)
+from rig.records.tables import Columns, Line, csv_bytes, parquet_bytes
+from rig.results import COLUMNS as LIFT_COLUMNS
+from rig.results import flat_row
+
+WHEN: Columns = {
+    "number": int, "object": str, "name": str, "lift": int, "phase": str, "t_s": float, "t_lift_s": float,
+}  # fmt: skip
+ANGLE_COLUMNS: Columns = {
+    **WHEN, "source": str, "angle_deg": float, "sigma_deg": float, "state": str, "contact_area_px": float,
+}  # fmt: skip
+POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+JOINTS = tuple(f"joint{i}_rad" for i in range(1, 7))
+WRENCH = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
+ARM_COLUMNS: Columns = {**WHEN, **dict.fromkeys((*POSE, *JOINTS, *WRENCH), float), "mode": str}
+GRIPPER_COLUMNS: Columns = {**WHEN, "position_counts": int, "current_counts": int, "moving": bool}
+FRAME_COLUMNS: Columns = {**WHEN, "source": str, "sequence": int}
+POSE_COLUMNS: Columns = {
+    "pose": int, "attempt": int, "position": str, "orientation_deg": float, "accepted": bool, "fault": str,
+    "rejected_frames": int, "images": int, "seed": int, "simulated": bool,
+}  # fmt: skip
+IMAGE_COLUMNS: Columns = {
+    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
+    "time_s": float, "contact_area_px": float,
+}  # fmt: skip
+IMAGE_PREFIX = image_topic("")
+ANGLE_PREFIX = slip_topic("")
+FUSED, TRUTH = "fused", "markers"
+"""Sources of angles beside the fingertips' serials."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table on its way out."""
+
+    name: str
+    columns: Columns
+    lines: list[Line] = field(default_factory=list)
+
+
+def export_csv(request: ExportRequest) -> Exported:
+    """Write each table as CSV. Raises `SessionError` for a damaged recording."""
+    return _export(request, "csv", csv_bytes)
+
+
+def export_parquet(request: ExportRequest) -> Exported:
+    """Write each table as Parquet. Raises `SessionError`, and `InputError` without pyarrow."""
+    return _export(request, "parquet", parquet_bytes)
+
+
+def session_tables(request: ExportRequest) -> list[Table]:
+    """Return the tables of a session. Raises `SessionError` for a damaged recording."""
+    return _trial_tables(request) if request.kind == "trial" else _recording_tables(request)
+
+
+def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, list[Line]], bytes]) -> Exported:
+    tables = session_tables(request)
+    for table in tables:
+        (request.out / f"{table.name}.{suffix}").write_bytes(written(table.columns, table.lines))
+    return Exported(
+        {table.name: len(table.lines) for table in tables}, (simulated_mark(request.manifest) + "figures",)
+    )
+
+
+def _trial_tables(request: ExportRequest) -> list[Table]:
+    manifest = request.manifest
+    head = {key: manifest.get(key) for key in ("started", "bench", "estimator", "window")}
+    lifts = [
+        flat_row(row, session=request.session.name, problem=row.get("fault"), **head) for row in request.rows
+    ]
+    angles, arm = Table("angles", ANGLE_COLUMNS), Table("arm", ARM_COLUMNS)
+    gripper, frames = Table("gripper", GRIPPER_COLUMNS), Table("frames", FRAME_COLUMNS)
+    for row in request.accepted:
+        for topic, line in _lines_of(request, row):
+            if topic == JOINTS_TOPIC:
+                arm.lines.append(line)
+            elif topic == GRIPPER_TOPIC:
+                gripper.lines.append(line)
+            elif topic.startswith(IMAGE_PREFIX):
+                frames.lines.append(line)
+            elif topic.startswith(ANGLE_PREFIX):
+                angles.lines.append(line)
+    return [Table("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
+
+
+def _lines_of(request: ExportRequest, row: dict[str, Any]) -> Iterator[tuple[str, Line]]:
+    """Yield each message of a lift as a line, with the topic it came from."""
+    path = request.session / row["recording"]
+    phases = sorted((time_ns, phase.value) for phase, time_ns in phase_times(path).items())
+    starts = [time_ns for time_ns, _ in phases]
+    lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT.value)
+    identity = {key: row[key] for key in ("number", "object", "name", "lift")}
+    pose: tuple[float, ...] = ()
+    for topic, time_ns, sequence, data in recorded_messages(path):
+        if topic == ARM_TOPIC:
+            tcp = recorded_pose(data)
+            pose = (*tcp.position_m, *tcp.quaternion_xyzw)
+            continue
+        begun = bisect_right(starts, time_ns)
+        when = {
+            **identity,
+            "phase": phases[max(begun - 1, 0)][1],
+            "t_s": time_ns / NS_PER_S,
+            "t_lift_s": (time_ns - lift_ns) / NS_PER_S,
+        }
+        yield topic, {**when, **_values(topic, sequence, data, pose)}
+
+
+def _values(topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> Line:
+    if topic.startswith(IMAGE_PREFIX):
+        return {"source": topic.removeprefix(IMAGE_PREFIX), "sequence": sequence}
+    values = json.loads(data)
+    if topic == JOINTS_TOPIC:
+        numbers = zip(
+            (*POSE, *JOINTS, *WRENCH), (*pose, *values["joints_rad"], *values["wrench"]), strict=True
+        )
+        return {**dict(numbers), "mode": values["mode"]}
+    if topic.startswith(ANGLE_PREFIX):
+        named = {FUSED_TOPIC: FUSED, TRUTH_TOPIC: TRUTH}
+        return {**values, "source": named.get(topic, topic.removeprefix(ANGLE_PREFIX))}
+    return values
+
+
+def _recording_tables(request: ExportRequest) -> list[Table]:
+    poses = [{**row, "images": len(row["images"])} for row in request.rows]
+    images = [{**row, **image} for row in request.accepted for image in row["images"]]
+    return [Table("poses", POSE_COLUMNS, poses), Table("images", IMAGE_COLUMNS, images)]

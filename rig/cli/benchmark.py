@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 
 from rig.cli.benchmark_calibration import calibration
 from rig.cli.benchmark_estimators import estimators
+from rig.cli.benchmark_segmentation import segmentation
 from rig.cli.benchmark_wire import wire
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
 
@@ -34,6 +35,7 @@ benchmark = typer.Typer(
 benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
 benchmark.command("calibration")(calibration)
+benchmark.command("segmentation")(segmentation)
 
 
 @benchmark.command("faults")

@@ -41,6 +41,13 @@ def train(
         int,
         typer.Option(min=24, help="Simulated frames to train on, a fold; a fifth more to validate and test."),
     ] = 1500,
+    units: Annotated[
+        str,
+        typer.Option(
+            help="Simulated sensors: varied (unlike one another, to carry over to unseen ones) or family "
+            "(of one make, as the paper's)."
+        ),
+    ] = "varied",
     epochs: Annotated[int | None, typer.Option(min=1, help="Default: 10; 30 with --paper.")] = None,
     encoder: EncoderOption = "resnet18",
     encoder_weights: Annotated[
@@ -62,13 +69,14 @@ def train(
 
       rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
 
-      rig train --all --out runs/table2 --resume
+      rig train --all --units family --out runs/table2 --resume
 
     """
     require_training()
     from rig.labels.folds import FOLDS, find_fold
     from rig.training.networks import ARCHITECTURES, find_architecture
-    from rig.training.run import Progress, TrainSettings, train_all
+    from rig.training.run import train_all
+    from rig.training.settings import TrainSettings, checked_units
 
     settings = TrainSettings(
         data=data,
@@ -81,10 +89,11 @@ def train(
         seed=seed,
         encoder_weights=encoder_weights,
         threads=threads,
+        units=checked_units(units),
     )
     say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {seed}, into {out}")
     with _Shown() as shown:
-        cards = train_all(out, settings, resume, Progress(shown))
+        cards = train_all(out, settings, resume, shown)
     _print(cards, json)
     if json:
         emit_json({"out": str(out), "models": cards})

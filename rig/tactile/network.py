@@ -19,7 +19,7 @@ from drivers.errors import InputError
 from rig.tactile.network_input import NetworkInput
 
 MODELS = files("rig") / "models"
-SHIPPED = ("ours", "pspnet")
+SHIPPED = ("ours", "ours-full", "pspnet")
 METADATA_KEY = "rig"
 PAPER_THRESHOLD = 0.7
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096

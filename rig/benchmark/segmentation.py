@@ -1,0 +1,187 @@
+"""`rig benchmark segmentation`: how well and how fast contacts are found, and the limits that has to keep."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+
+from drivers.types import Image
+from rig.benchmark.measured import Measured, at_least, at_most, not_there
+from rig.benchmark.segmentation_panels import Panels, read_panels
+from rig.labels.scores import agreement
+from rig.segmentation import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter
+from rig.tactile.network import SHIPPED, load_network
+from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.relative import RelativeDifference
+from rig.training.examples import Examples
+from rig.training.simulated import simulated_examples
+
+HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
+"""The test objects of fold D_s3, and the trial objects: no shipped network was trained on them."""
+FRAME_SIZE = (240, 320)
+METHODS = (*SHIPPED, CLASSICAL)
+LEAST_DICE, LEAST_IOU, LEAST_REAL_DICE = 0.97, 0.94, 0.90
+MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
+TIMED_FRAMES, WARM_UP_FRAMES = 200, 20
+
+
+@dataclass(frozen=True, slots=True)
+class MethodScore:
+    """A method on a set of frames: mean and standard deviation over frames."""
+
+    method: str
+    data: str
+    frames: int
+    dice: float
+    dice_std: float
+    iou: float
+    iou_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class MethodTime:
+    """Median and 99th percentile, ms, of frame in to mask out, and the median of the network alone."""
+
+    method: str
+    frame_ms: float
+    frame_p99_ms: float
+    network_ms: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentationReport:
+    """Everything that was measured; panels: the real frames with each method's masks, None without."""
+
+    scores: tuple[MethodScore, ...]
+    times: tuple[MethodTime, ...]
+    limits: tuple[Measured, ...]
+    panels: Panels | None
+    masks: dict[str, list[Image]]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit that could be measured holds."""
+        return all(limit.met is not False for limit in self.limits)
+
+
+def run_segmentation(
+    frames: int, seed: int, data: Path | None, say: Callable[[str], None]
+) -> SegmentationReport:
+    """Measure the shipped networks and the classical mask. data: folder of real recordings, or None."""
+    cv2.setNumThreads(1)
+    say(f"rendering {frames} SIMULATED frames of objects never trained on")
+    randomised = simulated_examples(HELD_OUT, frames, seed + 1, FRAME_SIZE)
+    family = simulated_examples(HELD_OUT, frames // 2, seed + 2, FRAME_SIZE, family=True)
+    scores, masks = [], {}
+    panels = None if data is None else read_panels(data)
+    for method in METHODS:
+        say(f"measuring: {method}")
+        scores.append(score_examples(method, "SIMULATED, units unlike one another", randomised))
+        scores.append(score_examples(method, "SIMULATED, units of the bench", family))
+        if panels is not None:
+            segmenter = make_segmenter(SegmentChoice(method), panels.background)
+            masks[method] = [_mask(segmenter, frame) for frame in panels.frames]
+            scores.append(_scored(method, "nine real frames", masks[method], panels.labels))
+    say("measuring: run time, methods turn about, one thread")
+    times = measure_times(randomised)
+    limits = (*_limits(scores, times), _threads_agree(randomised))
+    return SegmentationReport(tuple(scores), tuple(times), limits, panels, masks)
+
+
+def score_examples(method: str, title: str, examples: Examples) -> MethodScore:
+    """Segment every frame with its own background, and compare with its label."""
+    masks = [
+        _mask(make_segmenter(SegmentChoice(method), background), frame)
+        for frame, background in zip(examples.frames, examples.backgrounds, strict=True)
+    ]
+    return _scored(method, title, masks, [np.where(label > 127, 255, 0) for label in examples.labels])
+
+
+def measure_times(examples: Examples) -> list[MethodTime]:
+    """Time the methods turn about on the same frames, each on one thread."""
+    background = examples.backgrounds[0]
+    segmenters = {method: make_segmenter(SegmentChoice(method), background) for method in METHODS}
+    networks = {name: _network_call(name, background) for name in SHIPPED}
+    frame_s: dict[str, list[float]] = {method: [] for method in METHODS}
+    network_s: dict[str, list[float]] = {name: [] for name in SHIPPED}
+    for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
+        frame = examples.frames[number % len(examples)]
+        for method, segmenter in segmenters.items():
+            frame_s[method].append(_cost_s(lambda s=segmenter, f=frame: s.segment(f)))
+        for name, call in networks.items():
+            network_s[name].append(call(frame))
+    return [
+        MethodTime(
+            method,
+            1e3 * float(np.median(costs[WARM_UP_FRAMES:])),
+            1e3 * float(np.percentile(costs[WARM_UP_FRAMES:], 99)),
+            1e3 * float(np.median(network_s[method][WARM_UP_FRAMES:])) if method in network_s else None,
+        )
+        for method, costs in frame_s.items()
+    ]
+
+
+def _network_call(name: str, background: Image) -> Callable[[Image], float]:
+    """Return what gives the cost of the network alone, in s, for a frame."""
+    network = load_network(name)
+    compare = network.recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE
+    reference = RelativeDifference(background, network.size)
+
+    def call(frame: Image) -> float:
+        planes = compared_planes(frame, reference) if compare else frame_planes(frame, network.size)
+        return _cost_s(lambda: network.logits(planes))
+
+    return call
+
+
+def _cost_s(work: Callable[[], object]) -> float:
+    began = perf_counter()
+    work()
+    return perf_counter() - began
+
+
+def _mask(segmenter: FrameSegmenter, frame: Image) -> Image:
+    mask = segmenter.segment(frame).contact.mask
+    return np.zeros(frame.shape[:2], np.uint8) if mask is None else mask
+
+
+def _scored(method: str, data: str, masks: Sequence[Image], labels: Sequence[Image]) -> MethodScore:
+    found = [agreement(mask, label) for mask, label in zip(masks, labels, strict=True)]
+    dice, iou = np.array([(one.dice, one.iou) for one in found]).T
+    return MethodScore(
+        method, data, len(found), float(dice.mean()), float(dice.std()), float(iou.mean()), float(iou.std())
+    )
+
+
+def _limits(scores: list[MethodScore], times: list[MethodTime]) -> list[Measured]:
+    by = {(score.method, score.data.split(",")[0]): score for score in reversed(scores)}
+    time = {row.method: row for row in times}
+    ours, full, real = (
+        by["ours", "SIMULATED"],
+        by["ours-full", "SIMULATED"],
+        by.get(("ours", "nine real frames")),
+    )
+    shares = (time["ours"].network_ms or 0.0) / (time["pspnet"].network_ms or np.inf)
+    name = "ours, nine real frames: Dice"
+    return [
+        at_least("ours, SIMULATED objects never trained on: Dice", ours.dice, LEAST_DICE),
+        at_least("ours, SIMULATED objects never trained on: IoU", ours.iou, LEAST_IOU),
+        at_most("ours, frame in to mask out, one thread, ms (median)", time["ours"].frame_ms, MOST_MS),
+        at_most("ours, the network's run time as a share of PSPNet's", shares, MOST_SHARE),
+        at_most("eight-bit against full, difference of Dice", abs(ours.dice - full.dice), MOST_LOSS),
+        not_there(name) if real is None else at_least(name, real.dice, LEAST_REAL_DICE),
+    ]
+
+
+def _threads_agree(examples: Examples) -> Measured:
+    """Pixels in which masks made with one and with two threads differ."""
+    apart = 0
+    for frame, background in list(zip(examples.frames, examples.backgrounds, strict=True))[:30]:
+        one, two = (
+            _mask(make_segmenter(SegmentChoice("ours", threads=count), background), frame) for count in (1, 2)
+        )
+        apart += int(np.count_nonzero(one != two))
+    return at_most("ours, pixels in which 1 and 2 threads differ, 30 frames", apart, 0)

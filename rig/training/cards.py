@@ -1,0 +1,72 @@
+"""Model cards: what a trained network is, what it was trained on, how well it does."""
+
+from dataclasses import asdict
+from typing import Any
+
+import torch
+
+from rig.labels.folds import Fold
+from rig.tactile.network import load_network
+from rig.training.examples import Examples
+from rig.training.export import ExportedFile
+from rig.training.loop import Training
+from rig.training.scoring import Score, score
+from rig.training.settings import SIMULATED, TrainSettings
+
+LABEL = "convex hull of each connected part of the contact, gaps up to 17 % of the image's width closed"
+EIGHT_BIT_LOSS = 0.005
+"""A file of lower precision holds where its mean Dice is within this of the full one's."""
+
+
+def model_card(
+    settings: TrainSettings,
+    fold: Fold,
+    data: tuple[Examples, Examples, Examples],
+    training: Training,
+    files: list[ExportedFile],
+) -> dict[str, Any]:
+    """Return the card of a trained network, scored on the fold's test objects.
+
+    data: frames to train on, to validate and to test with.
+    """
+    architecture, test = training.architecture, data[2]
+    scores: dict[str, Score] = {file.precision: score(load_network(file.path), test) for file in files}
+    full = scores["fp32"]
+    height, width = training.size
+    return {
+        "name": architecture.name,
+        "title": architecture.title,
+        "encoder": settings.encoder if architecture.family else None,
+        "parameters": sum(p.numel() for p in training.network.parameters()),
+        "inputs": architecture.inputs.value,
+        "size_px": [width, height],
+        "threshold": architecture.threshold,
+        "label": LABEL,
+        "data": settings.data,
+        "simulated": settings.data == SIMULATED,
+        "units": settings.units if settings.data == SIMULATED else None,
+        "settings": "paper" if settings.paper else "reduced",
+        "images": {"train": len(data[0]), "validation": len(data[1]), "test": len(data[2])},
+        "fold": {"name": fold.name, "train": fold.train, "validation": fold.validation, "test": fold.test},
+        "seed": settings.seed,
+        "schedule": asdict(training.schedule),
+        "epochs": [{"loss": e.loss, "validation_dice": e.validation_dice} for e in training.history],
+        "test": {"dice": full.dice, "dice_std": full.dice_std, "iou": full.iou, "iou_std": full.iou_std},
+        "ms_per_frame": full.ms,
+        "files": {
+            file.precision: {
+                **file.facts(),
+                "dice": scores[file.precision].dice,
+                "ms_per_frame": scores[file.precision].ms,
+                "holds": abs(scores[file.precision].dice - full.dice) <= EIGHT_BIT_LOSS,
+            }
+            for file in files
+        },
+        "torch": str(torch.__version__),
+    }
+
+
+def table_row(card: dict[str, Any]) -> dict[str, Any]:
+    """Return what a card adds to the table of networks and folds."""
+    kept = ("title", "ms_per_frame", "settings", "data", "units", "seed", "images")
+    return {"fold": card["fold"]["name"], **{key: card[key] for key in kept}, **card["test"]}

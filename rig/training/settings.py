@@ -1,0 +1,60 @@
+"""What a training is asked for: data, networks, folds, and the reduced or the paper's settings."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import InputError
+from rig.labels.folds import Fold
+from rig.training.loop import Schedule
+from rig.training.networks import OURS, Architecture
+
+SIMULATED = "simulated"
+"""Stands for frames rendered for this training."""
+VARIED, FAMILY = "varied", "family"
+UNITS = (VARIED, FAMILY)
+"""Simulated sensors: unlike one another, which carries over to unseen makes, or as a bench has them, which
+is what the paper's data set is: sensors of one make."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainSettings:
+    """What a training is asked for.
+
+    data: a folder, or `SIMULATED`. images: simulated frames to train on, a fold. paper: the paper's
+    settings (256 x 320 px, 30 epochs, batch 32) instead of the reduced ones. encoder_weights: a file.
+    threads: of torch, None for its own choice. units: the simulated sensors, see `UNITS`.
+    """
+
+    data: str
+    architectures: tuple[Architecture, ...]
+    folds: tuple[Fold, ...]
+    encoder: str
+    images: int
+    epochs: int
+    paper: bool
+    seed: int
+    encoder_weights: Path | None = None
+    threads: int | None = None
+    units: str = VARIED
+
+    def size(self, architecture: Architecture) -> tuple[int, int]:
+        """(height, width) in px at which a network looks."""
+        return architecture.paper_size if self.paper else architecture.size
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) in px at which frames are kept."""
+        return (256, 320) if self.paper else (128, 160)
+
+    def schedule(self, architecture: Architecture) -> Schedule:
+        """The paper's batch and rate for its networks; a one-cycle rate for ours."""
+        if architecture.name == OURS:
+            return Schedule(self.epochs, 32, 4e-3, True)
+        return Schedule(self.epochs, 32, 1e-4, False) if self.paper else Schedule(self.epochs, 16, 1e-3, True)
+
+
+def checked_units(name: str) -> str:
+    """Return the name of a kind of units. Raises `InputError` for an unknown one."""
+    if name not in UNITS:
+        raise InputError(f"there are no units '{name}': choose one of {', '.join(UNITS)}")
+    return name

@@ -51,7 +51,7 @@ def _let_go(bench: Bench) -> None:
     pose = bench.arm.state().base_T_tcp
     rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
     if rise > 0.0:
-        _move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
@@ -59,7 +59,7 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa:
     limits = bench.gripper.limits
     bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
     for pose in (base_T_grasp.translated(z_m=CLEARANCE_M), base_T_grasp):
-        _move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
@@ -98,9 +98,9 @@ def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -
 def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
     """Set the object down, open the fingers, and retreat upwards."""
     limits = bench.gripper.limits
-    _move(bench, base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    move(bench, base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
-    _move(bench, base_T_grasp.translated(z_m=CLEARANCE_M), TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    move(bench, base_T_grasp.translated(z_m=CLEARANCE_M), TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def make_safe(bench: Bench, base_T_grasp: Pose, width_m: float) -> str:  # noqa: N803
@@ -118,5 +118,6 @@ def make_safe(bench: Bench, base_T_grasp: Pose, width_m: float) -> str:  # noqa:
     return "object set down, fingers open, arm retreated"
 
 
-def _move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
+def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
+    """Start a straight motion at the steps' acceleration; return it."""
     return bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Protocol
 
-from drivers.types import ArmState, Frame, GripperState
+from drivers.types import ArmState, Frame, GripperState, Vector3
 
 
 class Phase(StrEnum):
@@ -56,6 +56,13 @@ class Operator(Protocol):
 
     def place(self, object_id: str, name: str) -> None:
         """See that an object lies in its place: has it laid there unless it was set down there.
+
+        Raises `OperatorStopError`.
+        """
+        ...
+
+    def nudge(self, question: str) -> Vector3 | None:
+        """Ask how far the tool has to go, m, base axes; None when it is where it should be.
 
         Raises `OperatorStopError`.
         """

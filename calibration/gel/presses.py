@@ -15,6 +15,9 @@ Array = NDArray[np.floating]
 _LEAST_CHANGE_GREY = 10.0
 _SHARE_OF_PEAK = 0.3
 _SMALLEST_RADIUS_PX = 8.0
+_RIM_ROUNDS = 3
+_RIM_RAYS = 180
+_RIM_WIDTH_PX = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +71,52 @@ def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float)
     return float(first + np.argmax(fall)) if len(fall) else reach_px
 
 
+def rim_centre(press: Press) -> tuple[float, float]:
+    """Centre of a contact (x, y) px, from its rim: where the change falls off most steeply, all round.
+
+    A slope's brightness depends on where the light stands and on the place; its edge does not. So
+    this centre moves with the contact alone, which the outline of what is bright does not.
+    """
+    (x, y), reach = press.centre_px, press.reach_px
+    for _ in range(_RIM_ROUNDS):
+        angle = np.linspace(0.0, 2.0 * np.pi, _RIM_RAYS, endpoint=False)[:, None]
+        radius = np.arange(0.55 * reach, 1.3 * reach, 0.5)
+        rays = np.stack([x + np.cos(angle) * radius, y + np.sin(angle) * radius], axis=-1)
+        values = cv2.remap(press.strength, rays.astype(np.float32), None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        edge = _steepest(np.maximum(-np.diff(values, axis=1), 0.0), (radius[1:] + radius[:-1]) / 2.0)
+        points = np.column_stack([x + np.cos(angle[:, 0]) * edge, y + np.sin(angle[:, 0]) * edge])
+        (x, y), reach = _robust_circle(points, press.strength.shape)
+    return x, y
+
+
+def _steepest(fall: Array, middle: Array) -> Array:
+    """(N,) place of the steepest fall along each ray: the centroid of the fall around its maximum."""
+    top = middle[fall.argmax(axis=1)]
+    weight = fall * (np.abs(middle - top[:, None]) < _RIM_WIDTH_PX)
+    return (weight * middle).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+
+
+def _robust_circle(points: Array, shape: tuple[int, ...]) -> tuple[tuple[float, float], float]:
+    """Circle through points inside the picture, those far off left out round by round."""
+    inside = (points > 2.0).all(axis=1) & (points < np.subtract(shape[::-1], 3.0)).all(axis=1)
+    x, y, radius = circle_through(points[inside])
+    for _ in range(_RIM_ROUNDS):
+        off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
+        inside &= off < max(3.0 * float(np.median(off[inside])), 0.7)
+        x, y, radius = circle_through(points[inside])
+    return (x, y), radius
+
+
+def circle_through(points: Array) -> tuple[float, float, float]:
+    """Circle (x, y, radius) closest to (N, 2) points (Kasa fit: linear least squares)."""
+    middle = points.mean(axis=0)
+    from_middle = points - middle
+    system = np.column_stack([2.0 * from_middle, np.ones(len(points))])
+    (cx, cy, rest), *_ = np.linalg.lstsq(system, (from_middle**2).sum(axis=1), rcond=None)
+    radius = float(np.sqrt(max(rest + cx**2 + cy**2, 0.0)))
+    return float(middle[0] + cx), float(middle[1] + cy), radius
+
+
 def _outline(changed: NDArray[np.bool_]) -> NDArray[np.int64] | None:
     """(N, 2) px, the outline of the largest patch, small holes closed."""
     closed = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
@@ -85,12 +134,8 @@ def _circle(outline: NDArray[np.int64], shape: tuple[int, ...]) -> tuple[float, 
     points = outline[inside].astype(np.float64)
     if len(points) < 0.4 * len(outline) or len(points) < 12:
         return None
-    middle = points.mean(axis=0)
-    from_middle = points - middle
-    system = np.column_stack([2.0 * from_middle, np.ones(len(points))])
-    (cx, cy, rest), *_ = np.linalg.lstsq(system, (from_middle**2).sum(axis=1), rcond=None)
-    radius = float(np.sqrt(max(rest + cx**2 + cy**2, 0.0)))
-    off = np.abs(np.hypot(from_middle[:, 0] - cx, from_middle[:, 1] - cy) - radius)
+    cx, cy, radius = circle_through(points)
+    off = np.abs(np.hypot(points[:, 0] - cx, points[:, 1] - cy) - radius)
     if radius <= 0.0 or float(np.median(off)) > 0.25 * radius:
         return None
-    return float(middle[0] + cx), float(middle[1] + cy), radius
+    return cx, cy, radius

@@ -1,13 +1,17 @@
 """Pixels to millimetres on the gel, along x and along y: the contact moved by known steps.
 
 The two scales differ in real sensors (11.7 and 10.8 px per mm were reported for one), so one
-number for both is not enough.
+number for both is not enough. A gel is convex: where a ball touches it first lies nearer to the
+gel's top than the ball, by 1 + R / (gel's radius). Balls of two sizes tell how much, and the scale
+is that of a ball of no size.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from calibration.verdict import Judgement, floor, limit
 from drivers.errors import CalibrationError
@@ -15,28 +19,39 @@ from drivers.errors import CalibrationError
 Array = NDArray[np.floating]
 
 FEWEST = 4
+_SIZES_APART = 1.2
+_MOST_BULGE_PER_MM = 0.1
+"""One over the smallest radius of a gel's face that is looked for: 10 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GelScale:
     """A gel's scale.
 
-    mm_per_px: (2,) along x and y of the picture; sigma: (2,) one sigma of each. turn_deg: of the
-    picture against the motion's axes. residual_px: rms. held_out_px: rms by leave-one-out.
+    mm_per_px: (2,) along x and y of the picture; sigma: (2,) one sigma of each; aspect_sigma: of
+    their ratio, in which the bulge cancels. turn_deg: of the picture against the motion's axes.
+    residual_px: rms. held_out_px: rms by leave-one-out.
     """
 
     mm_per_px: Array
     sigma: Array
+    aspect_sigma: float
     turn_deg: float
     residual_px: float
     held_out_px: float
     judgement: Judgement
 
+    @property
+    def pixel_aspect(self) -> float:
+        """Width over height of a pixel on the gel."""
+        return float(self.mm_per_px[0] / self.mm_per_px[1])
 
-def fit_scale(moves_mm: Array, centres_px: Array) -> GelScale:
-    """Fit an affine map of known moves (N, 2) mm to contact centres (N, 2) px.
 
-    Raises `CalibrationError` for fewer than four places, numbers not finite, or moves along one line.
+def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None) -> GelScale:
+    """Fit moves (N, 2) mm, x right and y down as the picture shows them, over contact centres (N, 2) px.
+
+    radii_mm: (N,) of the balls; with two sizes a fifth apart the gel's bulge is fitted too. Raises
+    `CalibrationError` for fewer than four places, numbers not finite, or moves along one line.
     """
     if moves_mm.shape != centres_px.shape or moves_mm.ndim != 2 or moves_mm.shape[1] != 2:
         raise CalibrationError("gel scale: (N, 2) moves in mm and as many centres in px are needed")
@@ -49,33 +64,71 @@ def fit_scale(moves_mm: Array, centres_px: Array) -> GelScale:
             f"gel scale: {len(moves_mm)} places that do not span both axes; press at {FEWEST} places "
             "at least, some mm apart along x and along y"
         )
-    affine, missed = _affine(moves_mm, centres_px)
-    held_out = []
-    for i in range(len(moves_mm)):
-        others = np.delete(np.arange(len(moves_mm)), i)
-        left, _ = _affine(moves_mm[others], centres_px[others])
-        held_out.append(centres_px[i] - np.append(moves_mm[i], 1.0) @ left)
-    return _scale(affine, missed, np.array(held_out), moves_mm)
+    apart = radii_mm is not None and np.max(radii_mm) >= _SIZES_APART * np.min(radii_mm)
+    presses = _Presses(centres_px, moves_mm, np.asarray(radii_mm) if apart else np.zeros(len(moves_mm)))
+    return _scale(presses)
 
 
-def _affine(moves_mm: Array, centres_px: Array) -> tuple[Array, Array]:
-    """(3, 2) map of (move, 1) to px, and what it misses (N, 2) px."""
-    system = np.column_stack([moves_mm, np.ones(len(moves_mm))])
-    affine, *_ = np.linalg.lstsq(system, centres_px, rcond=None)
-    return affine, centres_px - system @ affine
+@dataclass(frozen=True, slots=True, eq=False)
+class _Presses:
+    """Centres (N, 2) px, moves (N, 2) mm, radii (N,) mm; all zero where balls of one size were used."""
+
+    centres_px: Array
+    moves_mm: Array
+    radii_mm: Array
+
+    def without(self, i: int) -> "_Presses":
+        others = np.delete(np.arange(len(self.moves_mm)), i)
+        return _Presses(self.centres_px[others], self.moves_mm[others], self.radii_mm[others])
+
+    def system(self, bulge_per_mm: float) -> Array:
+        """(N, 3) or (N, 4): places stretched by the bulge, and a zero for each size of ball."""
+        stretched = self.centres_px * (1.0 + bulge_per_mm * self.radii_mm[:, None])
+        zeros = [np.ones(len(self.moves_mm)), *([self.radii_mm] if self.radii_mm.any() else [])]
+        return np.column_stack([stretched, *zeros])
 
 
-def _scale(affine: Array, missed: Array, held_out: Array, moves_mm: Array) -> GelScale:
-    """Lengths of a picture's x and y axis in mm, from the inverse of the linear part."""
-    mm_per_px_axes = np.linalg.inv(affine[:2])
-    scale = np.linalg.norm(mm_per_px_axes, axis=1)
-    noise = float(np.sqrt((missed**2).sum() / max(2 * len(missed) - 6, 1)))
-    reach = float(np.linalg.svd(moves_mm - moves_mm.mean(axis=0), compute_uv=False)[-1])
-    sigma = scale**2 * noise / reach
-    turn = float(np.degrees(np.arctan2(affine[0, 1], affine[0, 0])))
-    residual = float(np.sqrt((missed**2).sum(axis=1).mean()))
-    left_out = float(np.sqrt((held_out**2).sum(axis=1).mean()))
+def _fit(presses: _Presses) -> tuple[Array, float]:
+    """Weights from the system to moves, its first two rows those of x and y; and the bulge, per mm."""
+
+    def solve(bulge_per_mm: float) -> Array:
+        return np.linalg.lstsq(presses.system(bulge_per_mm), presses.moves_mm, rcond=None)[0]
+
+    if not presses.radii_mm.any():
+        return solve(0.0), 0.0
+
+    def cost(bulge_per_mm: float) -> float:
+        return float((_missed(presses, solve(bulge_per_mm), bulge_per_mm) ** 2).sum())
+
+    found: Any = minimize_scalar(cost, bounds=(0.0, _MOST_BULGE_PER_MM), method="bounded")
+    bulge = float(found.x)
+    return solve(bulge), bulge
+
+
+def _missed(presses: _Presses, weights: Array, bulge_per_mm: float) -> Array:
+    return presses.moves_mm - presses.system(bulge_per_mm) @ weights
+
+
+def _scale(presses: _Presses) -> GelScale:
+    """Lengths in mm of a step of one pixel along x and y; their sigma by jackknife."""
+    weights, bulge = _fit(presses)
+    scale = np.linalg.norm(weights[:2], axis=1)
+    missed = _missed(presses, weights, bulge)
+    count = len(missed)
+    scales, left_out = np.empty((count, 2)), np.empty((count, 2))
+    for i in range(count):
+        other, other_bulge = _fit(presses.without(i))
+        scales[i] = np.linalg.norm(other[:2], axis=1)
+        left_out[i] = _missed(presses, other, other_bulge)[i]
+    spread = scales - scales.mean(axis=0)
+    sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
+    aspects = scales[:, 0] / scales[:, 1]
+    aspect_sigma = float(np.sqrt((count - 1) / count * ((aspects - aspects.mean()) ** 2).sum()))
+    turn = float(np.degrees(np.arctan2(weights[0, 1], weights[0, 0])))
+    residual, held_out = (
+        float(np.sqrt((m**2).sum(axis=1).mean()) / scale.mean()) for m in (missed, left_out)
+    )
     judged = limit(residual, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
     judged += limit(100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only")
-    judged += floor(len(missed), 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, turn, residual, left_out, judged)
+    judged += floor(count, 6, FEWEST, "{value} places; 9 are good")
+    return GelScale(scale, sigma, aspect_sigma, turn, residual, held_out, judged)

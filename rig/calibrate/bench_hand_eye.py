@@ -1,8 +1,5 @@
 """Hand-eye on a bench: poses chosen, visited, kept as files, and solved like any other folder."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,66 +10,58 @@ from calibration.boards import Target
 from calibration.camera_model import CameraModel
 from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import Sample, Setup
-from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
+from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.store import write_text
 from calibration.verdict import Rejected
 from calibration.views import View
-from drivers.bench import Bench
-from drivers.errors import InputError, OperatorStopError
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
-from rig.assembly import TOOL_DOWN, build_bench, build_real_bench
+from rig.assembly import TOOL_DOWN
+from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_outcome
 from rig.calibrate.outcome import Outcome
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 
 FIRST_POSES = 6
 """Visited before there is an answer to improve; then each next pose is the one that tells most."""
 _CANDIDATES = 60
+_MOUNTED = {
+    Setup.EYE_TO_HAND: ("tool", "on the tool, facing the camera"),
+    Setup.EYE_IN_HAND: (
+        "bench",
+        "on the table's mark, face up; the camera is on the tool, looking past the fingers",
+    ),
+}
 
 
-def collect_hand_eye(
-    bench_name: str,
-    seed: int,
-    target: Target,
-    setup: Setup,
-    count: int,
-    folder: Path,
-    agree: Callable[[str], bool],
-    say: Callable[[str], None],
-) -> Outcome:
-    """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay in `folder`.
+def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> Outcome:
+    """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
 
-    The target is firm on the tool (eye-to-hand), or firm on the bench (eye-in-hand). Raises
-    `OperatorStopError` unless the operator agrees to the motion, `DeviceError`, `InputError`.
+    The target is firm on the tool (eye-to-hand), or firm on the bench with the camera on the tool
+    (eye-in-hand). Raises `OperatorStopError` unless the operator agrees to the motion,
+    `DeviceError`, `InputError`.
     """
-    if setup is not Setup.EYE_TO_HAND:
-        raise InputError(
-            "on a bench the camera stands: eye-to-hand only; solve eye-in-hand with --from FOLDER"
-        )
-    config = load_bench(bench_name)
-    with connected(config, seed, target) as bench:
-        if not bench.simulated and not agree(
-            f"The arm will visit {count} poses around {config.camera.look_at_m} m at up to {SPEED_M_S} m/s, "
-            f"tilted by up to 35 degrees, with the target {target.spec} on the tool. Agree?"
-        ):
-            raise OperatorStopError("stopped: the operator did not agree; nothing was moved")
-        session = _Session(bench, target, _camera(config), candidate_poses(config, seed), count, folder, say)
+    config = station.config
+    mount, where = _MOUNTED[setup]
+    poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
+    camera = bench_camera_model(config)
+    session = _Session(target, camera, setup, poses, count, station)
+    around = config.camera.look_at_m if mount == "tool" else config.table.position_m
+    with station.connected(
+        f"The arm will visit {count} poses around {around} m at up to {SPEED_M_S} m/s, tilted by up to "
+        f"35 degrees, with the target {target.spec} {where}."
+    ) as (bench, operator):
+        operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     session.write()
-    return hand_eye_outcome(
-        session.samples,
-        _camera(config),
-        config.camera.serial,
-        setup,
-        str(session.raw),
-        session.rejected,
-        target,
-        config.simulated,
+    serial = config.camera.serial
+    outcome = hand_eye_outcome(
+        session.samples, camera, serial, setup, str(session.raw), session.rejected, target
     )
+    return outcome.marked(config.simulated)
 
 
-def candidate_poses(
+def facing_poses(
     config: BenchConfig, seed: int, reach_m: tuple[float, float, float] = (0.08, 0.08, 0.08)
 ) -> list[Pose]:
     """Poses of the tool around the place the camera looks at, turned by 10 to 35 degrees about any axis."""
@@ -86,22 +75,43 @@ def candidate_poses(
     return poses
 
 
+def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
+    """Poses from which a camera that looks along the tool sees the table's mark.
+
+    From 0.26 to 0.36 m, tilted by up to 28 degrees any way, turned by up to 50 about the tool's axis.
+    """
+    rng = np.random.default_rng((seed, 32))
+    poses = []
+    for _ in range(_CANDIDATES):
+        way = rng.uniform(0.0, 2.0 * np.pi)
+        tilt = Rotation.from_rotvec(
+            np.radians(rng.uniform(5, 28)) * np.array([np.cos(way), np.sin(way), 0.0])
+        )
+        turn = tilt * TOOL_DOWN * Rotation.from_euler("z", rng.uniform(-50, 50), degrees=True)
+        aim = np.add(config.table.position_m, (*rng.uniform(-0.03, 0.03, 2), 0.0))
+        poses.append(Pose.from_rotation(aim - turn.apply([0.0, 0.0, rng.uniform(0.26, 0.36)]), turn))
+    return poses
+
+
+def bench_camera_model(config: BenchConfig) -> CameraModel:
+    """The bench's camera: as calibrated where that is known, else the bench file's pinhole."""
+    intrinsics = config.camera.intrinsics()
+    width, height = config.camera.size_px
+    return CameraModel(
+        (width, height), np.asarray(intrinsics.camera_matrix), np.asarray(intrinsics.distortion)
+    )
+
+
 class _Session:
     """Chooses poses, keeps what comes back, and writes it down."""
 
     def __init__(
-        self,
-        bench: Bench,
-        target: Target,
-        camera: CameraModel,
-        candidates: list[Pose],
-        count: int,
-        folder: Path,
-        say: Callable[[str], None],
-    ) -> None:
-        self._bench, self._target, self._camera = bench, target, camera
-        self._left, self._count, self._say = candidates, count, say
-        self.raw = folder / "hand-eye-samples"
+        self, target: Target, camera: CameraModel, setup: Setup, candidates: list[Pose], count: int,
+        station: Station,
+    ) -> None:  # fmt: skip
+        self._target, self._camera, self._setup = target, camera, setup
+        self._left, self._count, self._say = candidates, count, station.say
+        self.raw: Path = station.raw("hand-eye")
         self.samples: list[Sample] = []
         self.rejected: list[Rejected] = []
         self._rows: list[str] = []
@@ -116,12 +126,10 @@ class _Session:
 
     def keep(self, capture: HandEyeCapture) -> None:
         """Keep picture and pose, and see whether the target is in it."""
-        self.raw.mkdir(parents=True, exist_ok=True)
-        grey = cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY)
-        cv2.imwrite(str(self.raw / f"{capture.id}.png"), grey)
-        numbers = (*capture.base_T_tcp.position_m, *capture.base_T_tcp.quaternion_xyzw)
-        self._rows.append(",".join([capture.id, *(f"{v:.12g}" for v in numbers)]))
-        view = self._target.find(np.asarray(grey, np.uint8), capture.id)
+        grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
+        write_picture(self.raw / f"{capture.id}.png", grey)
+        self._rows.append(pose_row(capture.id, capture.base_T_tcp))
+        view = self._target.find(grey, capture.id)
         if isinstance(view, View):
             self.samples.append(Sample(capture.id, capture.base_T_tcp, view))
             self._say(f"  {capture.id}: kept, {len(self.samples)} of {self._count}")
@@ -135,37 +143,23 @@ class _Session:
 
     def write(self) -> None:
         """Write the poses beside the pictures, as `--from` reads them."""
-        header = "id,x_m,y_m,z_m,qx,qy,qz,qw"
-        write_text(self.raw / "poses.csv", "\n".join([header, *self._rows]) + "\n")
+        write_poses(self.raw, self._rows)
 
     def _choice(self) -> int:
         if len(self.samples) < FIRST_POSES:
             return 0
-        result: HandEyeResult = calibrate_hand_eye(self.samples, self._camera, Setup.EYE_TO_HAND)
+        result = calibrate_hand_eye(self.samples, self._camera, self._setup)
         if result.pose is None:
             return 0
         best = next_pose(result, self._camera, self._left)
         return 0 if best is None else best.index
 
 
-def _camera(config: BenchConfig) -> CameraModel:
-    """The bench file's camera; distortion is taken as none there."""
-    intrinsics = config.camera.intrinsics()
-    width, height = config.camera.size_px
-    return CameraModel(
-        (width, height), np.asarray(intrinsics.camera_matrix), np.asarray(intrinsics.distortion)
-    )
+def pose_row(name: str, pose: Pose) -> str:
+    """A row of poses.csv."""
+    return ",".join([name, *(f"{v:.12g}" for v in (*pose.position_m, *pose.quaternion_xyzw))])
 
 
-@contextmanager
-def connected(config: BenchConfig, seed: int, target: Target) -> Iterator[Bench]:
-    """The bench, connected; a simulated one gets a camera that sees the target on its tool."""
-    if config.simulated:
-        from rig.calibrate.simulated import TargetCamera
-
-        made, _ = build_bench(config, seed)
-        bench = replace(made, camera=TargetCamera(made, config.camera, target, seed))
-    else:
-        bench = build_real_bench(config)
-    with bench.connected():
-        yield bench
+def write_poses(folder: Path, rows: list[str]) -> None:
+    """Write poses.csv as `--from` reads it."""
+    write_text(folder / "poses.csv", "\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *rows]) + "\n")

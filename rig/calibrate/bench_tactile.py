@@ -1,35 +1,105 @@
-"""The fingertips of a bench at rest: a reference each, and what changed since the one before."""
+"""The fingertips of a bench: at rest, and with balls of known diameter pressed into them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from calibration.gel.reference import Drift, Reference, compare, judge_reference, make_reference
-from drivers.errors import CalibrationError, RecordingError
+from calibration.store import write_text
+from drivers.errors import CalibrationError, InputError
 from protocols.capture_still import capture_still
-from rig.assembly import build_bench, build_real_bench
+from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
+from rig.calibrate.bench import Station, TouchWatch, grasp_at, write_picture
 from rig.calibrate.outcome import Outcome, Picture
-from rig.config import load_bench
+from rig.calibrate.tactile import tactile_from_folder
+from rig.config import BenchConfig
 
 _FRAMES = 30
+_REACH_MM = (3.6, 5.6)
+"""How far from the gel's middle balls are pressed, across and along it."""
+_GRIP_COUNTS = (2, 5)
+_CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
-def collect_references(bench_name: str, seed: int, folder: Path) -> list[Outcome]:
+def collect_references(station: Station) -> list[Outcome]:
     """Take thirty frames of every fingertip, untouched; nothing moves.
 
     The mean picture is kept as `tactile-reference-<serial>.png`; one kept earlier is compared with.
     Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
     """
-    config = load_bench(bench_name)
-    bench = build_bench(config, seed)[0] if config.simulated else build_real_bench(config)
     outcomes = []
-    with bench.connected():
+    with station.connected("Nothing moves; the fingertips are looked at, untouched.") as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES)]
-            outcomes.append(_outcome(make_reference(frames), tip.sensor.serial, folder, config.simulated))
+            reference, simulated = make_reference(frames), station.config.simulated
+            outcomes.append(_outcome(reference, tip.sensor.serial, station.folder, simulated))
     return outcomes
+
+
+def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> list[Outcome]:
+    """Press each ball at `count` places of both gels at once, and solve for scale and colour map.
+
+    The arm moves the contact over the gels by known steps; so the scale along x and y needs no
+    ruler. Raises `InputError` for balls the fingers cannot take, `OperatorStopError`, `DeviceError`.
+    """
+    config = station.config
+    if not balls_mm or min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
+        raise InputError(
+            f"balls of {list(balls_mm)} mm: diameters of 2 to 30 mm make a print of a gel's size"
+        )
+    folders = {tip.serial: station.raw(f"tactile-{tip.serial}") for tip in config.tactile}
+    rows: dict[str, list[str]] = {tip.serial: [] for tip in config.tactile}
+    touches = [touch for mm in balls_mm for touch in _places(config, mm, count, station.seed)]
+    with station.connected(
+        f"The fingers will close gently on a ball on its post, {count} times for each of "
+        f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
+        f"{_GRIP_COUNTS[1]} counts past contact."
+    ) as (bench, operator):
+        watch = TouchWatch(tuple(folders))
+
+        def keep(touch: Touch) -> None:
+            for tip in config.tactile:
+                rows[tip.serial].append(
+                    _kept(touch, tip.serial, tip.sign, config, watch, folders[tip.serial])
+                )
+            station.say(f"  {touch.id}: pressed")
+
+        capture_presses(bench, operator, watch, touches, keep)
+    for serial, folder in folders.items():
+        write_text(folder / "catalog.csv", "\n".join([_CATALOG, *rows[serial]]) + "\n")
+    return [
+        tactile_from_folder(folder, serial, None).marked(config.simulated)
+        for serial, folder in folders.items()
+    ]
+
+
+def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[Touch]:
+    """Places over the gels, spread by a low-discrepancy sequence, pressed more and less deep."""
+    rng = np.random.default_rng((seed, 33, round(100 * ball_mm)))
+    first = rng.uniform(size=2)
+    touches = []
+    for i in range(count):
+        # additive recurrence with the plastic number (R2 sequence): any first n are spread evenly
+        x, z = 2.0 * ((first + i * np.array([0.7548776662, 0.5698402910])) % 1.0) - 1.0
+        pose = grasp_at(config, 1e-3 * float(x) * _REACH_MM[0], 1e-3 * float(z) * _REACH_MM[1])
+        grip = int(rng.integers(_GRIP_COUNTS[0], _GRIP_COUNTS[1] + 1))
+        name = f"ball of {ball_mm:g} mm on its post"
+        touches.append(Touch(f"{ball_mm:g}-{i:02d}", f"ball:{ball_mm:g}", name, pose, ball_mm / 1e3, grip))
+    return touches
+
+
+def _kept(touch: Touch, serial: str, sign: int, config: BenchConfig, watch: TouchWatch, folder: Path) -> str:
+    """Keep what a fingertip shows of a press; return its row: the ball's place as its picture shows it."""
+    picture, background = f"{touch.id}.png", f"untouched-{touch.id}.png"
+    write_picture(folder / picture, watch.newest[serial].image)
+    write_picture(folder / background, watch.reference[serial])
+    if not (folder / "background.png").exists():
+        write_picture(folder / "background.png", watch.reference[serial])
+    right, _, up = np.subtract(touch.base_T_grasp.position_m, config.table.position_m) * 1e3
+    return f"{picture},{1e3 * touch.width_m:g},{-sign * right:.4f},{up:.4f},{background}"
 
 
 def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -> Outcome:
@@ -37,7 +107,7 @@ def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -
     drift = compare(reference, _earlier(path)) if path.exists() else None
     judged = judge_reference(reference, drift)
     if not judged.refusals:
-        _keep(reference, path)
+        write_picture(path, np.rint(reference.image).astype(np.uint8))
     rows, columns = reference.image.shape[:2]
     value = {"image_height": rows, "image_width": columns, "reference_image": path.name}
     return Outcome(
@@ -72,13 +142,6 @@ def _earlier(path: Path) -> np.ndarray:
     if image is None:
         raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start anew")
     return image.astype(np.float32)
-
-
-def _keep(reference: Reference, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    picture = np.rint(reference.image).astype(np.uint8)[..., ::-1]
-    if not cv2.imwrite(str(path), picture):
-        raise RecordingError(f"{path}: cannot be written; choose another --out")
 
 
 def _png(reference: Reference) -> bytes:

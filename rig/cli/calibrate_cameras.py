@@ -12,11 +12,10 @@ from rig.cli.calibrate_options import (
     PicturesOption,
     PosesOption,
     TargetOption,
-    agreement,
-    calibrations_folder,
     file_and_say,
+    station,
 )
-from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption, say
+from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
 
 
 def camera(
@@ -51,9 +50,7 @@ def camera(
 
     wanted = parse_target(target)
     if source is None:
-        outcome = collect_camera(
-            bench, seed, wanted, poses, calibrations_folder(out, bench), agreement(yes), say
-        )
+        outcome = collect_camera(station(bench, seed, out, yes), wanted, poses)
     else:
         outcome = camera_from_folder(source, pattern, wanted, serial, keep_all)
     file_and_say(outcome, out, bench, json)
@@ -93,8 +90,7 @@ def hand_eye(
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
     if source is None:
-        folder = calibrations_folder(out, bench)
-        outcome = collect_hand_eye(bench, seed, wanted, Setup(setup), poses, folder, agreement(yes), say)
+        outcome = collect_hand_eye(station(bench, seed, out, yes), wanted, Setup(setup), poses)
     else:
         if camera_file is None:
             raise InputError(
@@ -133,10 +129,10 @@ def markers(
     """
     from calibration.camera_files import read_camera
     from rig.calibrate.bench_camera import collect_markers
-    from rig.calibrate.sensors import markers_from_folder
+    from rig.calibrate.markers import markers_from_folder
 
     if source is None:
-        outcome = collect_markers(bench, seed, object_name, calibrations_folder(out, bench), agreement(yes))
+        outcome = collect_markers(station(bench, seed, out, yes), object_name)
     else:
         lens = None if camera_file is None else read_camera(camera_file).intrinsics
         outcome = markers_from_folder(source, pattern, ids, dictionary, lens, serial)

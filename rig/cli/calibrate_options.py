@@ -1,14 +1,15 @@
 """What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import ask, emit_json, say
+from rig.cli.common import ask, emit_json, say, tell
 
 if TYPE_CHECKING:
+    from rig.calibrate.bench import Station
     from rig.calibrate.outcome import Filed, Outcome
 
 FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
@@ -26,24 +27,39 @@ PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures 
 PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
 
 
-def agreement(yes: bool) -> Callable[[str], bool]:
-    """Who is asked before something moves: the person at the terminal, or nobody with --yes."""
-    return (lambda _: True) if yes else ask
+def station(bench: str, seed: int, out: Path | None, yes: bool) -> "Station":
+    """Where a calibration is collected, and who is asked before something moves."""
+    from rig.calibrate.bench import Station
+    from rig.operators import ConsoleOperator
 
-
-def samples_folder(source: Path | None, kind: str) -> Path:
-    """The folder of --from. Raises `InputError` where it is missing."""
-    from drivers.errors import InputError
-
-    if source is None:
-        raise InputError(f"rig calibrate {kind}: this version solves recorded samples; give --from FOLDER")
-    return source
+    return Station(bench, seed, calibrations_folder(out, bench), ConsoleOperator(ask, yes, tell), say)
 
 
 def calibrations_folder(out: Path | None, bench: str) -> Path:
     """Where calibrations go: --out, or `calibrations/` beside the bench file."""
     beside = Path(bench).parent if Path(bench).is_file() else Path()
     return out or beside / "calibrations"
+
+
+def file_all(outcomes: Sequence["Outcome"], out: Path | None, bench: str, json: bool) -> None:
+    """File the outcomes of one collection; one that is refused is raised after all are on disk."""
+    from drivers.errors import CalibrationError
+
+    filed: list[Filed] = []
+    refused: list[CalibrationError] = []
+    for outcome in outcomes:
+        try:
+            filed.append(filed_and_said(outcome, out, bench))
+        except CalibrationError as error:
+            refused.append(error)
+            say(str(error))
+    if json:
+        emit_json({"calibrations": [each.figures for each in filed], "refused": [str(e) for e in refused]})
+    else:
+        for each in filed:
+            print(each.path, each.page, sep="\n")
+    if refused:
+        raise CalibrationError(f"{len(refused)} of {len(outcomes)} were refused; see their pages")
 
 
 def file_and_say(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:

@@ -93,3 +93,10 @@ def ask(question: str) -> bool:
         say(f"{question} [no terminal to answer: no; use --yes to agree beforehand]")
         return False
     return typer.confirm(question, err=True)
+
+
+def tell(question: str) -> str:
+    """Ask the person at the terminal for a line. Raises `OperatorStopError` without a terminal."""
+    if not sys.stdin.isatty():
+        raise OperatorStopError(f"stopped: {question} [no terminal to answer]")
+    return typer.prompt(question, default="", show_default=False, prompt_suffix=" ", err=True)

@@ -155,3 +155,17 @@ def test_real_gelsight_balls_left_out_come_out_within_five_percent(real_data) ->
     result = calibrate_gel(presses, (0.0634, 0.0634), folds=4)
     assert set(result.radius_error()) == {3.155, 4.75}
     assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()
+
+
+def test_balls_of_two_sizes_tell_the_gels_bulge_and_the_scale_behind_it() -> None:
+    rng = np.random.default_rng(4)
+    moves = rng.uniform(-4, 4, (24, 2))
+    radii = np.repeat([2.5, 5.0], 12)
+    centres = (moves / (1.0 + radii[:, None] / 60.0)) / (0.058, 0.061) + 120.0
+    centres = rng.normal(centres, 0.2)
+    found = fit_scale(moves, centres, radii)
+    assert found.mm_per_px == pytest.approx([0.058, 0.061], rel=0.02)
+    assert found.pixel_aspect == pytest.approx(0.058 / 0.061, abs=4 * found.aspect_sigma)
+    assert found.aspect_sigma < 0.005
+    one_size = fit_scale(moves[:12], centres[:12], radii[:12])
+    assert one_size.mm_per_px[0] == pytest.approx(0.058 * (1.0 + 2.5 / 60.0), rel=0.01)

@@ -1,0 +1,104 @@
+"""Finding the tool's tip: it is put into one small hole again and again, each time tilted otherwise.
+
+The arm turns the tool and a person beside it guides the tip in by small steps, because where the
+tip is in the hand is what nobody knows yet.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Bench
+from drivers.errors import OutOfLimitsError
+from drivers.types import Pose, Vector3
+from protocols.capture_hand_eye import wait_until_still
+
+SPEED_M_S = 0.05
+ACCELERATION_M_S2 = 0.3
+MOTION_TIMEOUT_S = 30.0
+ABOVE_M = 0.015
+"""How far above the hole the tool is turned."""
+FIRST_ABOVE_M = 0.12
+"""The same before the first pose: room for a tip of unknown length over a hole near the mark."""
+LARGEST_NUDGE_M = 0.15
+MOST_NUDGES = 40
+
+Nudge = Callable[[str], Vector3 | None]
+"""Asks the person at the bench how far the tip has to go, m, base axes; None when it sits."""
+
+
+@dataclass(frozen=True, slots=True)
+class PivotCapture:
+    """A pose of the tool with its tip in the hole."""
+
+    id: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+
+
+def capture_pivot(
+    bench: Bench,
+    tilts: Sequence[Rotation],
+    nudge: Nudge,
+    keep: Callable[[PivotCapture], Vector3 | None],
+    skipped: Callable[[str, str], None],
+) -> None:
+    """Seat the tip at each tilt (turns of the tool from where it stands, about the base's axes).
+
+    keep: takes a seated pose and returns where the tip is thought to be in the TCP's frame, m, or
+    None as long as that is unknown; the better it knows, the closer the next turn ends to the hole.
+    skipped: gets an id and why there is no pose of it. On any error, and on a stop, the arm stops.
+    """
+    try:
+        start = bench.arm.state().base_T_tcp
+        tip: Vector3 = (0.0, 0.0, 0.0)
+        mark = np.asarray(bench.base_T_table.position_m)
+        _go(bench, Pose.from_rotation(np.add(mark, (0.0, 0.0, FIRST_ABOVE_M)), start.rotation))
+        hole: np.ndarray | None = None
+        for number, tilt in enumerate(tilts, start=1):
+            name = f"{number:02d}"
+            turn = tilt * start.rotation
+            try:
+                if hole is not None:
+                    _turn_above(bench, hole, turn, tip)
+                _seat(bench, name, nudge)
+            except OutOfLimitsError as error:
+                skipped(name, str(error))
+                continue
+            wait_until_still(bench)
+            pose = bench.arm.state().base_T_tcp
+            tip = keep(PivotCapture(name, pose)) or tip
+            hole = pose.rotation.apply(tip) + np.asarray(pose.position_m)
+        _rise(bench)
+    except BaseException:
+        bench.arm.stop()
+        raise
+
+
+def _seat(bench: Bench, name: str, nudge: Nudge) -> None:
+    """Step as the person says until the tip sits. Raises `OutOfLimitsError` for steps beyond reason."""
+    for _ in range(MOST_NUDGES):
+        step = nudge(f"pose {name}: how far must the tip go?")
+        if step is None:
+            return
+        if float(np.linalg.norm(step)) > LARGEST_NUDGE_M:
+            raise OutOfLimitsError(f"pose {name}: a step of {np.linalg.norm(step):.3f} m; is it in mm?")
+        pose = bench.arm.state().base_T_tcp
+        _go(bench, Pose.from_rotation(np.add(pose.position_m, step), pose.rotation))
+    raise OutOfLimitsError(f"pose {name}: the tip still did not sit after {MOST_NUDGES} steps")
+
+
+def _turn_above(bench: Bench, hole: np.ndarray, turn: Rotation, tip: Vector3) -> None:
+    """Rise straight, turn there, with the tip as far as it is known above the hole."""
+    _rise(bench)
+    above = np.add(hole, (0.0, 0.0, ABOVE_M)) - turn.apply(tip)
+    _go(bench, Pose.from_rotation(above, turn))
+
+
+def _rise(bench: Bench) -> None:
+    _go(bench, bench.arm.state().base_T_tcp.translated(z_m=2 * ABOVE_M))
+
+
+def _go(bench: Bench, target: Pose) -> None:
+    bench.arm.move_linear(target, SPEED_M_S, ACCELERATION_M_S2).wait(MOTION_TIMEOUT_S)

@@ -1,0 +1,137 @@
+"""Closing gently on something of known size: balls that dent the gels, blocks that tell the opening."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from drivers.bench import Bench
+from drivers.types import Pose
+from protocols.pump import Pump
+from protocols.steps import (
+    LOWER_SPEED_M_S,
+    MARGIN_M,
+    MAX_STEPS,
+    MOTION_TIMEOUT_S,
+    approach,
+    close_to_contact,
+    lower_and_release,
+    make_ready,
+    make_safe,
+    move,
+    step_fingers,
+)
+from protocols.watch import Operator, Phase, Watch
+
+REFERENCE_S = 0.2
+SETTLE_S = 0.3
+PAST_CONTACT = 3
+"""Counts past the first contact before the fingers open again: then both gels are surely touched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """One closing. gauge: what the operator lays down, as "ball:6.31"; name: for people.
+
+    base_T_grasp: TCP where it closes. width_m: of the gauge. grip_counts: past the first contact.
+    slack_m: how much wider than the gauge the fingers come down around it, on top of the margin.
+    """
+
+    id: str
+    gauge: str
+    name: str
+    base_T_grasp: Pose  # noqa: N815 - frame names keep their case
+    width_m: float
+    grip_counts: int = 0
+    slack_m: float = 0.0
+
+
+def capture_presses(
+    bench: Bench, operator: Operator, watch: Watch, touches: Sequence[Touch], keep: Callable[[Touch], None]
+) -> None:
+    """Press each gauge as planned; `keep` is called while it is pressed and everything stands still.
+
+    A gauge that follows itself stays where it is: the fingers open beside it, and close anew a few mm on.
+    Raises `GraspError` where the fingers meet nothing, and what a device raises, after a safe end.
+    """
+
+    def press(pump: Pump, touch: Touch, contact_counts: int) -> None:
+        for counts in range(contact_counts + 1, contact_counts + touch.grip_counts + 1):
+            step_fingers(bench, pump, watch, counts)
+        pump.run_for(SETTLE_S)
+        keep(touch)
+
+    _each(bench, operator, watch, touches, press)
+
+
+def capture_openings(
+    bench: Bench,
+    operator: Operator,
+    watch: Watch,
+    touches: Sequence[Touch],
+    closed: Callable[[Touch, float], None],
+    opened: Callable[[Touch, float], None],
+) -> None:
+    """Close on blocks of known width and open again, count by count.
+
+    `closed` gets the counts between the last free one and the first that touches, `opened` those
+    between the last that touches and the first free one: there the opening is the block's width.
+    Raises as `capture_presses` does.
+    """
+
+    def measure(pump: Pump, touch: Touch, contact_counts: int) -> None:
+        closed(touch, contact_counts - 0.5)
+        for counts in range(contact_counts + 1, contact_counts + PAST_CONTACT + 1):
+            step_fingers(bench, pump, watch, counts)
+        counts = contact_counts + PAST_CONTACT
+        for _ in range(MAX_STEPS):
+            counts -= 1
+            step_fingers(bench, pump, watch, counts)
+            pump.run_for(SETTLE_S)
+            if not all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
+                opened(touch, counts + 0.5)
+                return
+
+    _each(bench, operator, watch, touches, measure)
+
+
+def _each(
+    bench: Bench,
+    operator: Operator,
+    watch: Watch,
+    touches: Sequence[Touch],
+    touched: Callable[[Pump, Touch, int], None],
+) -> None:
+    """Close on each in turn, with a look at the untouched gels before; open, and rise at the end."""
+    make_ready(bench, operator)
+    before: Touch | None = None
+    try:
+        for touch in touches:
+            if before is None or before.gauge != touch.gauge:
+                _leave(bench, before)
+                operator.place(touch.gauge, touch.name)
+                approach(bench, touch.base_T_grasp, touch.width_m + touch.slack_m)
+            else:
+                _beside(bench, touch)
+            before = touch
+            pump = Pump(bench, watch)
+            pump.start()
+            watch.phase(Phase.REFERENCE, pump.seen_ns)
+            pump.run_for(REFERENCE_S)
+            watch.phase(Phase.GRASP, pump.seen_ns)
+            touched(pump, touch, close_to_contact(bench, pump, watch))
+        _leave(bench, before)
+    except BaseException as error:
+        if before is not None:
+            error.add_note(make_safe(bench, before.base_T_grasp, before.width_m))
+        raise
+
+
+def _beside(bench: Bench, touch: Touch) -> None:
+    """Open the fingers beside the gauge and go on to the next place, along the gels."""
+    counts = bench.gripper.limits.counts_for_opening(touch.width_m + 2 * MARGIN_M)
+    bench.gripper.move_to(counts).wait(MOTION_TIMEOUT_S)
+    move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+
+
+def _leave(bench: Bench, touch: Touch | None) -> None:
+    if touch is not None:
+        lower_and_release(bench, touch.base_T_grasp, touch.width_m)

@@ -1,0 +1,62 @@
+"""Wiggling a held object up and down, so that arm, camera and gels see one motion at their own times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.bench import Bench
+from protocols.capture_touch import REFERENCE_S, Touch
+from protocols.pump import Pump
+from protocols.steps import (
+    MOTION_TIMEOUT_S,
+    approach,
+    close_to_contact,
+    lower_and_release,
+    make_ready,
+    make_safe,
+    step_fingers,
+)
+from protocols.watch import Operator, Phase, Watch
+
+ACCELERATION_M_S2 = 0.8
+SETTLE_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """A straight motion to a height over the grasp, m, at a speed, m/s."""
+
+    height_m: float
+    speed_m_s: float
+
+
+def capture_wiggle(
+    bench: Bench, operator: Operator, watch: Watch, touch: Touch, strokes: Sequence[Stroke]
+) -> None:
+    """Grasp, wiggle, set down; the watch sees all of it, the wiggle between LIFT and LOWER.
+
+    Strokes of different heights and speeds: a motion that repeats fits itself at more than one
+    offset. Raises what a device raises after a safe end.
+    """
+    make_ready(bench, operator)
+    operator.place(touch.gauge, touch.name)
+    try:
+        approach(bench, touch.base_T_grasp, touch.width_m)
+        pump = Pump(bench, watch)
+        pump.start()
+        watch.phase(Phase.REFERENCE, pump.seen_ns)
+        pump.run_for(REFERENCE_S)
+        watch.phase(Phase.GRASP, pump.seen_ns)
+        contact = close_to_contact(bench, pump, watch)
+        for counts in range(contact + 1, contact + touch.grip_counts + 1):
+            step_fingers(bench, pump, watch, counts)
+        pump.run_for(SETTLE_S)
+        watch.phase(Phase.LIFT, pump.seen_ns)
+        for stroke in strokes:
+            goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
+            motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
+            pump.run_until(motion.done, MOTION_TIMEOUT_S)
+        watch.phase(Phase.LOWER, pump.seen_ns)
+    except BaseException as error:
+        error.add_note(make_safe(bench, touch.base_T_grasp, touch.width_m))
+        raise
+    lower_and_release(bench, touch.base_T_grasp, touch.width_m)

@@ -1,0 +1,134 @@
+"""What calibrations on a bench share: the bench itself, raw samples, and the look at the fingertips."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.errors import CalibrationError, RecordingError
+from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.watch import Operator, Phase
+from rig.assembly import TOOL_DOWN
+from rig.bench_source import session_bench
+from rig.config import BenchConfig, load_bench
+from rig.operators import ConsoleOperator
+from rig.tactile.background import mean_background
+from rig.tactile.contact import ContactFinder
+
+TOUCH_FRAMES = 2
+"""As in a lift: contact counts when two frames in a row show it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """Where and how a calibration is collected.
+
+    bench: "fake", "wire" or a bench file. seed: of what is drawn. folder: of calibration files; raw
+    samples go into folders of their own in it. person: who is asked. say: told of the progress.
+    """
+
+    bench: str
+    seed: int
+    folder: Path
+    person: ConsoleOperator
+    say: Callable[[str], None]
+
+    @property
+    def config(self) -> BenchConfig:
+        """The bench file. Raises `InputError`."""
+        return load_bench(self.bench)
+
+    def raw(self, name: str) -> Path:
+        """An empty folder for raw samples: those of an earlier run may be of another pose or target."""
+        folder = self.folder / f"{name}-samples"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
+                old.unlink()
+        except OSError as error:
+            raise RecordingError(
+                f"{folder}: cannot be written ({error.strerror}); choose another --out"
+            ) from error
+        return folder
+
+    @contextmanager
+    def connected(self, introduction: str) -> Iterator[tuple[Bench, Operator]]:
+        """The bench, connected, and who is asked at it.
+
+        introduction: what will move; at a real bench agreed to first. Raises `OperatorStopError`
+        unless agreed, `DeviceError`.
+        """
+        with (
+            session_bench(self.config, self.person, f"{introduction} Agree?") as benches,
+            benches.for_lift(self.seed, "calibration") as (bench, operator),
+        ):
+            yield bench, operator
+
+
+@dataclass(slots=True)
+class TouchWatch:
+    """Sees the fingertips while something is closed upon. newest: last frame by serial.
+
+    reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing.
+    """
+
+    serials: tuple[str, ...]
+    newest: dict[str, Frame] = field(default_factory=dict)
+    reference: dict[str, Image] = field(default_factory=dict)
+    phase_now: Phase | None = None
+    _still: dict[str, list[Image]] = field(default_factory=dict)
+    _finders: dict[str, ContactFinder] = field(default_factory=dict)
+    _touching: dict[str, int] = field(default_factory=dict)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """References are collected in REFERENCE, and end with it."""
+        self.phase_now = phase
+        if phase is Phase.REFERENCE:
+            self._still = {serial: [] for serial in self.serials}
+            self._finders, self._touching = {}, {}
+        elif phase is Phase.GRASP:
+            for serial, frames in self._still.items():
+                if not frames:
+                    raise CalibrationError(f"{serial}: no frame arrived; check that it streams")
+                self.reference[serial] = mean_background(frames)
+                self._finders[serial] = ContactFinder(self.reference[serial])
+
+    def frame(self, frame: Frame) -> None:
+        """Look for contact."""
+        self.newest[frame.serial] = frame
+        if frame.serial not in self.serials:
+            return
+        finder = self._finders.get(frame.serial)
+        if finder is None:
+            self._still.setdefault(frame.serial, []).append(frame.image)
+            return
+        seen = finder.find(frame.image).mask is not None
+        self._touching[frame.serial] = self._touching.get(frame.serial, 0) + 1 if seen else 0
+
+    def arm(self, state: ArmState) -> None:
+        """Of no concern here."""
+
+    def gripper(self, state: GripperState) -> None:
+        """Of no concern here."""
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip has shown contact in its last frames."""
+        return self._touching.get(serial, 0) >= TOUCH_FRAMES
+
+
+def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
+    """`base_T_tcp` of a hand that closes over the table's mark, moved along the base's x and up."""
+    return Pose.from_rotation(
+        Pose(config.table.position_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN
+    )
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Keep a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
+    stored = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
+    if not cv2.imwrite(str(path), stored):
+        raise RecordingError(f"{path}: cannot be written; choose another --out")

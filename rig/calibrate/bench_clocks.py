@@ -1,0 +1,150 @@
+"""The clocks of a bench: one wiggle of a held object as arm, camera and gels saw it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.markers import MarkerTracker
+from calibration.store import write_text
+from drivers.errors import CalibrationError, InputError
+from drivers.interfaces import Arm
+from drivers.types import ArmState, Frame
+from protocols.capture_touch import Touch
+from protocols.capture_wiggle import Stroke, capture_wiggle
+from protocols.grasps import find_grasp_file
+from protocols.watch import Phase
+from rig.calibrate.bench import Station, TouchWatch, grasp_at
+from rig.calibrate.outcome import Outcome
+from rig.calibrate.tables import sync_from_folder
+from rig.config import BenchConfig
+
+ARM = "arm"
+"""The stream whose clock counts."""
+_HEIGHTS_M = (0.002, 0.014)
+_SPEEDS_M_S = (0.02, 0.09)
+_STROKES = 36
+_SMALL = (24, 32)
+_FIRM = 6
+"""Counts past contact that hold a block at its middle without slip."""
+
+
+def collect_streams(station: Station, object_name: str, search_s: float) -> list[Outcome]:
+    """Wiggle an object with markers in the fingers; give each sensor's offset from the arm's clock.
+
+    Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
+    """
+    config = station.config
+    raw = station.raw("sync")
+    touch = _touch(config, object_name)
+    with station.connected(
+        f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
+        f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s."
+    ) as (bench, operator):
+        camera = config.camera
+        tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
+        watch = WiggleWatch(tuple(t.serial for t in config.tactile), arm_device=bench.arm, tracker=tracker)
+        capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
+    for name, stream in watch.streams().items():
+        _write(raw / f"{name}.csv", *stream)
+    return [
+        sync_from_folder(raw, ARM, name, search_s).marked(config.simulated)
+        for name in watch.streams()
+        if name != ARM
+    ]
+
+
+def _touch(config: BenchConfig, name: str) -> Touch:
+    """How an object is held: a block ("gauge:30") at its middle, others as their file says, firmly."""
+    kind, _, size = name.partition(":")
+    if kind == "gauge":
+        try:
+            width_m = float(size) / 1e3
+        except ValueError as error:
+            raise InputError(f"--object '{name}': give the block's width in mm, as gauge:30") from error
+        return Touch(
+            "wiggle", name, f"block {size} mm wide with the markers", grasp_at(config), width_m, _FIRM
+        )
+    grasps = find_grasp_file(name)
+    place = min(grasps.position, key=lambda p: abs(p.offset_m))
+    pose = grasp_at(config, place.offset_m)
+    return Touch("wiggle", grasps.id, grasps.name, pose, place.width_m, grasps.grip_counts[1])
+
+
+def strokes(seed: int) -> list[Stroke]:
+    """Up and down by turns, each stroke to another height at another speed."""
+    rng = np.random.default_rng((seed, 34))
+    low, high = _HEIGHTS_M
+    middle = (low + high) / 2
+    return [
+        Stroke(
+            float(rng.uniform(*((middle + 0.001, high) if i % 2 == 0 else (low, middle - 0.001)))),
+            float(rng.uniform(*_SPEEDS_M_S)),
+        )
+        for i in range(_STROKES)
+    ]
+
+
+@dataclass(slots=True)
+class WiggleWatch(TouchWatch):
+    """Keeps what each device says while the object is wiggled: heights, markers, small pictures."""
+
+    arm_device: Arm | None = None
+    tracker: MarkerTracker | None = None
+    _heights: dict[int, float] = field(default_factory=dict)
+    _markers: list[tuple[int, float]] = field(default_factory=list)
+    _serial: str = ""
+    _pictures: dict[str, list[tuple[int, NDArray[np.float32]]]] = field(default_factory=dict)
+
+    def arm(self, state: ArmState) -> None:
+        """Keep the height."""
+        if self.phase_now is Phase.LIFT:
+            self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
+
+    def frame(self, frame: Frame) -> None:
+        """Keep where the markers are, or a small copy of what the gel shows."""
+        if self.phase_now is not Phase.LIFT:
+            TouchWatch.frame(self, frame)
+            return
+        if self.arm_device is not None:
+            self.arm(self.arm_device.state())
+        if frame.serial in self.serials:
+            small = cv2.resize(frame.image, _SMALL, interpolation=cv2.INTER_AREA).astype(np.float32)
+            self._pictures.setdefault(frame.serial, []).append((frame.time_ns, small))
+            return
+        self._serial = frame.serial
+        grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
+        seen = self.tracker.detect(grey) if self.tracker is not None else None
+        if seen is not None:
+            self._markers.append((frame.time_ns, float(seen.corners_px[..., 1].mean())))
+
+    def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Times, ns, and values by stream: the arm's height, and what the wiggle changes in each sensor.
+
+        Raises `CalibrationError` where a sensor saw next to nothing.
+        """
+        found = {ARM: _series(sorted(self._heights.items())), self._serial: _series(self._markers)}
+        for serial, pictures in self._pictures.items():
+            if len(pictures) < 3:
+                raise CalibrationError(f"{serial}: {len(pictures)} frames of the wiggle; does it stream?")
+            times = np.array([time_ns for time_ns, _ in pictures], np.int64)
+            found[serial] = times, strongest_change(np.array([p.ravel() for _, p in pictures]))
+        return found
+
+
+def strongest_change(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(N,) of (N, K): the pictures' first principal component, what changes most in them."""
+    centred = pictures - pictures.mean(axis=0)
+    u, strengths, _ = np.linalg.svd(centred.astype(np.float64), full_matrices=False)
+    return u[:, 0] * strengths[0]
+
+
+def _series(pairs: list[tuple[int, float]]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    return np.array([t for t, _ in pairs], np.int64), np.array([v for _, v in pairs], np.float64)
+
+
+def _write(path: Path, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
+    write_text(path, "\n".join(["time_ns,value", *rows]) + "\n")

@@ -1,0 +1,48 @@
+"""The gripper on a bench: blocks of known width between the fingers tell what the counts mean."""
+
+from collections.abc import Sequence
+
+from calibration.store import write_text
+from drivers.errors import InputError
+from protocols.capture_touch import Touch, capture_openings
+from rig.calibrate.bench import Station, TouchWatch, grasp_at
+from rig.calibrate.outcome import Outcome
+from rig.calibrate.tables import gripper_from_folder
+
+_SLACK_M = 0.006
+"""How much wider than a block the fingers come down around it, on top of the usual margin."""
+
+
+def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Outcome:
+    """Close on each block until both gels feel it, open until they do not, and make the tables.
+
+    Raises `InputError` for blocks the fingers cannot take, `OperatorStopError`, `DeviceError`.
+    """
+    config = station.config
+    widest_mm = 1e3 * config.gripper.limits.max_opening_m - 10.0
+    if not blocks_mm or min(blocks_mm) < 3.0 or max(blocks_mm) > widest_mm:
+        raise InputError(f"blocks of {list(blocks_mm)} mm: between the fingers fit 3 to {widest_mm:.0f} mm")
+    raw = station.raw("gripper")
+    rows: list[str] = []
+
+    def note(touch: Touch, counts: float, direction: str) -> None:
+        rows.append(f"{counts:g},{1e3 * touch.width_m:g},{direction}")
+        station.say(f"  {touch.name}: {counts:g} counts {direction}")
+
+    touches = [
+        Touch(
+            f"{mm:g}", f"gauge:{mm:g}", f"block {mm:g} mm wide", grasp_at(config), mm / 1e3, slack_m=_SLACK_M
+        )
+        for mm in sorted(blocks_mm)
+    ]
+    with station.connected(
+        f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them."
+    ) as (bench, operator):
+        watch = TouchWatch(tuple(tip.sensor.serial for tip in bench.fingertips))
+        capture_openings(
+            bench, operator, watch, touches,
+            lambda touch, counts: note(touch, counts, "closing"),
+            lambda touch, counts: note(touch, counts, "opening"),
+        )  # fmt: skip
+    write_text(raw / "gripper.csv", "\n".join(["counts,opening_mm,direction", *rows]) + "\n")
+    return gripper_from_folder(raw, config.name).marked(config.simulated)

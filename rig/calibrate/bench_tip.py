@@ -1,0 +1,59 @@
+"""The tool's tip on a bench: the tip in one hole at many tilts, guided in by a person."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.pivot import FEWEST, calibrate_pivot
+from drivers.types import Pose, Vector3
+from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
+from rig.calibrate.bench import Station
+from rig.calibrate.bench_hand_eye import pose_row, write_poses
+from rig.calibrate.outcome import Outcome
+from rig.calibrate.tables import tcp_from_folder
+
+_LARGEST_TILT_DEG = 30.0
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+"""The golden angle: directions that never line up, however many there are."""
+
+
+def collect_tip(station: Station, count: int) -> Outcome:
+    """Seat the tip in its hole at `count` tilts and solve for where it is in the TCP's frame.
+
+    Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
+    """
+    config = station.config
+    raw = station.raw("tcp")
+    seated: list[tuple[str, Pose]] = []
+
+    def keep(capture: PivotCapture) -> Vector3 | None:
+        seated.append((capture.id, capture.base_T_tcp))
+        station.say(f"  {capture.id}: seated, {len(seated)} of {count}")
+        return _tip(seated)
+
+    with station.connected(
+        f"The arm will step where you say until a tip in the hand sits in a small hole on the table, rise, "
+        f"tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, at {SPEED_M_S} m/s."
+    ) as (bench, operator):
+        capture_pivot(
+            bench, tilts(count), operator.nudge, keep, lambda name, why: station.say(f"  {name}: {why}")
+        )
+    write_poses(raw, [pose_row(name, pose) for name, pose in seated])
+    return tcp_from_folder(raw, config.name).marked(config.simulated)
+
+
+def tilts(count: int) -> list[Rotation]:
+    """Turns about level axes all round, the first one none, then alternately half and fully tilted."""
+    turns = [Rotation.identity()]
+    for i in range(1, count):
+        size = np.radians(_LARGEST_TILT_DEG) * (0.5 if i % 2 else 1.0)
+        turns.append(Rotation.from_rotvec(size * np.array([np.cos(i * _GOLDEN), np.sin(i * _GOLDEN), 0.0])))
+    return turns
+
+
+def _tip(seated: list[tuple[str, Pose]]) -> Vector3 | None:
+    """Where the tip is as far as these poses tell; None while they do not."""
+    found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
+    if found is None:
+        return None
+    x, y, z = (float(v) for v in found)
+    return x, y, z

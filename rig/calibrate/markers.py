@@ -1,0 +1,65 @@
+"""`rig calibrate markers`: still pictures of the two markers, from a folder."""
+
+from pathlib import Path
+
+import numpy as np
+
+from calibration.marker_angle import MarkerAngle, assess_markers
+from calibration.planar import Intrinsics
+from rig.calibrate import figures
+from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.sources import picture_files, read_grey
+
+
+def markers_from_folder(
+    folder: Path,
+    pattern: str,
+    ids: tuple[int, int],
+    dictionary: str,
+    intrinsics: Intrinsics | None,
+    serial: str,
+) -> Outcome:
+    """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
+    files = picture_files(folder, pattern)
+    pictures = [read_grey(path) for path in files]
+    report = assess_markers(pictures, MarkerAngle(ids, dictionary, intrinsics))
+    plane = report.plane
+    value = {
+        "dictionary": dictionary,
+        "ids": ids,
+        "side_px": plane.side_px,
+        "tilt_deg": plane.tilt_deg,
+        "angle_sigma_deg": report.sigma_deg,
+    }
+    quality = {
+        "corner_scatter_px": plane.scatter_px,
+        "square_fit_px": plane.fit_px,
+        "drift_deg": report.drift_deg,
+        "refused_pictures": report.refused,
+        "plane_T_image": plane.plane_T_image[0],
+    }
+    numbers = {
+        "side": f"{plane.side_px:.1f} px",
+        "tilt to the camera": "unknown without intrinsics"
+        if plane.tilt_deg is None
+        else f"{plane.tilt_deg:.1f} degrees",
+        "angle at rest, one sigma": f"{report.sigma_deg:.4f} degrees",
+        "drift": f"{report.drift_deg:+.4f} degrees",
+    }
+    shown = figures.lines(
+        {"angle": (np.arange(float(len(report.rest_deg))), report.rest_deg)}, "picture", "degrees"
+    )
+    return Outcome(
+        "markers",
+        {"camera": serial},
+        value,
+        quality,
+        report.judgement,
+        numbers,
+        str(folder),
+        len(files),
+        (),
+        files,
+        [Picture("Angle at rest", "It should scatter round zero, without a trend.", shown)],
+        [Thumbnail("first picture", "", figures.thumbnail(pictures[0]))],
+    )

@@ -1,0 +1,204 @@
+"""`rig calibrate tactile`: ball presses from a folder to a gel's scale and colour map."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calibration.gel.balls import BallFit, BallPress, calibrate_gel
+from calibration.gel.presses import Press, find_press, rim_centre
+from calibration.gel.reference import Reference, judge_reference
+from calibration.gel.scale import GelScale, fit_scale
+from calibration.verdict import Judgement, Rejected
+from drivers.errors import CalibrationError, InputError
+from drivers.types import Image
+from rig.calibrate import figures
+from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.sources import number, read_rgb, read_table
+
+NOMINAL_MM_PER_PX = (0.060, 0.060)
+"""Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
+_COLUMNS = ("image", "diameter(mm)")
+
+
+@dataclass(slots=True)
+class _Presses:
+    """What a folder holds. moves_mm: by id, where the ball was moved to, as the picture shows it."""
+
+    folder: Path
+    background: Image
+    found: list[BallPress] = field(default_factory=list)
+    rejected: list[Rejected] = field(default_factory=list)
+    moves_mm: dict[str, tuple[float, float]] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+
+
+def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float] | None) -> Outcome:
+    """background.png, and catalog.csv with its pictures: the gel's scale and colour map.
+
+    mm_per_px: along x and y where it is known; else it is fitted to the known moves of the presses
+    (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt.
+    """
+    presses = _read(folder)
+    still = Reference(
+        presses.background.astype(np.float32), 0.0, float((presses.background >= 250).mean()), 0, 1
+    )
+    try:
+        scale = None if mm_per_px else _scale(presses)
+        used = mm_per_px or (_pair(scale) if scale else NOMINAL_MM_PER_PX)
+        result = calibrate_gel(presses.found, used)
+    except CalibrationError as error:
+        return _refused(presses, serial, str(error))
+    judged = result.judgement + judge_reference(still)
+    if scale is not None:
+        judged += scale.judgement
+    elif mm_per_px is None:
+        judged += Judgement(
+            doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
+        )
+    return Outcome(
+        "tactile",
+        {"tactile": serial},
+        _value(result, used, scale),
+        _quality(result, scale),
+        judged,
+        _numbers(result, used, scale),
+        str(folder),
+        len(result.true_mm),
+        [*presses.rejected, *result.rejected],
+        presses.files,
+        _pictures(result, presses.found),
+        _thumbnails(presses),
+    )
+
+
+def _read(folder: Path) -> _Presses:
+    """Find the press in every picture of the catalog. Raises `InputError` naming file and line."""
+    path = folder / "catalog.csv"
+    rows = read_table(path, _COLUMNS)
+    presses = _Presses(folder, read_rgb(folder / "background.png"), files=[folder / "background.png", path])
+    for line, row in enumerate(rows, start=2):
+        where, name = f"{path} line {line}", row["image"]
+        if not name or not (folder / name).is_file():
+            raise InputError(f"{where}: {name} is not in {folder}")
+        untouched = read_rgb(folder / row["background"]) if row.get("background") else presses.background
+        presses.files.append(folder / name)
+        found = find_press(read_rgb(folder / name), untouched.astype(np.float32), name)
+        if isinstance(found, str):
+            presses.rejected.append(Rejected(name, found))
+            continue
+        presses.found.append(BallPress(found, number(row, "diameter(mm)", where) / 2.0))
+        if row.get("x_mm") and row.get("y_mm"):
+            presses.moves_mm[name] = number(row, "x_mm", where), number(row, "y_mm", where)
+    return presses
+
+
+def _scale(presses: _Presses) -> GelScale | None:
+    """The scale from known moves; None where the catalog has none. Raises `CalibrationError`."""
+    moved = [p for p in presses.found if p.press.id in presses.moves_mm]
+    if not moved:
+        return None
+    moves = np.array([presses.moves_mm[p.press.id] for p in moved])
+    centres = np.array([rim_centre(p.press) for p in moved])
+    return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
+
+
+def _pair(scale: GelScale) -> tuple[float, float]:
+    return float(scale.mm_per_px[0]), float(scale.mm_per_px[1])
+
+
+def _thumbnails(presses: _Presses) -> list[Thumbnail]:
+    return [
+        Thumbnail(r.id, r.reason, figures.thumbnail(read_rgb(presses.folder / r.id)))
+        for r in presses.rejected
+    ]
+
+
+def _refused(presses: _Presses, serial: str, reason: str) -> Outcome:
+    return Outcome(
+        "tactile", {"tactile": serial}, {}, {}, Judgement((reason,)), {}, str(presses.folder), 0,
+        presses.rejected, presses.files, (), _thumbnails(presses),
+    )  # fmt: skip
+
+
+def _value(result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> Mapping[str, object]:
+    rows, columns = result.map.shape
+    return {
+        "image_height": rows,
+        "image_width": columns,
+        "mm_per_px": mm_per_px,
+        **({} if scale is None else {"pixel_aspect": scale.pixel_aspect}),
+        "gradient_map": {
+            "features": "log colour change x place, calibration.gel.gradient_map",
+            "weights": result.map.weights,
+        },
+    }
+
+
+def _quality(result: BallFit, scale: GelScale | None) -> Mapping[str, object]:
+    quality: dict[str, object] = {
+        "normal_rms_held_out": result.normal_rms,
+        "null_rms": result.null_rms,
+        "held_out_radius_mm": result.held_out_mm,
+        "radius_error": {f"{r:g} mm": e for r, e in result.radius_error().items()},
+    }
+    if scale is not None:
+        quality |= {
+            "mm_per_px_sigma": scale.sigma,
+            "pixel_aspect_sigma": scale.aspect_sigma,
+            "turn_deg": scale.turn_deg,
+            "moves_missed_px": scale.residual_px,
+            "moves_held_out_px": scale.held_out_px,
+        }
+    return quality
+
+
+def _numbers(result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> Mapping[str, str]:
+    across, along = mm_per_px
+    numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
+    if scale is not None:
+        sx, sy = scale.sigma
+        numbers["scale along x, y"] = f"{across:.5f} +- {sx:.5f}, {along:.5f} +- {sy:.5f} mm per px"
+        numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} +- {scale.aspect_sigma:.4f}"
+    for radius, error in result.radius_error().items():
+        numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
+    return numbers | {
+        "slope where nothing touches": f"{result.null_rms:.4f}",
+        "error of a normal's part, left out": f"{result.normal_rms:.4f}",
+    }
+
+
+def _pictures(result: BallFit, presses: list[BallPress]) -> list[Picture]:
+    groups = {}
+    for radius in sorted(set(result.true_mm.values())):
+        names = [i for i, true in result.true_mm.items() if true == radius]
+        groups[f"{2 * radius:g} mm"] = np.array([result.centres_px[i] for i in names])
+    rows, columns = result.map.shape
+    places = {name: (c[:, 0], rows - c[:, 1]) for name, c in groups.items()}
+    press = max((p.press for p in presses), key=lambda p: float(p.strength.max()))
+    radii = {i: 2 * result.held_out_mm[i] for i in result.true_mm}
+    return [
+        Picture(
+            "Ball diameter of each press left out",
+            "As the map of the others says it.",
+            figures.bars(radii, "mm"),
+        ),
+        Picture(
+            "Where the balls were pressed",
+            "Gaps are where the map is not known.",
+            figures.scatter(places, "x, px", "up, px"),
+        ),
+        Picture(
+            "Slopes of one press",
+            f"{press.id}: dz/dx as the map sees it.",
+            _slope_picture(press, result, columns, rows),
+        ),
+    ]
+
+
+def _slope_picture(press: Press, result: BallFit, columns: int, rows: int) -> bytes:
+    x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
+    places = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    slopes = result.map.slopes(press.change[y.ravel(), x.ravel()], places)
+    return figures.field(slopes[:, 0].reshape(x.shape), (columns, rows), "dz/dx")

@@ -177,9 +177,11 @@ def run_faults(
     Raises `DeviceError` unless each case's lift is on disk in the end.
     """
     results = [FaultResult(case) for case in cases]
+    attempts: list[FaultResult] = []
 
     def note(done: int, total: int, row: dict[str, Any]) -> None:
         result = results[row["lift"] - 1]
+        attempts.append(result)
         if row["accepted"]:
             result.recovered = bool(result.injected_ns) and not result.given_up
             progress(result)
@@ -189,19 +191,23 @@ def run_faults(
     with started_fakes(load_bench("wire")) as config, closing(FaultyBench(config, results)) as benches:
         settings = TrialSettings(config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
-        _run_to_the_end(run, results)
+        _run_to_the_end(run, attempts)
     kept = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
     if len(kept) != len(cases):
         raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
     return results
 
 
-def _run_to_the_end(run: Callable[..., object], results: list[FaultResult]) -> None:
-    """Run the trial; where three attempts at a lift fail, so has its case, and the trial is resumed."""
-    for resumed in range(len(results) + 1):
+def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> None:
+    """Run the trial; where three attempts at a lift fail, so has its case, and the trial is resumed.
+
+    attempts: the cases of the attempts so far. Raises `DeviceError` where a lift fails again after that.
+    """
+    while True:
         try:
-            run(resume=resumed > 0)
+            run(resume=bool(attempts))
             return
         except DeviceError:
-            case = next(result for result in results if not (result.recovered or result.given_up))
-            case.given_up = True
+            if not attempts or attempts[-1].given_up:
+                raise
+            attempts[-1].given_up = True

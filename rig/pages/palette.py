@@ -35,14 +35,14 @@ BAD = Colour("bad", "#b3261e", "#ff8a80")
 GOOD = Colour("good", "#00734f", "#3fc79a")
 
 FIRST = Colour("first", "#009e73", "#2fcf9f")
-SECOND = Colour("second", "#c0609a", "#e39ac6")
+SECOND = Colour("second", "#92408e", "#e27fd4")
 
 STATES = {
-    "tracking": Colour("tracking", "#9fc9e2", "#2c5f80"),
-    "rekeyed": Colour("rekeyed", "#0b5a86", "#9ad1f2"),
-    "unobservable": Colour("unobservable", "#e69f00", "#e6b033"),
-    "lost": Colour("lost", "#8f1d5d", "#e07fb5"),
-    "no_contact": Colour("nocontact", "#b9c0c8", "#59636e"),
+    "tracking": Colour("tracking", "#add2eb", "#1a4067"),
+    "rekeyed": Colour("rekeyed", "#0746ae", "#b8d9ee"),
+    "unobservable": Colour("unobservable", "#efaf2b", "#e6be4d"),
+    "lost": Colour("lost", "#a20f4c", "#ca56a4"),
+    "no_contact": Colour("nocontact", "#7d828a", "#5c5c5c"),
 }
 """What the estimator claims about a frame, by the names of `rig.tactile.sample.State`."""
 

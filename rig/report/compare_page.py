@@ -1,6 +1,7 @@
 """The page of a comparison, with its one picture."""
 
 from datetime import UTC, datetime
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +14,8 @@ from rig.report.parts import Chart, Table
 
 _ROW_PX = 30
 _JITTER = 0.22
+_LINE, _NAME = 46, 14
+"""Characters that fit: below the axes, and of a name on either side above them."""
 
 
 def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
@@ -35,10 +38,10 @@ def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
 
 def difference_chart(comparison: Comparison) -> Chart:
     """Difference of the mean error in B and C: a dot per lift, a bar per object with its interval."""
-    first, second = comparison.names
+    first, second = (shorten(name) for name in comparison.names)
     rows = list(comparison.objects.items())
     total = next((p for p in comparison.overall if p.figure is ERROR), None)
-    with drawing(90 + _ROW_PX * (len(rows) + 1), 600) as figure:
+    with drawing(90 + _ROW_PX * (len(rows) + 1), 430) as figure:
         axes = figure.subplots()
         axes.axvline(0.0, color=INK.light, linewidth=1.0)
         for i, (name, own) in enumerate(rows):
@@ -51,7 +54,7 @@ def difference_chart(comparison: Comparison) -> Chart:
         axes.grid(False, axis="y")
         reach = 1.1 * max(float(np.abs(axes.get_xlim()).max()), 0.1)
         axes.set_xlim(-reach, reach)
-        axes.set_xlabel(f"mean error of {second} minus that of {first}, degrees")
+        axes.set_xlabel(fill(f"mean error of {second} minus that of {first}, degrees", _LINE))
         for x, side, text in (
             (0.0, "left", f"\u25c0 {second} is closer"),
             (1.0, "right", f"{first} is closer \u25b6"),
@@ -60,6 +63,11 @@ def difference_chart(comparison: Comparison) -> Chart:
         title = "Who is closer to the markers, and where"
         caption = "A dot per lift; the bar is the mean of the differences with its 95 % interval."
         return Chart(title, svg(figure, f"{title}: {first} and {second}"), caption)
+
+
+def shorten(name: str) -> str:
+    """A name that fits into the picture: its end says more, as sessions begin with their date."""
+    return name if len(name) <= _NAME else "\u2026" + name[1 - _NAME :]
 
 
 def figure_table(comparison: Comparison) -> Table:

@@ -9,7 +9,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from rig.pages.figure import drawing, legend_above, svg
-from rig.pages.palette import ESTIMATE, FIRST, INK
+from rig.pages.palette import FIRST, INK, SECOND
 from rig.report.parts import Chart
 from rig.report.recording import Taken
 
@@ -17,7 +17,7 @@ BIN_DEG = 15.0
 CELLS = (3, 4)
 """Cells across and down the sensor that should each have been touched."""
 _TICK_PX = 16.0
-_SENSOR_COLOURS = (ESTIMATE, FIRST)
+_SENSOR_COLOURS = (FIRST, SECOND)
 
 
 def place_map(serial: str, taken: Sequence[Taken]) -> Chart:

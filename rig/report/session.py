@@ -18,7 +18,10 @@ from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
 
-UNREADABLE = (RigError, KeyError, TypeError, ValueError, IndexError, struct.error, DecodeError)
+UNREADABLE = (
+    RigError, KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, MemoryError,
+    struct.error, DecodeError,
+)  # fmt: skip
 """What damaged bytes lead to, beside the errors that the readers know."""
 _LIFT_KEYS = {"number", "attempt", "object", "name", "lift", "accepted", "outcome", "bench_s", "recording"}
 _RESULT_KEYS = {
@@ -144,10 +147,13 @@ def read_curves(folder: Path, row: dict[str, Any], manifest: dict[str, Any]) -> 
     """Read a lift's curves from its recording. Raises `SessionError` and others of `UNREADABLE`."""
     path = folder / row["recording"]
     zero_s = float(row["phases_s"][Phase.LIFT])
+    estimate, truth = _curve(path, FUSED_TOPIC, zero_s), _curve(path, TRUTH_TOPIC, zero_s)
+    if not estimate.time_s.size or not truth.time_s.size:
+        raise SessionError(f"{path}: the recording is damaged: it holds no angles")
     return LiftCurves(
         name=lift_name(row),
-        estimate=_curve(path, FUSED_TOPIC, zero_s),
-        truth=_curve(path, TRUTH_TOPIC, zero_s),
+        estimate=estimate,
+        truth=truth,
         phases_s={name: float(t) - zero_s for name, t in row["phases_s"].items()},
         onset_truth_s=row.get("onset_truth_s"),
         onset_estimate_s=row.get("onset_estimate_s"),
@@ -180,10 +186,10 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
 
 
 def _why(error: BaseException) -> str:
-    text = (
-        str(error).rsplit(": ", 1)[-1] if isinstance(error, RigError) else f"{type(error).__name__}: {error}"
-    )
-    return text.removeprefix("the recording is ")
+    """The error without the path, which stands beside it."""
+    if not isinstance(error, RigError):
+        return f"damaged: {type(error).__name__} {error}".strip()
+    return (str(error).partition(".mcap: ")[2] or str(error)).removeprefix("the recording is ")
 
 
 def curves_of(lifts: Sequence[Lift]) -> list[LiftCurves]:

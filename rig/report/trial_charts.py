@@ -30,13 +30,8 @@ def boxes(groups: dict[str, Floats], title: str, caption: str, label: str = "|RE
     with drawing(70 + _ROW_PX * max(len(names), 2)) as figure:
         axes = figure.subplots()
         filled = [(i, values) for i, values in enumerate(groups.values()) if values.size]
-        axes.boxplot(
-            [values for _, values in filled], positions=[i for i, _ in filled], orientation="horizontal",
-            whis=(0, 100), widths=0.6, patch_artist=True, manage_ticks=False,
-            boxprops={"facecolor": ESTIMATE.light, "alpha": 0.35, "edgecolor": ESTIMATE.light},
-            medianprops={"color": INK.light, "linewidth": 2},
-            whiskerprops={"color": MUTED.light}, capprops={"color": MUTED.light},
-        )  # fmt: skip
+        if filled:
+            _draw_boxes(axes, filled)
         for i, values in enumerate(groups.values()):
             if not values.size:
                 axes.text(0.0, i, " no answer", va="center", color=MUTED.light)
@@ -46,6 +41,16 @@ def boxes(groups: dict[str, Floats], title: str, caption: str, label: str = "|RE
         axes.grid(False, axis="y")
         axes.set_xlabel(label)
         return Chart(title, svg(figure, title), caption)
+
+
+def _draw_boxes(axes: Axes, filled: Sequence[tuple[int, Floats]]) -> None:
+    axes.boxplot(
+        [values for _, values in filled], positions=[i for i, _ in filled], orientation="horizontal",
+        whis=(0, 100), widths=0.6, patch_artist=True, manage_ticks=False,
+        boxprops={"facecolor": ESTIMATE.light, "alpha": 0.35, "edgecolor": ESTIMATE.light},
+        medianprops={"color": INK.light, "linewidth": 2},
+        whiskerprops={"color": MUTED.light}, capprops={"color": MUTED.light},
+    )  # fmt: skip
 
 
 def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:

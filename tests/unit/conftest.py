@@ -1,0 +1,162 @@
+"""Drawn sessions: small folders as a trial or a recording leaves them, with curves that are known."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.types import Frame
+from rig.metrics import summarize
+from rig.records.encoding import stored
+from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+
+Press = Callable[..., NDArray[np.uint8]]
+Drawn = Callable[..., Path]
+TIPS = {"T1": 1, "T2": -1}
+PHASES_S = {"reference": 10.0, "A": 10.2, "B": 11.2, "C": 12.7, "lower": 13.7}
+SMALL: dict[str, Any] = {"size": (120, 160), "half_axes": (42.0, 18.0), "center": (60.0, 80.0)}
+MANIFEST = {
+    "schema_version": 1, "tool_version": "0.1.0", "kind": "trial", "status": "complete", "bench": "fake",
+    "started": "2026-11-21T09:30:00+00:00", "simulated": True, "seed": 0, "estimator": "slip", "window": 1,
+    "serials": [*TIPS, "CAM"], "signs": TIPS, "calibration": {}, "objects": ["t1"],
+    "config": {"tactile": [{"rate_hz": 60.0}, {"rate_hz": 60.0}]},
+}  # fmt: skip
+
+
+def true_angle(time_s: NDArray[np.float64], turn_deg: float) -> NDArray[np.float64]:
+    """Rest until 0.3 s after the lift began, then a ramp of 0.9 s, then rest."""
+    return turn_deg * np.clip((time_s - PHASES_S["B"] - 0.3) / 0.9, 0.0, 1.0)
+
+
+def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[dict[str, Any], bytes]:
+    import io
+
+    stream = io.BytesIO()
+    recorder = LiftRecorder(stream)
+    for phase, begins in PHASES_S.items():
+        recorder.phase(phase, round(begins * 1e9))
+    for sequence, time_s in enumerate(np.arange(10.0, 13.7, 0.1)):
+        for serial, sign in TIPS.items():
+            angle = 20.0 + sign * float(true_angle(np.array(time_s), turn_deg))
+            image = press(angle if time_s > 10.3 else None, seed=sequence, **SMALL)
+            recorder.image(*stored(Frame(image, round(time_s * 1e9), sequence, serial)))
+        view = np.full((60, 80, 3), 90, np.uint8)
+        recorder.image(*stored(Frame(view, round(time_s * 1e9), sequence, "CAM")))
+    times = np.arange(PHASES_S["B"], PHASES_S["lower"], 1 / 60)
+    noise = np.random.default_rng(number).normal(0.0, 0.1, times.size)
+    estimate = true_angle(times, turn_deg) + error_deg * np.clip(times - 11.5, 0.0, 1.0) + noise
+    for serial in TIPS:
+        _values(recorder, slip_topic(serial), times, estimate)
+    _values(recorder, FUSED_TOPIC, times, estimate)
+    all_times = np.arange(10.3, 13.8, 1 / 30)
+    _values(recorder, TRUTH_TOPIC, all_times, true_angle(all_times, turn_deg))
+    recorder.close()
+    errors = np.abs(estimate - true_angle(times, turn_deg))
+    in_b = times < PHASES_S["C"]
+    row = {
+        "number": number, "attempt": 0, "object": "t1", "name": "wrench", "lift": number, "position": "left",
+        "accepted": True, "outcome": "slipped", "bench_s": 4.0, "recording": f"lifts/{number:03d}.mcap",
+        "re": asdict(summarize(errors)), "re_b": asdict(summarize(errors[in_b])),
+        "re_held": asdict(summarize(errors)), "answered": 1.0, "grip_counts": 4, "lift_height_m": 0.05,
+        "final_estimate_deg": float(estimate[-18:].mean()), "final_truth_deg": turn_deg,
+        "onset_truth_s": 0.34, "onset_estimate_s": 0.38, "onset_alarm_s": 0.40, "phases_s": PHASES_S,
+        "frames": {**dict.fromkeys(TIPS, 150), "camera": 75}, "dropped": dict.fromkeys((*TIPS, "camera"), 0),
+        "states": {"tracking": 300, "lost": 0}, "skipped": {"alignment": 10}, "disagreements": {"tilt": 0},
+        "seed": number, "simulated": True, "force_n": None,
+    }  # fmt: skip
+    return row, stream.getvalue()
+
+
+def _values(recorder: LiftRecorder, topic: str, times: Any, angles: Any) -> None:
+    for time_s, angle in zip(times, angles, strict=True):
+        value = {"angle_deg": float(angle), "sigma_deg": 0.5, "state": "tracking"}
+        recorder.values(topic, "rig.Angle", round(float(time_s) * 1e9), value)
+
+
+@pytest.fixture(scope="session")
+def drawn_trial(press: Press) -> Drawn:
+    """Writes a trial: `drawn_trial(folder, turns_deg, errors_deg, **manifest)`."""
+
+    def write(
+        folder: Path,
+        turns_deg: tuple[float, ...] = (12.0, -20.0),
+        errors_deg: tuple[float, ...] = (),
+        **more: Any,
+    ) -> Path:
+        errors = errors_deg or (0.5,) * len(turns_deg)
+        (folder / "lifts").mkdir(parents=True)
+        rows = []
+        for number, (turn, error) in enumerate(zip(turns_deg, errors, strict=True), start=1):
+            row, recording = _lift(number, turn, error, press)
+            (folder / row["recording"]).write_bytes(recording)
+            rows.append(row)
+        timing = {"p50_ms": 1.2, "p95_ms": 2.0, "p99_ms": 3.0}
+        stages = {"contact": timing, "total": timing}
+        took = [{"number": row["number"], "attempt": 0, "stages": stages} for row in rows]
+        _lines(folder / "lifts.jsonl", rows)
+        _lines(folder / "timing.jsonl", took)
+        manifest = {**MANIFEST, "lifts_per_object": len(rows), **more}
+        (folder / "session.json").write_text(json.dumps(manifest))
+        return folder
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def drawn_recording(press: Press) -> Drawn:
+    """Writes a recording of two poses, the second one after a failed attempt."""
+
+    def write(folder: Path, **more: Any) -> Path:
+        images = folder / "t1_wrench" / "image_label"
+        images.mkdir(parents=True)
+        (folder / "reference").mkdir()
+        for serial in TIPS:
+            _png(folder / "reference" / f"{serial}.png", press(None, **SMALL))
+        fault = {**_pose(2, []), "accepted": False, "fault": "GraspError: the fingers closed on nothing"}
+        done = [_pose(1, _images(images, 1, press)), fault, _pose(2, _images(images, 2, press), 1)]
+        _lines(folder / "poses.jsonl", done)
+        manifest = {**MANIFEST, "kind": "record", "poses": 2, "images": 12, **more}
+        (folder / "session.json").write_text(json.dumps(manifest))
+        return folder
+
+    return write
+
+
+def _pose(pose: int, images: list[dict[str, Any]], attempt: int = 0) -> dict[str, Any]:
+    return {
+        "pose": pose, "attempt": attempt, "position": "left", "orientation_deg": 15.0 * pose,
+        "accepted": True, "fault": None, "rejected_frames": 3, "images": images,
+        "seed": 0, "simulated": True, "force_n": None,
+    }  # fmt: skip
+
+
+def _images(folder: Path, pose: int, press: Press) -> list[dict[str, Any]]:
+    found = []
+    for number in range(6):
+        serial = "T1" if number % 2 else "T2"
+        file = folder / f"p{pose:02d}_{number + 1:02d}_{serial}.png"
+        _png(file, press(25.0 * pose + number, seed=number, **SMALL))
+        found.append(
+            {
+                "file": str(file.relative_to(folder.parents[1])),
+                "grip_counts": number,
+                "serial": serial,
+                "time_s": float(number),
+                "contact_area_px": 9000.0,
+            }
+        )
+    return found
+
+
+def _png(path: Path, image: NDArray[np.uint8]) -> None:
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+
+def _lines(path: Path, rows: list[dict[str, Any]]) -> None:
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))

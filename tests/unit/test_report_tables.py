@@ -1,0 +1,111 @@
+"""Reports of plain tables: the paper's own curves, and tables of every kind."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from rig.report.tables import read_table, read_tables
+from rig.report.write import write_report
+
+
+def table(path: Path, head: str, rows: list[str]) -> Path:
+    path.write_text(head + "\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def ramp(
+    path: Path, error_deg: float = 1.0, head: str = "t_s,estimate_deg,truth_deg", comma: str = ","
+) -> Path:
+    times = np.arange(0.0, 4.0, 0.02)
+    truth = 10.0 * np.clip(times - 1.0, 0.0, 1.0)
+    rows = [f"{t:.3f}{comma}{a + error_deg:.4f}{comma}{a:.4f}" for t, a in zip(times, truth, strict=True)]
+    return table(path, head.replace(",", comma), rows)
+
+
+def test_the_ten_real_lifts_give_the_errors_that_were_read_off_with_them(
+    real_data: Path, tmp_path: Path
+) -> None:
+    folder = real_data / "aurova_figures" / "curves"
+    summary = (folder / "summary.csv").read_text().splitlines()
+    known = {row["object"]: row for row in csv.DictReader(summary)}
+    tables = read_tables([folder])
+    assert len(tables.lifts) == 10
+    assert len(tables.notes) == 1
+    assert "summary.csv" in tables.notes[0]
+    for lift in tables.lifts:
+        row = known[lift.path.stem]
+        assert lift.errors is not None
+        assert lift.errors.mean_deg == pytest.approx(float(row["mean_abs_diff_deg"]), abs=0.006)
+        # read off by eye there, means of the last 0.3 s here
+        assert lift.final_truth_deg == pytest.approx(float(row["aruco_final_deg"]), abs=1.0)
+        assert lift.curves.onset_truth_s is not None
+    page = write_report([folder], tmp_path / "old.html").path.read_text()
+    assert page.count("<svg") == 10 + 4
+    assert "23.09 ± 16.03" in page
+
+
+def test_phases_are_told_from_the_reference(tmp_path: Path) -> None:
+    lift = read_table(ramp(tmp_path / "lift.csv"))
+    assert lift.curves.phases_s["B"] == pytest.approx(1.05, abs=0.02)
+    assert lift.curves.phases_s["C"] == pytest.approx(1.95, abs=0.03)
+    assert lift.errors is not None
+    assert lift.errors.mean_deg == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_lift_that_held_has_no_phases_and_counts_whole(tmp_path: Path) -> None:
+    rows = [f"{0.1 * i:.1f},0.2,0.0" for i in range(30)]
+    lift = read_table(table(tmp_path / "held.csv", "t_s,estimate_deg,truth_deg", rows))
+    assert lift.curves.phases_s == {}
+    assert lift.curves.within("B").all()
+    assert lift.errors is not None
+    assert lift.errors.mean_deg == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("head", "comma"),
+    [
+        ("time_s,pred_deg,aruco_deg", ","),
+        ("t_s,angle_deg,marker_deg", ";"),
+        (" T_S ,Estimate_Deg,TRUTH_DEG", ","),
+    ],
+)
+def test_names_and_separators_of_other_tools(tmp_path: Path, head: str, comma: str) -> None:
+    assert read_table(ramp(tmp_path / "lift.csv", head=head, comma=comma)).errors is not None
+
+
+def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
+    rows = ["# a comment", "0.0,,0.0", "0.1,nan,0.0", "0.2,2.0,0.0", "0.3,2.0,", "0.4"]
+    lift = read_table(table(tmp_path / "lift.csv", "t_s,estimate_deg,truth_deg", rows))
+    assert np.isnan(lift.curves.estimate.angle_deg).sum() == 3
+    assert lift.errors is not None
+    assert lift.errors.frames == 1
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "said"),
+    [
+        ("t_s,estimate_deg", ["0,1", "1,2"], "no column truth_deg"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2", "1,x,2"], "row 2: estimate_deg 'x' is not a number"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2", "0,1,2"], "times do not increase"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2"], "holds 1 rows"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "times do not increase"),
+    ],
+)
+def test_what_is_no_lift_is_refused_with_its_place(
+    tmp_path: Path, head: str, rows: list[str], said: str
+) -> None:
+    with pytest.raises(InputError, match=said) as found:
+        read_table(table(tmp_path / "lift.csv", head, rows))
+    assert "lift.csv" in str(found.value)
+
+
+def test_a_table_of_which_nothing_compares_is_said_to_have_no_answer(tmp_path: Path) -> None:
+    rows = [f"{i},{'nan'},0.0" for i in range(5)]
+    path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)
+    page = write_report([path], tmp_path / "page.html").path.read_text()
+    assert "No error can be told for silent" in page
+    assert not math.isnan(read_table(path).curves.truth.angle_deg[0])

@@ -102,16 +102,29 @@ class GripperState:
 
 @dataclass(frozen=True, slots=True)
 class GripperLimits:
-    """Range of the gripper: counts, and the finger opening they stand for."""
+    """Range of the gripper: counts, and the finger opening they stand for.
+
+    openings: measured pairs of counts (rising) and opening in m; between them they count, not the
+    nominal line.
+    """
 
     min_counts: int
     max_counts: int
     max_opening_m: float
     opening_per_count_m: float
+    openings: tuple[tuple[float, float], ...] = ()
 
     def counts_for_opening(self, opening_m: float) -> int:
-        """Nearest position count for a finger opening in m (nominal, see `rig calibrate gripper`)."""
+        """Nearest position count for a finger opening in m: measured (`rig calibrate gripper`), or nominal.
+
+        Beyond what was measured the nominal slope goes on from its end.
+        """
         counts = self.min_counts + (self.max_opening_m - opening_m) / self.opening_per_count_m
+        if self.openings:
+            known, opening = (np.array(column) for column in zip(*self.openings, strict=True))
+            inside = float(np.clip(opening_m, opening.min(), opening.max()))
+            counts = float(np.interp(inside, opening[::-1], known[::-1]))
+            counts += (inside - opening_m) / self.opening_per_count_m
         return int(min(max(round(counts), self.min_counts), self.max_counts))
 
 

@@ -27,9 +27,19 @@ MAX_COUNTS = 255
 
 
 class FakeGripper(Gripper):
-    """Moves the world's fingers; the third finger stays parked."""
+    """Moves the world's fingers; the third finger stays parked.
 
-    def __init__(self, world: World, clock: Clock, faults: FaultScript) -> None:
+    openings: measured, see `GripperLimits`.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        faults: FaultScript,
+        openings: tuple[tuple[float, float], ...] = (),
+    ) -> None:
+        self._openings = openings
         self._world = world
         self._clock = clock
         self._faults = faults
@@ -40,7 +50,9 @@ class FakeGripper(Gripper):
     def limits(self) -> GripperLimits:
         """Range of the simulated fingers."""
         layout = self._world.layout
-        return GripperLimits(layout.open_counts, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m)
+        return GripperLimits(
+            layout.open_counts, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m, self._openings
+        )
 
     def connect(self) -> None:
         """Reach the gripper."""

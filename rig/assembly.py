@@ -20,7 +20,7 @@ from fakes.plan import BenchPlan, CameraPlan, DigitPlan
 from fakes.tactile import FakeDigit
 from fakes.world import World
 from protocols.watch import Operator
-from rig.config import ArmConfig, BenchConfig, CameraConfig, GripperConfig, TactileConfig
+from rig.config import ArmConfig, BenchConfig, CameraConfig, TactileConfig
 from rig.operators import SimulatedOperator
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -42,13 +42,13 @@ def build_bench(
         simulated=True,
         clock=clock,
         arm=FakeArm(world, clock, faults),
-        gripper=FakeGripper(world, clock, faults),
+        gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
         fingertips=tuple(
             Fingertip(digit.make(world, clock, faults), tactile.finger, tactile.sign)
             for digit, tactile in zip(plan.digits, config.tactile, strict=True)
         ),
         camera=plan.camera.make(world, clock, faults),
-        base_T_camera=config.camera.base_T_camera(),
+        base_T_camera=config.base_T_camera(),
         base_T_table=world.layout.base_T_table,
     )
     return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
@@ -74,10 +74,10 @@ def build_real_bench(config: BenchConfig) -> Bench:
         simulated=config.simulated,
         clock=clock,
         arm=_arm(config.arm, clock),
-        gripper=_gripper(config.gripper, clock),
+        gripper=_gripper(config, clock),
         fingertips=tuple(Fingertip(_digit(t, clock), t.finger, t.sign) for t in config.tactile),
         camera=_camera(config.camera, clock),
-        base_T_camera=config.camera.base_T_camera(),
+        base_T_camera=config.base_T_camera(),
         base_T_table=Pose(config.table.position_m),
     )
 
@@ -97,14 +97,15 @@ def _arm(arm: ArmConfig, clock: SystemClock) -> Arm:
     )
 
 
-def _gripper(gripper: GripperConfig, clock: SystemClock) -> Gripper:
+def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
     from drivers.robotiq_3f import Robotiq3F, rtu_link, tcp_link
 
+    gripper = config.gripper
     if gripper.transport == "rtu":
         link = rtu_link(gripper.device or "")
     else:
         link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
-    return Robotiq3F(link, gripper.fingers, gripper.limits.gripper_limits(), clock)
+    return Robotiq3F(link, gripper.fingers, config.gripper_limits(), clock)
 
 
 def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:

@@ -155,13 +155,13 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
     truth = MarkerTruth(
         camera.marker_ids,
         camera.marker_dictionary,
-        camera.base_T_camera(),
-        camera.intrinsics(),
+        settings.bench.base_T_camera(),
+        settings.bench.intrinsics(),
         search_everywhere=not settings.estimator.skip,
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    aspects = {tactile.serial: tactile.pixel_aspect for tactile in settings.bench.tactile}
-    return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects)
+    shifts = settings.bench.calibrations.time_shift_s
+    return LiftMeasurement(signs, settings.estimator, truth, recorder, settings.bench.pixel_aspects(), shifts)
 
 
 def _carry_out(

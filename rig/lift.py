@@ -5,7 +5,7 @@ same results bit for bit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,6 +68,7 @@ class LiftMeasurement:
     """Watches one lift.
 
     signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
+    time_shift_s: added to a sensor's times, by serial, where its clock was calibrated.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class LiftMeasurement:
         truth: MarkerTruth,
         recorder: LiftRecorder | None = None,
         aspects: Mapping[str, float | None] | None = None,
+        time_shift_s: Mapping[str, float] | None = None,
     ) -> None:
         self.tips = {serial: Fingertip(sign) for serial, sign in signs.items()}
         self.camera = Fingertip(0)
@@ -86,6 +88,7 @@ class LiftMeasurement:
         self.phases: dict[Phase, int] = {}
         self._estimator = estimator
         self._aspects = aspects or {}
+        self._shift_ns = {serial: seconds(shift) for serial, shift in (time_shift_s or {}).items()}
         self._recorder = recorder
         self._tcp: Pose | None = None
 
@@ -115,6 +118,8 @@ class LiftMeasurement:
         frame, jpeg = stored(frame)
         if self._recorder:
             self._recorder.image(frame, jpeg)
+        if frame.serial in self._shift_ns:
+            frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
         tip = self.tips.get(frame.serial)
         if tip is not None:
             self._tactile(tip, frame)

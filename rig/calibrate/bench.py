@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calibration.camera_files import read_camera
+from calibration.camera_model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
@@ -41,6 +43,22 @@ class Station:
     def config(self) -> BenchConfig:
         """The bench file. Raises `InputError`."""
         return load_bench(self.bench)
+
+    def camera(self) -> CameraModel:
+        """The bench's camera: as calibrated where its file is here, else the bench file's pinhole.
+
+        Raises `CalibrationError` for a file that is damaged, or was refused when it was made.
+        """
+        camera = self.config.camera
+        known = self.folder / f"camera-{camera.serial}.yaml"
+        if known.is_file():
+            self.say(f"camera as in {known}")
+            return read_camera(known, camera.serial)
+        self.say(
+            f"camera as the bench file says: f {camera.focal_px:g} px; better: rig calibrate camera first"
+        )
+        nominal, (width, height) = camera.intrinsics(), camera.size_px
+        return CameraModel((width, height), np.asarray(nominal.camera_matrix), np.asarray(nominal.distortion))
 
     def raw(self, name: str) -> Path:
         """An empty folder for raw samples: those of an earlier run may be of another pose or target."""

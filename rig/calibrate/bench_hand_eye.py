@@ -44,7 +44,7 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
     config = station.config
     mount, where = _MOUNTED[setup]
     poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
-    camera = bench_camera_model(config)
+    camera = station.camera()
     session = _Session(target, camera, setup, poses, count, station)
     around = config.camera.look_at_m if mount == "tool" else config.table.position_m
     with station.connected(
@@ -91,15 +91,6 @@ def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
         aim = np.add(config.table.position_m, (*rng.uniform(-0.03, 0.03, 2), 0.0))
         poses.append(Pose.from_rotation(aim - turn.apply([0.0, 0.0, rng.uniform(0.26, 0.36)]), turn))
     return poses
-
-
-def bench_camera_model(config: BenchConfig) -> CameraModel:
-    """The bench's camera: as calibrated where that is known, else the bench file's pinhole."""
-    intrinsics = config.camera.intrinsics()
-    width, height = config.camera.size_px
-    return CameraModel(
-        (width, height), np.asarray(intrinsics.camera_matrix), np.asarray(intrinsics.distortion)
-    )
 
 
 class _Session:

@@ -45,13 +45,13 @@ def record(
 
     from protocols.grasps import find_grasp_file
     from rig.bench_source import session_bench
+    from rig.calibrations import load_calibrated_bench
     from rig.cli.tables import WorkProgress
-    from rig.config import load_bench
     from rig.operators import ConsoleOperator
     from rig.record import RecordSettings, describe_recording, run_record
 
     began = time.perf_counter()
-    config = load_bench(bench)
+    config = load_calibrated_bench(bench, say)
     grasps = find_grasp_file(object_name)
     settings = RecordSettings(config, seed, grasps, poses, images)
     folder = session_folder(out, resume, "record", grasps.id)

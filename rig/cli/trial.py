@@ -84,8 +84,8 @@ def trial(
 
     from rig.attempt import TrialSettings
     from rig.bench_source import session_bench
+    from rig.calibrations import load_calibrated_bench
     from rig.cli.tables import lift_note, summary_json, trial_table
-    from rig.config import load_bench
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
     from rig.operators import ConsoleOperator
@@ -93,7 +93,7 @@ def trial(
     from rig.trial import describe_plan, resolve_objects, run_trial
 
     began = time.perf_counter()
-    config = load_bench(bench)
+    config = load_calibrated_bench(bench, say)
     choice = choose_estimator(estimator, window, not no_skip)
     settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.planar import Intrinsics
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
+from rig.config.in_use import CalibrationsInUse
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame: no arm's bench is larger, and millimetres are seen at once."""
@@ -204,6 +206,27 @@ class BenchConfig(_Strict):
     table: TableConfig
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
+    calibrations: CalibrationsInUse = CalibrationsInUse()
+    """What was measured, in place of the nominal numbers above; found beside the file, not written in it."""
+
+    def intrinsics(self) -> Intrinsics:
+        """The camera as calibrated, else this file's pinhole."""
+        calibrated = self.calibrations.camera
+        return self.camera.intrinsics() if calibrated is None else calibrated.intrinsics()
+
+    def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
+        """Where the camera was found to stand, else where this file says."""
+        found = self.calibrations.base_T_camera
+        return self.camera.base_T_camera() if found is None else found.pose()
+
+    def pixel_aspects(self) -> dict[str, float | None]:
+        """Width over height of each fingertip's pixels by serial, measured or of this file."""
+        measured = self.calibrations.pixel_aspect
+        return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
+
+    def gripper_limits(self) -> GripperLimits:
+        """The gripper's range, with its measured openings where there are any."""
+        return replace(self.gripper.limits.gripper_limits(), openings=self.calibrations.opening)
 
     @property
     def drivers(self) -> frozenset[str]:

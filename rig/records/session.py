@@ -95,7 +95,7 @@ def session_request(kind: str, bench: BenchConfig, seed: int, **more: Any) -> di
         "seed": seed,
         "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
         "signs": {t.serial: t.sign for t in bench.tactile},
-        "calibration": {},
+        "calibration": {name: file.model_dump() for name, file in bench.calibrations.files.items()},
         "config": bench.model_dump(mode="json"),
         **more,
     }

@@ -1,0 +1,57 @@
+"""Calibrations as a session uses them: part of its bench, so that a replay uses the same."""
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from calibration.planar import Intrinsics
+from drivers.types import Pose
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class FileInUse(_Strict):
+    """A calibration file: where it was, its hash, when it was made, and its verdict then."""
+
+    file: str
+    sha256: str
+    created: str
+    verdict: str
+
+
+class CameraInUse(_Strict):
+    """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order."""
+
+    matrix: tuple[float, ...]
+    distortion: tuple[float, ...]
+
+    def intrinsics(self) -> Intrinsics:
+        """As the markers' measurements take them."""
+        return Intrinsics(np.reshape(self.matrix, (3, 3)), np.array(self.distortion))
+
+
+class PlaceInUse(_Strict):
+    """`base_T_camera`: position in m, quaternion xyzw."""
+
+    position_m: tuple[float, float, float]
+    quaternion_xyzw: tuple[float, float, float, float]
+
+    def pose(self) -> Pose:
+        """As a pose."""
+        return Pose(self.position_m, self.quaternion_xyzw)
+
+
+class CalibrationsInUse(_Strict):
+    """What was found beside the bench file, and is used in place of the bench file's nominal numbers.
+
+    files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
+    opening: pairs of counts and m while the fingers close, counts rising.
+    """
+
+    files: dict[str, FileInUse] = {}
+    camera: CameraInUse | None = None
+    base_T_camera: PlaceInUse | None = None  # noqa: N815 - frame names keep their case
+    pixel_aspect: dict[str, float] = {}
+    time_shift_s: dict[str, float] = {}
+    opening: tuple[tuple[float, float], ...] = ()

@@ -82,9 +82,8 @@ def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, lis
     tables = session_tables(request)
     for table in tables:
         (request.out / f"{table.name}.{suffix}").write_bytes(written(table.columns, table.lines))
-    return Exported(
-        {table.name: len(table.lines) for table in tables}, (simulated_mark(request.manifest) + "figures",)
-    )
+    mark = simulated_mark(request.manifest).strip()
+    return Exported({table.name: len(table.lines) for table in tables}, (mark,) if mark else ())
 
 
 def _trial_tables(request: ExportRequest) -> list[Table]:

@@ -114,13 +114,13 @@ class Inbox:
         return messages
 
     def close(self) -> None:
-        """Stop receiving, and remove the address."""
-        # An empty datagram to itself ends the thread: closing would leave it in its system call.
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
-            end.sendto(b"", self.address)
+        """Stop receiving, once what has arrived is read, and remove the address."""
+        # Closing alone would leave the thread in its system call.
+        self._socket.shutdown(socket.SHUT_RD)
         self._thread.join()
         self._socket.close()
-        os.unlink(self.address)
+        with suppress(FileNotFoundError):
+            os.unlink(self.address)
 
     def _receive(self) -> None:
         while data := self._socket.recv(LARGEST_BYTES):

@@ -25,6 +25,8 @@ from rig.live.feed import Inbox, Message
 
 REFRESH_PER_S = 4.0
 PLAIN_EVERY_S = 5.0
+SPEED_OVER_S = 3600.0
+"""The time left follows from the lifts finished within this time."""
 
 
 @dataclass(slots=True)
@@ -73,7 +75,8 @@ class TrialView:
         self._lifts: dict[int, LiftInView] = {}
         self._progress = Progress(
             TextColumn("lifts"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-            TimeRemainingColumn(elapsed_when_finished=False), TextColumn("left"), console=console, speed_estimate_period=3600.0,
+            TimeRemainingColumn(elapsed_when_finished=False), TextColumn("left"), console=console,
+            speed_estimate_period=SPEED_OVER_S,
         )  # fmt: skip
         self._task = self._progress.add_task("lifts", total=total)
         self._shown = _Refreshed(console, self.render) if console.is_terminal else _Plain(self.lines)

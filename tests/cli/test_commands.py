@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = {"cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap"}
+HEAVY = {
+    "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
+    "distributed",
+}  # fmt: skip
 
 
 def rig(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -40,7 +43,20 @@ def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["record", "trial", "replay", "estimate", "doctor", "bench new", "fakes serve", "fakes fault"]
+    "command",
+    [
+        "record",
+        "trial",
+        "sessions",
+        "export",
+        "replay",
+        "results",
+        "estimate",
+        "doctor",
+        "bench new",
+        "fakes serve",
+        "fakes fault",
+    ],  # fmt: skip
 )
 def test_every_command_has_help_with_examples(command: str) -> None:
     done = rig(*command.split(), "--help")

@@ -24,7 +24,7 @@ pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 PREAMBLE = """
 import json, sys, time
 from dashboard_client import DashboardClient
-from rtde_control import RTDEControlInterface
+from rtde_control import Path, PathEntry, RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 host = sys.argv[1]
@@ -58,6 +58,54 @@ for _ in range(250):
 time.sleep(0.5)
 said["servo_off"] = abs(receive.getActualQ()[0] - target[0])
 said["servoStop"] = control.servoStop()
+"""
+OTHER_MOTIONS = """
+receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
+home, q = receive.getActualTCPPose(), receive.getActualQ()
+low = home[:2] + [home[2] - 0.05] + home[3:]
+def speed():
+    time.sleep(0.3)
+    return receive.getActualTCPSpeed()[2]
+said["moveJ_IK"], said["moveL_FK"] = control.moveJ_IK(low, 1.5, 3.0), control.moveL_FK(q, 0.5, 2.0)
+said["moveJ path"] = control.moveJ([q + [1.0, 2.0, 0.01], q + [1.0, 2.0, 0.0]])
+path = Path()
+poses = ("MoveJ", "PositionTcpPose", low), ("MoveL", "PositionTcpPose", home)
+for kind, place, to in (*poses, ("MoveJ", "PositionJoints", q)):
+    path.addEntry(PathEntry(getattr(PathEntry, kind), getattr(PathEntry, place), to + [0.5, 1.0, 0.0]))
+said["movePath"] = control.movePath(path)
+said["speedL"], said["speedL_m_s"] = control.speedL([0, 0, -0.05, 0, 0, 0], 0.5), speed()
+said["speedL ends"] = control.speedStop()
+said["speedJ"] = control.speedJ([0.1, 0, 0, 0, 0, 0], 0.5, 0.2)
+said["speedJ ends"] = control.speedStop()
+said["jogStart"], said["jog_m_s"] = control.jogStart([0, 0, 0.02, 0, 0, 0], control.FEATURE_TOOL), speed()
+said["jogStop"] = control.jogStop()
+said["servoL"], _ = control.servoL(low, 0, 0, 0.002, 0.1, 300), time.sleep(0.5)
+said["servoL ends"] = control.servoStop()
+said["freedrive"] = control.freedriveMode() and control.endFreedriveMode()
+said["force mode"] = control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [1] * 6)
+said["force mode ends"] = control.forceModeStop()
+said["moveUntilContact"] = control.moveUntilContact([0, 0, -0.2, 0, 0, 0], [0, 0, -1, 0, 0, 0], 0.5)
+settle()
+said["floor_m"] = receive.getActualTCPPose()[2]
+said["home again"] = control.moveJ(q)
+"""
+PENDANT = """
+receive, control, dashboard = RTDEReceiveInterface(host), RTDEControlInterface(host), DashboardClient(host)
+dashboard.connect()
+pose = receive.getActualTCPPose()
+dashboard.pause(); settle()
+said["paused"] = control.isProgramRunning()
+dashboard.play(); settle()
+said["played"] = control.moveL(pose)
+dashboard.stop(); settle()
+said["stopped"] = control.moveL(pose)
+said["reuploaded"] = control.reuploadScript()
+time.sleep(0.2)
+said["moves"] = control.moveL(pose)
+dashboard.powerOff(); time.sleep(0.2)
+said["off"] = receive.getRobotMode()
+dashboard.powerOn(); time.sleep(2.5); dashboard.brakeRelease(); time.sleep(1.5)
+said["on"] = receive.getRobotMode()
 """
 CALCULATIONS = """
 receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
@@ -144,6 +192,22 @@ def test_motions(controller: URController) -> None:
     assert said["low_m"] == pytest.approx(-0.05, abs=1e-6)
     assert said["joints_off"] < 1e-6
     assert said["servo_off"] < 0.002
+
+
+def test_the_other_motions(controller: URController) -> None:
+    said = finish(start(OTHER_MOTIONS, controller.host))
+    assert said.pop("speedL_m_s") == pytest.approx(-0.05, abs=1e-6)
+    assert said.pop("jog_m_s") == pytest.approx(-0.02, abs=1e-6), "the tool looks down"
+    assert said.pop("floor_m") == pytest.approx(0.0, abs=0.002)
+    assert {call for call, value in said.items() if value is not True} == set()
+
+
+def test_what_a_person_does_at_the_pendant(controller: URController) -> None:
+    said = finish(start(PENDANT, controller.host))
+    assert (said["paused"], said["played"], said["stopped"]) == (False, True, False)
+    assert said["reuploaded"]
+    assert said["moves"]
+    assert (said["off"], said["on"]) == (3, 7)
 
 
 def test_calculations_sensors_and_outputs(controller: URController) -> None:

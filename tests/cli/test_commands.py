@@ -12,6 +12,10 @@ HEAVY = {
     "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
     "distributed",
 }  # fmt: skip
+COMMANDS = (
+    "record", "trial", "sessions", "export", "replay", "results", "estimate", "doctor", "bench new",
+    "fakes serve", "fakes fault",
+)  # fmt: skip
 
 
 def rig(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -42,22 +46,7 @@ def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
     assert not HEAVY & set(done.stdout.split())
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "record",
-        "trial",
-        "sessions",
-        "export",
-        "replay",
-        "results",
-        "estimate",
-        "doctor",
-        "bench new",
-        "fakes serve",
-        "fakes fault",
-    ],  # fmt: skip
-)
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_examples(command: str) -> None:
     done = rig(*command.split(), "--help")
     assert done.returncode == 0

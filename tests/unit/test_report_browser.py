@@ -149,7 +149,10 @@ def pages(
     folder = tmp_path_factory.mktemp("pages")
     trial = drawn_trial(folder / "trial")
     other = drawn_trial(folder / "other", errors_deg=(1.0, 1.5))
-    table = folder / "a lift with a name that goes on and on.csv"
+    tables = folder / "tables"
+    tables.mkdir()
+    table = tables / "a lift with a name that goes on and on.csv"
+    (tables / ("no_lift_" * 12 + ".csv")).write_text("what,else\n1,2\n")
     rows = [f"{i / 50},{min(max(i - 40, 0), 60) / 5 + 0.3},{min(max(i - 40, 0), 60) / 5}" for i in range(180)]
     table.write_text("t_s,estimate_deg,truth_deg\n" + "\n".join(rows) + "\n")
     sides = session_side(trial), session_side(other)
@@ -161,7 +164,7 @@ def pages(
     return {
         "trial": write_report([trial]).path,
         "recording": write_report([drawn_recording(folder / "recording")]).path,
-        "table": write_report([table], folder / "table.html").path,
+        "table": write_report([tables], folder / "table.html").path,
         "comparison": comparison,
         "broken": write_report([broken]).path,
     }

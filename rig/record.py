@@ -30,14 +30,12 @@ from rig.bench_source import BenchSource, FreshBenches
 from rig.capture import PoseCapture, ReferenceCapture
 from rig.config import BenchConfig
 from rig.records.encoding import png
-from rig.records.session import Session, open_session, session_request
+from rig.records.session import TRUE_MASKS, Session, open_session, session_request
 from rig.seeds import derived_seed
 from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
 
 RESULTS = "poses.jsonl"
-TRUTH = "truth/masks"
-"""Where the true contacts of simulated images are kept, apart from what the rig sees."""
 MANIFEST_COLUMNS: tuple[str, ...] = (
     "file",
     "pose",
@@ -253,7 +251,7 @@ def _keep_images(
         name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
         session.write(name, png(frame.image))
         if frame.serial in watch.true_masks:
-            session.write(f"{TRUTH}/{Path(name).stem}.png", png(watch.masks[number]))
+            session.write(f"{TRUE_MASKS}/{Path(name).stem}.png", png(watch.masks[number]))
         files.append(
             {
                 "file": name,

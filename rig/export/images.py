@@ -13,11 +13,10 @@ from protocols.watch import Phase
 from rig.export.result import ExportRequest
 from rig.records.encoding import decoded
 from rig.records.reading import phase_times, recorded_frames
+from rig.records.session import TRUE_MASKS
 from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
 
-TRUE_MASKS = "truth/masks"
-"""Where simulated recordings keep the masks that the rig does not see."""
 TRUE_NOTE = "mask: the simulator's true contact"
 FOUND_NOTE = "mask: proposed by plain image processing (rig/tactile/contact.py); look before you train on it"
 

@@ -16,6 +16,8 @@ from rig.records.files import append_line, drop_torn_line, read_json, read_lines
 SCHEMA_VERSION = 1
 DISTRIBUTION = "visuotactile-slip-rig"
 MANIFEST = "session.json"
+TRUE_MASKS = "truth/masks"
+"""Where the true contacts of simulated images are kept, apart from what the rig sees."""
 
 
 class Session:

@@ -20,11 +20,11 @@ from rig.attempt import TrialSettings
 from rig.cli.main import app
 from rig.config import load_bench
 from rig.export.formats import export_session
-from rig.export.images import TRUE_MASKS
 from rig.record import RecordSettings, run_record
 from rig.records.files import read_lines
 from rig.records.reading import recorded_frames, recorded_values
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC
+from rig.records.session import TRUE_MASKS
 from rig.records.tables import read_csv
 from rig.tactile.estimator import choose_estimator
 from rig.trial import run_trial

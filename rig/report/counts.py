@@ -45,6 +45,21 @@ def counts_table(rows: Sequence[dict[str, Any]]) -> Table | None:
     return Table(("source", "frames", "dropped"), cells)
 
 
+def onset_table(rows: Sequence[dict[str, Any]]) -> Table | None:
+    """How much later than the markers' onset the estimate's, and the event raised in the lift, came."""
+    slipped = [row for row in rows if row.get("onset_truth_s") is not None]
+    if not slipped:
+        return None
+    cells = []
+    for name, key in (("estimated curve", "onset_estimate_s"), ("slip event", "onset_alarm_s")):
+        late_ms = [(row[key] - row["onset_truth_s"]) * 1e3 for row in slipped if row.get(key) is not None]
+        spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms else ["-"] * 3
+        unasked = sum(row.get(key) is not None for row in rows if row.get("onset_truth_s") is None)
+        cells.append([name, f"{len(late_ms)} of {len(slipped)}", *spread, str(unasked)])
+    columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
+    return Table(columns, cells)
+
+
 def state_table(rows: Sequence[dict[str, Any]]) -> Table | None:
     """What the estimator claimed, what it had no need to do, and how often the fingertips disagreed."""
     states: Counter[str] = Counter()

@@ -43,7 +43,7 @@ def surface_chart(lifts: Sequence[Lift]) -> Chart | None:
     if len(groups) < 2:
         return None
     caption = (
-        "Phase B, by what lies between the fingers. A cylinder's contact changes its outline as it rolls."
+        "Phase B, by what the fingers hold (as the object files name it): the paper's edge and cylinder."
     )
     return boxes(groups, "Error by grasped surface", caption)
 

@@ -120,7 +120,7 @@ def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, floa
 
 def caption(time_s: float, estimate_deg: float, truth_deg: float) -> str:
     """Say when, and both angles."""
-    return f"{time_s + 0.0:.2f} s: {angle_text(estimate_deg)}, marker {angle_text(truth_deg)}"
+    return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(estimate_deg)}, marker {angle_text(truth_deg)}"
 
 
 def rgb(hex_colour: str) -> tuple[int, int, int]:

@@ -26,5 +26,6 @@ def interval_text(value: Mare | None) -> str:
 
 def angle_text(angle_deg: float | None) -> str:
     """An angle with its sign."""
-    known = angle_deg is not None and math.isfinite(angle_deg)
-    return f"{angle_deg:+.1f}°" if known else "refused"
+    if angle_deg is None or not math.isfinite(angle_deg):
+        return "refused"
+    return f"{round(angle_deg, 1) + 0.0:+.1f}°"

@@ -8,7 +8,7 @@ import numpy as np
 from rig.pages.page import render
 from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
-from rig.report.counts import counts_table, stage_table, state_table
+from rig.report.counts import counts_table, onset_table, stage_table, state_table
 from rig.report.curves import LiftCurves
 from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
@@ -48,6 +48,7 @@ def trial_page(trial: Trial, now: datetime | None = None) -> str:
         key=key(),
         stages=stage_table(trial.timing),
         counts=counts_table([lift.row for lift in trial.lifts]),
+        onsets=onset_table([lift.row for lift in trial.lifts]),
         states=state_table([lift.row for lift in trial.lifts]),
         calibrations=calibration_table(trial.manifest, now),
         made=now.strftime("%Y-%m-%d %H:%M UTC"),

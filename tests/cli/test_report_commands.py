@@ -1,0 +1,108 @@
+"""`rig report`, `rig compare` and `rig play` as a user types them, on a real session."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rig", *arguments],
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        env=dict(os.environ),
+        timeout=100,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cli") / "trial"
+    common = ["--lifts", "1", "--object", "wrench", "--jobs", "1"]
+    done = rig("trial", *common, "--out", str(folder), "--no-report")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def said(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("command", ["report", "compare", "play"])
+def test_help_has_examples(command: str) -> None:
+    done = rig(command, "--help")
+    assert done.returncode == 0
+    assert "Examples" in done.stdout
+    assert f"rig {command}" in done.stdout
+
+
+def test_a_trial_asked_for_no_report_has_none_until_it_is_asked_for(trial: Path) -> None:
+    assert not (trial / "report.html").exists()
+    done = rig("report", str(trial))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(trial / "report.html")
+    assert "wrench, lift 1" in (trial / "report.html").read_text()
+
+
+def test_a_report_that_cannot_be_written_does_not_fail_the_trial(trial: Path) -> None:
+    (trial / "report.html").unlink(missing_ok=True)
+    (trial / "report.html").mkdir()
+    try:
+        done = rig("trial", "--lifts", "1", "--object", "t1", "--out", str(trial), "--resume", "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["report"] is None
+        assert "note: no report" in done.stderr
+        assert "Traceback" not in done.stderr
+    finally:
+        (trial / "report.html").rmdir()
+
+
+def test_an_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "session.json").write_text('{"schema_version": 99}')
+    done = rig("report", str(folder), "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert "schema version 99" in answer["problems"][0]
+    assert "schema version 99" in Path(answer["report"]).read_text()
+    assert done.stderr.startswith("note: ")
+
+
+def test_two_estimators_on_one_session(trial: Path, tmp_path: Path) -> None:
+    page = tmp_path / "compared.html"
+    done = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--out", str(page), "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["names"] == ["slip", "pca"]
+    assert answer["lifts"] == 1
+    stored = json.loads((trial / "lifts.jsonl").read_text())["re"]["mean_deg"]
+    assert answer["figures"][0]["first"] == pytest.approx(stored)
+    assert answer["figures"][0]["second"] != pytest.approx(stored)
+    assert "slip and pca compared" in page.read_text()
+
+
+def test_comparisons_that_cannot_be_are_refused(trial: Path, tmp_path: Path) -> None:
+    said(rig("compare", "slip", "pca"), 2, "needs --on SESSION")
+    said(rig("compare", str(trial), str(trial)), 2, "given twice")
+    said(rig("compare", str(trial), str(tmp_path / "none")), 2, "no session folder")
+    said(rig("compare", "slip", "magic", "--on", str(trial)), 2, "unknown estimator 'magic'")
+
+
+def test_a_lift_is_played_and_another_is_not_there(trial: Path, tmp_path: Path) -> None:
+    film = tmp_path / "lift.mp4"
+    done = rig("play", str(trial), "--lift", "wrench/1", "--speed", "4", "--out", str(film), "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] > 20
+    assert film.stat().st_size > 10_000
+    said(rig("play", str(trial), "--lift", "9", "--out", str(film)), 2, "no finished lift '9'")
+    said(rig("report", str(tmp_path / "nothing")), 2, "no such session")

@@ -7,18 +7,18 @@ the simulation knows (where the tool truly is) goes this way, never through a de
 import json
 import socket
 import socketserver
-import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from drivers.errors import DeviceError, InputError, RigError
+from fakes.wire.background import BackgroundServer
 
 Command = Callable[..., Mapping[str, Any] | None]
 TIMEOUT_S = 5.0
 LONGEST_LINE = 65536
 
 
-class ControlServer:
+class ControlServer(BackgroundServer):
     """Serves commands by name on a loopback port; each runs in its connection's thread."""
 
     def __init__(self, commands: Mapping[str, Command], host: str = "127.0.0.1", port: int = 0) -> None:
@@ -27,25 +27,13 @@ class ControlServer:
                 while line := self.rfile.readline(LONGEST_LINE):
                     self.wfile.write(json.dumps(_answer(commands, line)).encode() + b"\n")
 
-        self._server = _Server((host, port), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
+        super().__init__(_Server((host, port), Handler))
 
     @property
     def address(self) -> str:
         """Where it listens, "host:port"."""
-        host, port = self._server.server_address[:2]
-        return f"{host!s}:{port}"
-
-    def start(self) -> None:
-        """Begin to answer."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop listening."""
-        if self._thread.is_alive():
-            self._server.shutdown()
-            self._thread.join()
-        self._server.server_close()
+        host, port = self.host_port
+        return f"{host}:{port}"
 
 
 class Control:

@@ -1,13 +1,13 @@
 """The HTTP side of a served sensor: the stream, and the paths beside it."""
 
 import json
-import threading
 from collections.abc import Iterator, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Protocol
 
 from drivers.errors import InputError
+from fakes.wire.background import BackgroundServer
 from fakes.wire.mjpeg_sensor import Capture, MjpegSensor
 
 BOUNDARY = "frame"
@@ -38,30 +38,12 @@ class Served(Protocol):
         ...
 
 
-class HttpSide:
+class HttpSide(BackgroundServer):
     """Listens on a port; each connection has a thread."""
 
     def __init__(self, host: str, port: int, served: Served) -> None:
         handler = type("Handler", (_Handler,), {"served": served})
-        self._server = _Server((host, port), handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """Host and port."""
-        host, port = self._server.server_address[:2]
-        return str(host), port
-
-    def start(self) -> None:
-        """Begin to answer."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop listening. Safe before `start`."""
-        if self._thread.is_alive():
-            self._server.shutdown()
-            self._thread.join()
-        self._server.server_close()
+        super().__init__(_Server((host, port), handler), poll_s=0.05)
 
 
 class _Server(ThreadingHTTPServer):

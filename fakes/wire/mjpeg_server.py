@@ -62,7 +62,7 @@ class MjpegServer:
     @property
     def url(self) -> str:
         """Address of the stream."""
-        host, port = self._http.address
+        host, port = self._http.host_port
         return f"http://{host}:{port}/stream.mjpg"
 
     def start(self) -> None:

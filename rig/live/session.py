@@ -74,28 +74,31 @@ def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
 @contextmanager
 def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "rig.live.viewer", address, *([str(file)] if file else [])]
-    process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    # What the viewer says goes into a file: a pipe that nobody empties would stop it.
+    log = Path(f"{address}.log")
+    with log.open("w") as said:
+        process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True
+        )
     try:
-        _wait_until_ready(process)
+        _wait_until_ready(process, log)
         yield process
-    finally:
         if process.poll() is not None:
             # Without a handler of the caller's, logging brings a warning to standard error.
             _log.warning(
                 "the live viewer ended before the lifts did; what was recorded is complete all the same"
             )
+    finally:
         _end(process)
 
 
-def _wait_until_ready(process: subprocess.Popen[str]) -> None:
-    if process.stdout is None or process.stderr is None:
+def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:
+    if process.stdout is None:
         return
     if select.select([process.stdout], [], [], START_TIMEOUT_S)[0] and process.stdout.readline() == "ready\n":
         return
     process.kill()
-    said = process.stderr.read().strip().splitlines()
+    said = log.read_text().strip().splitlines()
     raise InputError(
         f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live, or see "
         "whether `rerun` alone starts"
@@ -112,6 +115,5 @@ def _end(process: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-    for stream in (process.stdout, process.stderr):
-        if stream is not None:
-            stream.close()
+    if process.stdout is not None:
+        process.stdout.close()

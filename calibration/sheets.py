@@ -1,4 +1,4 @@
-"""Targets as pictures and as printable SVG sheets with a scale bar to measure."""
+"""Targets as pictures and as printable sheets with a scale bar to measure."""
 
 import html
 from dataclasses import dataclass
@@ -16,6 +16,10 @@ from drivers.types import Image
 _PX_PER_MODULE = 24
 _MARGIN_MM = 12.0
 _BAR_MM = 100.0
+TEXT_MM = 3.2
+"""Size of the sheet's line of print."""
+Rectangle = tuple[float, float, float, float]
+"""x, y, width, height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,36 +48,50 @@ def target_picture(spec: str) -> TargetPicture:
     return TargetPicture(fine, _origin(spec) - margin, density)
 
 
-def sheet_svg(spec: str) -> str:
-    """A sheet to print at 100 %: the target, its name, and a bar of 100 mm to check with a ruler.
+@dataclass(frozen=True, slots=True)
+class PrintedSheet:
+    """A sheet to print at 100 %, mm from its top left corner, y down.
+
+    size_mm: width, height. ink: black rectangles (x, y, width, height): the target and a bar of
+    100 mm with a tick every ten. text, text_mm: a line of print, and where its baseline begins.
+    """
+
+    size_mm: tuple[float, float]
+    ink: tuple[Rectangle, ...]
+    text: str
+    text_mm: tuple[float, float]
+
+
+def printed_sheet(spec: str) -> PrintedSheet:
+    """Lay out a target's sheet with the bar to check with a ruler.
 
     Raises `InputError` for a target that is not understood.
     """
     shapes, size, _ = _rectangles(spec)
-    wide = max(size[0] * 1e3 + 2 * _MARGIN_MM, _BAR_MM + 2 * _MARGIN_MM)
-    high = size[1] * 1e3 + 2 * _MARGIN_MM + 22.0
-    ink = "".join(
-        f'<rect x="{_MARGIN_MM + x * 1e3:.4f}" y="{_MARGIN_MM + y * 1e3:.4f}" '
-        f'width="{w * 1e3:.4f}" height="{h * 1e3:.4f}"/>'
-        for x, y, w, h in shapes
-    )
     foot = size[1] * 1e3 + 2 * _MARGIN_MM
-    ticks = "".join(
-        f'<rect x="{_MARGIN_MM + 10 * i - 0.1:.2f}" y="{foot}" width="0.2" height="4"/>' for i in range(11)
-    )
-    bar = f'<rect x="{_MARGIN_MM}" y="{foot + 4}" width="{_BAR_MM}" height="0.4"/>{ticks}'
+    ink = [(_MARGIN_MM + x * 1e3, _MARGIN_MM + y * 1e3, w * 1e3, h * 1e3) for x, y, w, h in shapes]
+    ticks = [(_MARGIN_MM + 10.0 * i - 0.1, foot, 0.2, 4.0) for i in range(11)]
+    bar = (_MARGIN_MM, foot + 4.0, _BAR_MM, 0.4)
+    wide = max(size[0] * 1e3, _BAR_MM) + 2 * _MARGIN_MM
     text = f"{spec} - print at 100 %; this bar must measure 100.0 mm; put the measured side into the name"
+    return PrintedSheet((wide, foot + 22.0), (*ink, bar, *ticks), text, (_MARGIN_MM, foot + 11.0))
+
+
+def sheet_svg(spec: str) -> str:
+    """The sheet as SVG. Raises `InputError` for a target that is not understood."""
+    sheet = printed_sheet(spec)
+    (wide, high), (x, y) = sheet.size_mm, sheet.text_mm
+    ink = "".join(
+        f'<rect x="{left:.4f}" y="{top:.4f}" width="{w:.4f}" height="{h:.4f}"/>'
+        for left, top, w, h in sheet.ink
+    )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:.3f}mm" height="{high:.3f}mm" '
         f'viewBox="0 0 {wide:.3f} {high:.3f}"><rect width="100%" height="100%" fill="#fff"/>'
-        f'<g fill="#000" shape-rendering="crispEdges">{ink}{bar}'
-        f'<text x="{_MARGIN_MM}" y="{foot + 11}" font-family="sans-serif" font-size="3.2">'
-        f"{html.escape(text)}</text>"
-        "</g></svg>\n"
+        f'<g fill="#000" shape-rendering="crispEdges">{ink}'
+        f'<text x="{x}" y="{y}" font-family="sans-serif" font-size="{TEXT_MM}">'
+        f"{html.escape(sheet.text)}</text></g></svg>\n"
     )
-
-
-Rectangle = tuple[float, float, float, float]
 
 
 def _rectangles(spec: str) -> tuple[list[Rectangle], tuple[float, float], float]:

@@ -66,11 +66,16 @@ def save(file: CalibrationFile, path: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file aside and put it in place. Raises `RecordingError`."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file aside and put it in place. Raises `RecordingError`."""
     aside = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
+        with aside.open("wb") as stream:
+            stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
         aside.replace(path)

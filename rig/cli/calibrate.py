@@ -31,20 +31,29 @@ def board(
     target: Annotated[
         str, typer.Argument(help="As --target of the other commands.")
     ] = "charuco:8x6:25:18:DICT_5X5_100",
-    out: Annotated[Path | None, typer.Option("--out", help="SVG file.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="File ending in .svg or .pdf.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Draw a target to print at 100 %, with a bar of 100 mm to check with a ruler.
 
+    Measure one side after printing: what it measures goes into the target's name.
+
     Examples:
-      rig calibrate board charuco:8x6:25:18:DICT_5X5_100 --out board.svg
+      rig calibrate board charuco:8x6:25:18:DICT_5X5_100 --out board.pdf
+
+      rig calibrate board marker:60:DICT_4X4_50:0 --out marker.svg
 
     """
     from calibration.sheets import sheet_svg
-    from calibration.store import write_text
+    from calibration.store import write_bytes
+    from drivers.errors import InputError
+    from rig.calibrate.sheet_pdf import sheet_pdf
 
     path = out or Path(f"{target.replace(':', '_')}.svg")
-    write_text(path, sheet_svg(target))
+    makers = {".svg": lambda: sheet_svg(target).encode(), ".pdf": lambda: sheet_pdf(target)}
+    if path.suffix.lower() not in makers:
+        raise InputError(f"--out {path}: give a file ending in .svg or .pdf")
+    write_bytes(path, makers[path.suffix.lower()]())
     if json:
         emit_json({"target": target, "file": str(path)})
     else:

@@ -1,6 +1,7 @@
 """`rig calibrate`: from folders to files and pages, and what is said when that cannot be."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -153,13 +154,23 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
     assert rig("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
     text = path.read_text()
     assert 'width="224.000mm"' in text
-    assert 'width="100.0"' in text
+    assert 'width="100.0000"' in text
+    points_per_mm = 72.0 / 25.4
+    paper = tmp_path / "board.pdf"
+    assert rig("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", paper).returncode == 0
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ([0-9.]+) \]", paper.read_bytes())
+    assert box is not None
+    assert float(box[1]) / points_per_mm == pytest.approx(224.0, abs=0.01)
+    assert float(box[2]) / points_per_mm == pytest.approx(196.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("gripper",), "give --from"),
+        (("gripper", "--block-mm", "200"), "between the fingers fit"),
+        (("tactile", "--ball-mm", "0.5"), "diameters of 2 to 30 mm"),
+        (("sync", "--object", "gauge:wide"), "as gauge:30"),
+        (("board", "--out", "board.txt"), ".svg or .pdf"),
         (("camera", "--from", "/nowhere"), "no such folder"),
         (("hand-eye", "--from", "/nowhere"), "give --camera"),
         (("hand-eye", "--setup", "sideways"), "eye-to-hand"),

@@ -1,0 +1,127 @@
+"""Calibrations as protocols on the simulated bench: what they find is what the fakes are made of."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calibration.boards import parse_target
+from calibration.hand_eye.samples import Setup
+from calibration.verdict import Verdict
+from drivers.errors import InputError, OperatorStopError
+from drivers.types import Frame
+from fakes.moment import Layout
+from fakes.optics import GelSensor
+from fakes.pivot import tip_m
+from fakes.plan import unit_seed
+from rig.calibrate.bench import Station
+from rig.calibrate.bench_camera import collect_camera
+from rig.calibrate.bench_clocks import WiggleWatch, collect_streams
+from rig.calibrate.bench_fingers import collect_openings
+from rig.calibrate.bench_hand_eye import collect_hand_eye
+from rig.calibrate.bench_tactile import collect_presses
+from rig.calibrate.bench_tip import collect_tip
+from rig.calibrate.outcome import file_outcome
+from rig.calibrate.tables import tcp_from_folder
+from rig.config import BenchConfig, load_bench
+from rig.config.write import write_bench
+from rig.operators import ConsoleOperator
+
+
+def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:
+    return Station(bench, seed, folder, ConsoleOperator(lambda _: False, agreed), lambda _: None)
+
+
+def test_the_tip_is_found_where_it_was_clamped_and_again_from_the_files(tmp_path: Path) -> None:
+    found = collect_tip(station(tmp_path, seed=3), 10)
+    sigma = np.asarray(found.quality["sigma_m"])
+    off = np.abs(np.subtract(found.value["translation_m"], tip_m(3)))
+    assert (off < 4 * sigma + 5e-5).all()
+    assert sigma.max() < 5e-4
+    again = tcp_from_folder(tmp_path / "tcp-samples", "fake")
+    assert np.allclose(again.value["translation_m"], found.value["translation_m"], atol=1e-9)
+
+
+def test_blocks_tell_the_openings_both_ways(tmp_path: Path) -> None:
+    found = collect_openings(station(tmp_path), [20.0, 45.0, 70.0])
+    layout = load_bench("fake").gripper.limits
+    for way in ("closing", "opening"):
+        table = found.value[way]
+        nominal = layout.max_opening_m - (np.asarray(table["counts"]) - 6) * layout.opening_per_count_m
+        assert np.abs(np.asarray(table["opening_m"]) - nominal).max() < 1.2 * layout.opening_per_count_m
+    with pytest.raises(InputError, match="between the fingers fit"):
+        collect_openings(station(tmp_path), [200.0])
+
+
+def test_one_wiggle_puts_camera_and_gels_on_the_arms_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = WiggleWatch.frame
+
+    def late(self: WiggleWatch, frame: Frame) -> None:
+        if frame.serial.startswith("SIM-C"):
+            frame = Frame(frame.image, frame.time_ns + 20_000_000, frame.sequence, frame.serial, frame.jpeg)
+        seen(self, frame)
+
+    monkeypatch.setattr(WiggleWatch, "frame", late)
+    found = {o.serials["stream"]: o for o in collect_streams(station(tmp_path), "gauge:30", 0.5)}
+    assert sorted(found) == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
+    for serial, outcome in found.items():
+        truth = -0.020 if serial == "SIM-C0001" else 0.0
+        assert outcome.judgement.verdict is Verdict.GOOD, outcome.judgement
+        assert outcome.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
+
+
+def test_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
+    found = collect_hand_eye(station(tmp_path), parse_target("marker:60:DICT_4X4_50:0"), Setup.EYE_IN_HAND, 9)
+    assert found.value["parent_frame"] == "tcp"
+    assert np.allclose(found.value["translation_m"], (0.0121, -0.0616, -0.1074), atol=2e-3)
+
+
+def test_a_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
+    found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)
+    sigma = np.asarray(found.quality["sigma"])[0]
+    assert found.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4 * sigma)
+
+
+def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
+    for outcome in collect_presses(station(tmp_path), [12.0], 9):
+        truth = GelSensor(unit_seed(outcome.serials["tactile"])).mm_per_px
+        measured = outcome.value["pixel_aspect"]
+        assert measured == pytest.approx(truth[0] / truth[1], abs=0.015)
+        # one size of ball cannot tell the gel's bulge: its scale is up to a tenth too large
+        assert 1.0 < outcome.value["mm_per_px"][0] / truth[0] < 1.12
+        filed = file_outcome(outcome, tmp_path)
+        content = yaml.safe_load(filed.path.read_text())
+        assert content["pixel_aspect"] == pytest.approx(measured)
+        assert filed.page.read_text().count("data:image/png;base64,") >= 3
+
+
+def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> None:
+    values = load_bench("wire").model_dump()
+    values["arm"]["host"] = values["gripper"]["host"] = "192.0.2.1"
+    values["camera"]["address"] = "/dev/video9"
+    path = tmp_path / "bench.toml"
+    write_bench(path, BenchConfig.model_validate({**values, "name": "real", "fakes": None}))
+    with pytest.raises(OperatorStopError):
+        collect_tip(station(tmp_path, bench=str(path), agreed=False), 4)
+
+
+def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
+    from drivers.types import Pose
+    from fakes.motion import FingerPath, ToolPath
+    from fakes.travel import Travel
+    from fakes.world import World
+    from rig.calibrate.bench import grasp_at
+
+    config = load_bench("fake")
+    world = World(Layout(Pose(config.table.position_m), grasp_at(config)), 0)
+    world.lay("ball:10")
+    world.tool = ToolPath.resting(grasp_at(config, 0.002, -0.003))
+    world.fingers = FingerPath(185.0, 185.0, Travel(0, 0.0, 1.0, 1.0))
+    assert world.moment_at(10_000_000).held
+    assert world.grasp is not None
+    assert world.grasp.off_m == pytest.approx((0.002, -0.003))
+    with pytest.raises(InputError, match="1 to 150"):
+        world.lay("ball:900")

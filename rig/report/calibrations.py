@@ -7,6 +7,8 @@ from typing import Any
 from rig.report.parts import Notice, Table, joined
 
 OLD_DAYS = 30.0
+NEEDED = ("camera", "hand-eye")
+"""What the marker angle rests on."""
 
 
 def calibration_table(manifest: Mapping[str, Any], now: datetime) -> Table | None:
@@ -26,9 +28,14 @@ def calibration_table(manifest: Mapping[str, Any], now: datetime) -> Table | Non
 def calibration_notices(manifest: Mapping[str, Any], now: datetime) -> list[Notice]:
     """What to say about them: missing on a real bench, old, or weak."""
     named = _named(manifest)
-    if not named:
-        return [] if manifest.get("simulated") else [_none_named()]
     notices = []
+    missing = [kind for kind in NEEDED if not any(name.startswith(kind) for name in named)]
+    if missing and not manifest.get("simulated"):
+        advice = (
+            "The numbers typed into the bench file are used instead, and the marker angle is no better than "
+            f"they are: rig calibrate {missing[0]}."
+        )
+        notices.append(Notice("warn", f"No calibration of {joined(missing)} is in use.", advice))
     old = [
         f"{name} ({_age(about, now)})"
         for name, about in named.items()
@@ -42,14 +49,6 @@ def calibration_notices(manifest: Mapping[str, Any], now: datetime) -> list[Noti
         advice = "Their pages say what was missing; more or better samples make them good."
         notices.append(Notice("warn", f"Weak calibrations: {joined(weak)}.", advice))
     return notices
-
-
-def _none_named() -> Notice:
-    advice = (
-        "Focal length, camera pose and pixel aspect are those typed into the bench file, and the marker "
-        "angle is no better than they are: rig calibrate camera, then rig calibrate hand-eye."
-    )
-    return Notice("warn", "This session names no calibration.", advice)
 
 
 def _named(manifest: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

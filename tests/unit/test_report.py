@@ -102,7 +102,7 @@ def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_pa
     found = page_of(folder)
     assert "SIMULATED" not in found.text
     assert "bench 'lab 2'" in found.text
-    assert "This session names no calibration" in found.text
+    assert "No calibration of camera and hand-eye is in use" in found.text
 
 
 def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(

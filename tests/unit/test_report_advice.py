@@ -94,7 +94,7 @@ def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
         (slow, "1 frame in 100 takes 40", "which stage"),
         (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree for much", "centre the"),
         (lambda t: rows_with(t, onset_truth_s=None), "event was raised though nothing", "regrasps"),
-        (lambda t: manifest_with(t, simulated=False), "No calibration of camera and hand-eye", "rig calibrate"),
+        (lambda t: manifest_with(t, simulated=False), "camera and hand-eye is in use", "rig calibrate"),
     ],
 )  # fmt: skip
 def test_each_finding_says_what_was_seen_and_what_to_do(

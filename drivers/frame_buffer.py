@@ -61,7 +61,7 @@ class FrameBuffer:
                 if self._closed:
                     raise NotConnectedError(f"{self._serial}: disconnected; connect the bench first")
                 if self._over:
-                    raise DeviceError(f"{self._serial}: {self._trouble}")
+                    raise DeviceError(self._named(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s")
             return self._backlog.popleft()
 
@@ -86,7 +86,7 @@ class FrameBuffer:
         with self._changed:
             while self._newest is None:
                 if self._trouble:
-                    raise DeviceError(f"{self._serial}: {self._trouble}")
+                    raise DeviceError(self._named(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s of opening")
 
     def _wait(self, deadline_ns: int, missed: str) -> None:
@@ -94,6 +94,9 @@ class FrameBuffer:
         if remaining_ns <= 0:
             raise DeviceTimeoutError(f"{self._serial}: {missed}; {self._why()}")
         self._changed.wait(remaining_ns / NS_PER_S)
+
+    def _named(self, trouble: str) -> str:
+        return trouble if trouble.startswith(f"{self._serial}:") else f"{self._serial}: {trouble}"
 
     def _why(self) -> str:
         return f"{self._trouble}; opening it again" if self._trouble else self._remark

@@ -23,7 +23,8 @@ OpenCapture = Callable[[str], Any]
 
 
 def open_capture(device: str) -> cv2.VideoCapture:
-    """Open a device node with OpenCV's V4L2 backend."""
+    """Open a device node with OpenCV's V4L2 backend, which need not say on stderr what our errors say."""
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     return cv2.VideoCapture(device, cv2.CAP_V4L2)
 
 

@@ -43,7 +43,7 @@ def test_devices_that_share_a_bus_are_known() -> None:
 
 def test_the_driver_says_what_is_plugged_in_instead() -> None:
     digit = Digit("D9", discover=lambda: TABLE)
-    with pytest.raises(DeviceError, match="D9: not plugged in"):
+    with pytest.raises(DeviceError, match=r"^D9: not plugged in"):
         digit.connect()
 
 

@@ -11,14 +11,15 @@ import rerun.blueprint as rrb
 
 from drivers.clock import NS_PER_S
 from rig.live.feed import Message
+from rig.pages.palette import ESTIMATE, TRUTH
 
 APPLICATION = "slip_rig"
 TIMELINE = "bench_time"
 MEMORY_LIMIT = "1GB"
 """What the viewer may use before it forgets the oldest data."""
 BETWEEN_LIFTS_S = 1.0
-# The colours of estimate and markers on all pictures of the product (blue, orange: Okabe and Ito).
-ESTIMATE_RGB, TRUTH_RGB = (0, 114, 178), (230, 159, 0)
+# The viewer is dark; hex as a list of red, green, blue.
+ESTIMATE_RGB, TRUTH_RGB = (list(bytes.fromhex(colour.dark[1:])) for colour in (ESTIMATE, TRUTH))
 
 
 class RerunScene:
@@ -33,7 +34,7 @@ class RerunScene:
             self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=_layout([]))
         else:
             self._stream.save(save, default_blueprint=_layout([]))
-        for name, colour in (("estimate", ESTIMATE_RGB), ("truth", TRUTH_RGB)):
+        for name, colour in (("estimate", ESTIMATE_RGB), ("markers", TRUTH_RGB)):
             self._stream.log(
                 f"angle/{name}", rr.SeriesLines(colors=[colour], names=[f"{name}, deg"]), static=True
             )
@@ -111,7 +112,7 @@ class RerunScene:
         for time_ns, angle, _sigma in values["estimate"]:
             self._curve("angle/estimate", time_ns, angle)
         for time_ns, angle in values["truth"]:
-            self._curve("angle/truth", time_ns, angle)
+            self._curve("angle/markers", time_ns, angle)
 
     def _curve(self, path: str, time_ns: int, angle_deg: float | None) -> None:
         if angle_deg is not None:

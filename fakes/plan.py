@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import Clock
@@ -15,6 +16,7 @@ from fakes.moment import Layout, WorldView
 from fakes.scene import MarkerScene
 from fakes.source import Shutter
 from fakes.tactile import FakeDigit
+from fakes.variation import FAMILY, draw_variation
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
 """The simulated camera does not stand exactly where the bench file says; no real one does."""
@@ -25,17 +27,25 @@ _scene = cache(MarkerScene)
 
 @dataclass(frozen=True, slots=True)
 class DigitPlan:
-    """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase."""
+    """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase.
+
+    variation_seed: draws a unit unlike its family, None for one of the family.
+    """
 
     serial: str
     side: int
     rate_hz: float
     number: int
+    variation_seed: int | None = None
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
         """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
         shutter = Shutter(self.rate_hz, phase_s=0.002 + 0.005 * self.number)
-        return FakeDigit(world, clock, faults, self.serial, unit_seed(self.serial), self.side, shutter)
+        seed, unit = self.variation_seed, unit_seed(self.serial)
+        if seed is not None:
+            unit = unit_seed(f"{self.serial}/{seed}")
+        variation = FAMILY if seed is None else draw_variation(np.random.default_rng((seed, self.number)))
+        return FakeDigit(world, clock, faults, self.serial, unit, self.side, shutter, variation)
 
 
 @dataclass(frozen=True, slots=True)

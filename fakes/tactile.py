@@ -13,14 +13,15 @@ from fakes.moment import Grasp, Moment, WorldView
 from fakes.optics import GelSensor, Imprint
 from fakes.source import FakeSource, Shutter
 from fakes.surfaces import Surface, build_surface, depth_for_force
+from fakes.variation import FAMILY, Variation
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
 
 @cache
-def _gel(unit_seed: int) -> GelSensor:
+def _gel(unit_seed: int, variation: Variation) -> GelSensor:
     """A unit is the same on every bench, and costs fifty frames to make."""
-    return GelSensor(unit_seed)
+    return GelSensor(unit_seed, variation=variation)
 
 
 class FakeDigit(FakeSource, TactileSensor):
@@ -35,11 +36,12 @@ class FakeDigit(FakeSource, TactileSensor):
         unit_seed: int,
         side: int,
         shutter: Shutter,
+        variation: Variation = FAMILY,
     ) -> None:
         super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
-        self._gel = _gel(unit_seed)
+        self._gel = _gel(unit_seed, variation)
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 

@@ -1,6 +1,7 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 from scipy.spatial.transform import Rotation
@@ -27,11 +28,17 @@ TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 
 
 def build_bench(
-    config: BenchConfig, seed: int = 0, lift: str = "", attempt: int = 0, realtime: bool = False
+    config: BenchConfig,
+    seed: int = 0,
+    lift: str = "",
+    attempt: int = 0,
+    realtime: bool = False,
+    variation_seed: int | None = None,
 ) -> tuple[Bench, Operator]:
     """Make a bench of simulated devices in this process, and the operator who goes with it.
 
     seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
+    variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own.
     """
     plan = simulated_bench_plan(config)
     world = World(plan.layout, seed)
@@ -44,7 +51,11 @@ def build_bench(
         arm=FakeArm(world, clock, faults),
         gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
         fingertips=tuple(
-            Fingertip(digit.make(world, clock, faults), tactile.finger, tactile.sign)
+            Fingertip(
+                replace(digit, variation_seed=variation_seed).make(world, clock, faults),
+                tactile.finger,
+                tactile.sign,
+            )
             for digit, tactile in zip(plan.digits, config.tactile, strict=True)
         ),
         camera=plan.camera.make(world, clock, faults),

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Protocol
 
 from drivers.bench import Bench
+from drivers.errors import InputError
 from protocols.watch import Operator
 from rig.assembly import build_bench, build_real_bench
 from rig.config import BenchConfig
@@ -38,15 +39,19 @@ class BenchSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FreshBenches(BenchSource):
-    """A simulated bench of its own for each lift, in whatever process the lift runs."""
+    """A simulated bench of its own for each lift, in whatever process the lift runs.
+
+    variation_seed: draws tactile sensors unlike those of a bench, the same for all lifts.
+    """
 
     config: BenchConfig
     realtime: bool = False
+    variation_seed: int | None = None
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Make a bench, connect it, and let go of it after the lift."""
-        bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime)
+        bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime, self.variation_seed)
         with bench.connected():
             yield bench, operator
 
@@ -147,12 +152,21 @@ def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
 
 @contextmanager
 def session_bench(
-    config: BenchConfig, person: ConsoleOperator, introduction: str, realtime: bool = False
+    config: BenchConfig,
+    person: ConsoleOperator,
+    introduction: str,
+    realtime: bool = False,
+    variation_seed: int | None = None,
 ) -> Iterator[BenchSource]:
-    """Return where a session's lifts get their bench, and close it after the session."""
+    """Return where a session's lifts get their bench, and close it after the session.
+
+    variation_seed: as in `FreshBenches`. Raises `InputError` where it is given for another bench.
+    """
     if config.in_process:
-        yield FreshBenches(config, realtime)
+        yield FreshBenches(config, realtime, variation_seed)
         return
+    if variation_seed is not None:
+        raise InputError(f"--randomise: bench '{config.name}' has sensors of its own; use --bench fake")
     standing = StandingBench(config, person, introduction)
     try:
         yield standing

@@ -52,13 +52,22 @@ _log = logging.getLogger("rig.record")
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """What a recording is asked for: `images` counts both fingertips, over all poses."""
+    """What a recording is asked for: `images` counts both fingertips, over all poses.
+
+    randomise: simulated sensors unlike those of a bench, drawn from the seed.
+    """
 
     bench: BenchConfig
     seed: int
     grasps: GraspFile
     poses: int
     images: int
+    randomise: bool = False
+
+    @property
+    def variation_seed(self) -> int | None:
+        """What the sensors are drawn from, None for the bench's own."""
+        return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
 def record_request(settings: RecordSettings) -> dict[str, Any]:
@@ -70,6 +79,7 @@ def record_request(settings: RecordSettings) -> dict[str, Any]:
         objects=[settings.grasps.id],
         poses=settings.poses,
         images=settings.images,
+        **({"randomised": True} if settings.randomise else {}),
     )
 
 
@@ -103,7 +113,7 @@ def run_record(
     quotas = _quotas(settings)
     with open_session(folder, record_request(settings), RESULTS, resume) as session:
         if not session.complete:
-            benches = benches or FreshBenches(settings.bench)
+            benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             finders = _references(session, settings, benches)
             _record_poses(session, settings, finders, quotas, benches, progress)
             session.finish(order=("pose", "attempt"))

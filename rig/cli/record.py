@@ -25,6 +25,13 @@ def record(
     images: Annotated[
         int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
     ] = 225,
+    randomise: Annotated[
+        bool,
+        typer.Option(
+            "--randomise",
+            help="Simulated sensors unlike those of a bench; another seed, other sensors.",
+        ),
+    ] = False,
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
     out: OutOption = None,
@@ -35,10 +42,15 @@ def record(
 ) -> None:
     """Grasp one object in 3 positions x 5 orientations at varied grip, and keep the images.
 
+    Simulated recordings keep the true contacts under truth/masks, apart from what the rig sees: labels
+    for rig train.
+
     Examples:
       rig record --object 7 --poses 15
 
       rig record --object mug --poses 15 --images 150 --out sessions/mug --resume
+
+      rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
 
     """
     import time
@@ -53,13 +65,15 @@ def record(
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)
     grasps = find_grasp_file(object_name)
-    settings = RecordSettings(config, seed, grasps, poses, images)
+    settings = RecordSettings(config, seed, grasps, poses, images, randomise)
     folder = session_folder(out, resume, "record", grasps.id)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
     person = ConsoleOperator(ask, agreed=yes)
     with (
-        session_bench(config, person, describe_recording(settings)) as benches,
+        session_bench(
+            config, person, describe_recording(settings), variation_seed=settings.variation_seed
+        ) as benches,
         WorkProgress(poses, "poses") as bar,
     ):
         rows = run_record(

@@ -21,9 +21,8 @@ from rig.labels.outline import contact_label
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
 from rig.records.files import read_lines
-from rig.records.session import MANIFEST, read_manifest
+from rig.records.session import MANIFEST, TRUE_MASKS, read_manifest
 
-TRUTH = Path("truth") / "masks"
 REFERENCE = "reference"
 _VOC = "voc_format"
 _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
@@ -136,13 +135,13 @@ def _named_image(path: Path, document: dict[str, object]) -> Path:
 
 def _session_files(session: Path) -> list[LabelledFile]:
     manifest = read_manifest(session)
-    if manifest.get("kind") != "record" or not (session / TRUTH).is_dir():
+    if manifest.get("kind") != "record" or not (session / TRUE_MASKS).is_dir():
         return []
     files = []
     for row in read_lines(session / "poses.jsonl"):
         for taken in row["images"] if row["accepted"] else ():
             image = session / taken["file"]
-            mask = session / TRUTH / f"{image.stem}.png"
+            mask = session / TRUE_MASKS / f"{image.stem}.png"
             files.append(
                 LabelledFile(
                     image,

@@ -35,10 +35,11 @@ def read_panels(data: Path) -> Panels | None:
     if not folder.is_dir():
         return None
     frames = [read_image(folder / f"{number}_raw.png") for number in range(1, COUNT + 1)]
-    labels = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, COUNT + 1)]
+    read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, COUNT + 1)]
+    labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
         raise InputError(f"{folder}: a label's size is not its frame's: copy the folder anew")
-    return Panels(frames, [np.where(label > 127, 255, 0) for label in labels], auto_background(frames))
+    return Panels(frames, labels, auto_background(frames))
 
 
 def panels_picture(panels: Panels, masks: dict[str, list[Image]]) -> Image:

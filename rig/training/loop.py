@@ -151,7 +151,7 @@ class Training:
             loss.backward()
             self._optimizer.step()
             self._average()
-            losses.append(float(loss))
+            losses.append(loss.item())
             progress(None, len(losses) / steps)
         return float(np.mean(losses))
 

@@ -1,0 +1,44 @@
+"""The shipped network on nine real frames of one sensor, against human labels."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.benchmark.segmentation_panels import Panels, panels_picture, read_panels
+from rig.labels.scores import agreement
+from rig.tactile.network import load_network
+from rig.tactile.segmenter import Segmenter, moved_outline
+
+
+@pytest.fixture(scope="module")
+def panels(real_data: Path) -> Panels:
+    panels = read_panels(real_data)
+    if panels is None:
+        pytest.skip(f"no real frames in {real_data}")
+    return panels
+
+
+def dice(panels: Panels, margin: float = 0.0) -> list[float]:
+    segmenter = Segmenter(load_network("ours"), panels.background, margin)
+    pairs = zip(panels.frames, panels.labels, strict=True)
+    return [agreement(segmenter.find(frame).mask, label).dice for frame, label in pairs]
+
+
+def test_masks_agree_with_the_labels(panels: Panels) -> None:
+    scores = dice(panels)
+    assert np.mean(scores) >= 0.90
+    assert min(scores) > 0.7
+
+
+def test_the_label_is_neither_looser_nor_tighter_than_a_persons(panels: Panels) -> None:
+    at_zero = np.mean(dice(panels))
+    assert at_zero > np.mean(dice(panels, -0.03))
+    assert at_zero > np.mean(dice(panels, 0.03))
+
+
+def test_the_picture_shows_every_frame_of_every_method(panels: Panels) -> None:
+    masks = {"label": panels.labels, "wider": [moved_outline(label, 0.02) for label in panels.labels]}
+    picture = panels_picture(panels, masks)
+    height, width = panels.frames[0].shape[:2]
+    assert picture.shape == (2 * (2 * height + 26), 9 * 2 * width, 3)

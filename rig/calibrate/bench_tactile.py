@@ -20,7 +20,8 @@ from rig.config import BenchConfig
 _FRAMES = 30
 _REACH_MM = (3.6, 5.6)
 """How far from the gel's middle balls are pressed, across and along it."""
-_GRIP_COUNTS = (2, 5)
+_GRIP_COUNTS = (1, 4)
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
@@ -77,13 +78,13 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
 
 
 def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[Touch]:
-    """Places over the gels, spread by a low-discrepancy sequence, pressed more and less deep."""
+    """Places spread over the gels, pressed more and less deep."""
     rng = np.random.default_rng((seed, 33, round(100 * ball_mm)))
-    first = rng.uniform(size=2)
+    first = rng.uniform()
     touches = []
     for i in range(count):
-        # additive recurrence with the plastic number (R2 sequence): any first n are spread evenly
-        x, z = 2.0 * ((first + i * np.array([0.7548776662, 0.5698402910])) % 1.0) - 1.0
+        # a Fibonacci lattice: along the gel step by step, across it by the golden ratio
+        x, z = 2.0 * ((first + i * _GOLDEN) % 1.0) - 1.0, 2.0 * (i + 0.5) / count - 1.0
         pose = grasp_at(config, 1e-3 * float(x) * _REACH_MM[0], 1e-3 * float(z) * _REACH_MM[1])
         grip = int(rng.integers(_GRIP_COUNTS[0], _GRIP_COUNTS[1] + 1))
         name = f"ball of {ball_mm:g} mm on its post"

@@ -35,8 +35,15 @@ def camera(
 ) -> None:
     """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
 
-    Without --from the board is shown by the arm, which holds it. On OpenCV's own chessboard photos
-    its published numbers come out with its own recipe: --target chessboard:9x6:25:11 --keep-all.
+    On a bench the arm holds the board and shows it from --poses places and tilts.
+
+    The folder of --from holds pictures of one board by one camera, at one focus and zoom: 10 to 20,
+    tilted by 30 degrees each way, over the whole picture. --target says which board; lens, outliers
+    and verdict are found from the views.
+
+    A chessboard's corners are refined in windows that hold no neighbour; :11 behind the target sets
+    OpenCV's fixed 11 px. On OpenCV's own chessboard photos that recipe (--target chessboard:9x6:25:11
+    --keep-all) gives the published numbers and misses unseen views by 0.42 px; the default by 0.18.
 
     Examples:
       rig calibrate camera --bench fake --poses 20
@@ -69,14 +76,22 @@ def hand_eye(
     out: OutFolder = None,
     json: JsonOption = False,
 ) -> None:
-    """Find where the camera stands: from pictures <id>.png with poses.csv, or by visiting poses.
+    """Find where the camera is: base_T_camera of one that stands, tcp_T_camera of one in the hand.
 
-    poses.csv: id, x_m, y_m, z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad), base_T_tcp.
+    On a bench the arm visits --poses poses, each the one that tells most, and waits for stillness.
+    eye-to-hand: the target is firm on the tool. eye-in-hand: the target lies on the table's mark, and
+    the camera is on the tool, looking past the fingers. The camera is that of calibrations/, if there.
+
+    The folder of --from holds <id>.png (or .jpg ...) and poses.csv, one row for each picture: id,
+    x_m, y_m, z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them): base_T_tcp.
+    Pictures and poses are paired by id, never by their order. The answer's quaternion is xyzw.
 
     Examples:
       rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
 
       rig calibrate hand-eye --bench fake --poses 15
+
+      rig calibrate hand-eye --bench fake --setup eye-in-hand
 
     """
     from calibration.boards import parse_target
@@ -117,9 +132,11 @@ def markers(
     out: OutFolder = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure how well the two-marker angle is known, from 20 pictures or more of the object at rest.
+    """Measure how well the two-marker angle is known, from pictures of the object at rest.
 
-    Without --from the bench's camera looks at an object in its place; nothing moves.
+    On a bench the camera looks at an object in its place, sixty times; nothing moves.
+
+    The folder of --from holds twenty pictures or more, taken one after the other, nothing moving.
 
     Examples:
       rig calibrate markers --bench fake

@@ -28,7 +28,8 @@ def examine(
     """
     yield from look_at_packages(config)
     yield from look_at_disk(disk)
-    serials = {*(tactile.serial for tactile in config.tactile), config.camera.serial}
+    # a gripper's table goes by the bench's name, and the arm's clock by "arm"
+    serials = {*(tactile.serial for tactile in config.tactile), config.camera.serial, config.name, "arm"}
     yield from look_at_calibrations(bench_folder / "calibrations", serials)
     with unconnected_bench(config) as bench, ExitStack() as connected:
         for device in (*bench.frame_sources, bench.gripper, bench.arm):

@@ -12,8 +12,14 @@ from calibration.store import CalibrationFile, save
 from calibration.verdict import Judgement
 from drivers.errors import CalibrationError
 from drivers.types import GripperLimits
+from rig.attempt import TrialSettings
 from rig.calibrations import find_calibrations, load_calibrated_bench
 from rig.config import BenchConfig, load_bench
+from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
+from rig.records.session import read_manifest
+from rig.replay import run_replay
+from rig.tactile.estimator import choose_estimator
+from rig.trial import run_trial
 
 CAMERA = CameraModel(
     (640, 480), np.array([[650.0, 0, 321], [0, 651.0, 238], [0, 0, 1]]), np.array([0.01, 0, 0, 0, 0])
@@ -96,3 +102,23 @@ def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond
     assert limits.counts_for_opening(0.0475) == 125
     assert limits.counts_for_opening(0.096) == 40
     assert limits.counts_for_opening(0.024) == 160
+
+
+def test_a_lift_with_calibrations_replays_bit_for_bit(tmp_path: Path) -> None:
+    camera = CameraInUse(matrix=(655.0, 0, 320, 0, 655.0, 240, 0, 0, 1), distortion=(0.0,) * 5)
+    file = FileInUse(
+        file="camera-SIM-C0001.yaml", sha256="ab" * 32, created="2026-01-01T00:00:00+00:00", verdict="good"
+    )
+    used = CalibrationsInUse(
+        files={"camera-SIM-C0001": file}, camera=camera, time_shift_s={"SIM-C0001": 0.02},
+        pixel_aspect={"SIM-D0001": 1.0}, opening=((6.0, 0.120), (250.0, -0.0319)),
+    )  # fmt: skip
+    bench = load_bench("fake")
+    choice = choose_estimator("pca")
+    plain = run_trial(tmp_path / "plain", TrialSettings(bench, 0, choice), ["t1"], 1)
+    settings = TrialSettings(bench.model_copy(update={"calibrations": used}), 0, choice)
+    calibrated = run_trial(tmp_path / "calibrated", settings, ["t1"], 1)
+    # a camera said to be 20 ms late is another truth to compare with
+    assert calibrated.mare != plain.mare
+    assert read_manifest(tmp_path / "calibrated")["calibration"]["camera-SIM-C0001"]["sha256"] == "ab" * 32
+    assert run_replay(tmp_path / "calibrated", None, None, jobs=1).identical == 1

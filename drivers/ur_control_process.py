@@ -22,6 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.clock import SystemClock, seconds
+from drivers.punctual import be_punctual
 from drivers.ur_board import Board
 
 START_LIMIT_S = 10.0
@@ -126,6 +127,7 @@ def watch(board: Board, parent_pid: int) -> None:
 
 def main(host: str, socket_fd: int, board_fd: int, parent_pid: int) -> None:
     """Connect, say so, and serve."""
+    be_punctual()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
     threading.Thread(target=watch, args=(Board(board_fd), parent_pid), daemon=True).start()
     connection = socket.socket(fileno=socket_fd)

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 from drivers.clock import NS_PER_S, SystemClock, seconds
+from drivers.punctual import be_punctual
 from drivers.ur_board import Board, Sample
 
 START_LIMIT_S = 5.0
@@ -97,6 +98,7 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
 
 def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
     """Connect, listen, and end; the exit code says how."""
+    be_punctual()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
     variables = [*VARIABLES, "payload"] if with_payload else list(VARIABLES)
     try:

@@ -17,7 +17,7 @@ MOST_CONTROLLER_CORE = 0.25
 def wire(
     object_name: Annotated[str, typer.Option("--object", help="Object id or name.")] = "wrench",
     seeds: Annotated[
-        int, typer.Option("--seeds", min=3, max=100, help="Lifts in this process to compare with.")
+        int, typer.Option("--seeds", min=20, max=100, help="Lifts in this process whose spread is told.")
     ] = 20,
     out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lift.")] = None,
     live_to: Annotated[
@@ -34,7 +34,7 @@ def wire(
     Examples:
       rig benchmark wire
 
-      rig benchmark wire --object spam --seeds 20 --json
+      rig benchmark wire --object spam --json
 
       rig benchmark wire --live-to lift.rrd
 

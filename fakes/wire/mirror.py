@@ -41,7 +41,8 @@ def snapshot_of(world: World, time_ns: int) -> Snapshot:
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
     off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
-    tool = world.tool.pose_at(moment.time_ns)
+    # behind a wire a path is one control cycle long: its end's turn will do, and costs nothing
+    tool = Pose(world.tool.position_at(moment.time_ns), world.tool.end.quaternion_xyzw)
     return Snapshot(moment, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
 
 

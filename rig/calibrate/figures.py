@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import cv2
 import matplotlib as mpl
@@ -10,11 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.pages.palette import ESTIMATE, SERIES, WARNING
 
 Array = NDArray[np.floating]
 
 mpl.use("Agg")
-_BLUE, _ORANGE = "#2f6db5", "#d9822b"
 
 
 def bars(values: Mapping[str, float], label: str, limit: float | None = None) -> bytes:
@@ -22,7 +23,7 @@ def bars(values: Mapping[str, float], label: str, limit: float | None = None) ->
     figure = _figure(3.0)
     axes = figure.subplots()
     names, heights = list(values), list(values.values())
-    colours = [_ORANGE if limit is not None and h > limit else _BLUE for h in heights]
+    colours = [(WARNING if limit is not None and h > limit else ESTIMATE).light for h in heights]
     axes.bar(range(len(names)), heights, color=colours)
     step = max(1, len(names) // 25)
     axes.set_xticks(range(0, len(names), step), names[::step], rotation=60, ha="right", fontsize=7)
@@ -77,8 +78,8 @@ def lines(
     """Curves over one axis."""
     figure = _figure(3.4)
     axes = figure.subplots()
-    for name, (x, y) in series.items():
-        axes.plot(x, y, "o-" if marks else "-", label=name, markersize=3.5, linewidth=1.2)
+    for (name, (x, y)), colour in zip(series.items(), cycle(SERIES), strict=False):
+        axes.plot(x, y, "o-" if marks else "-", label=name, markersize=3.5, linewidth=1.2, color=colour.light)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     if len(series) > 1:
@@ -90,8 +91,8 @@ def scatter(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: st
     """Points of several groups, axes equal."""
     figure = _figure(4.2)
     axes = figure.subplots()
-    for name, (x, y) in groups.items():
-        axes.plot(x, y, ".", label=name, markersize=4)
+    for (name, (x, y)), colour in zip(groups.items(), cycle(SERIES), strict=False):
+        axes.plot(x, y, ".", label=name, markersize=4, color=colour.light)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     axes.set_aspect("equal", adjustable="datalim")

@@ -37,6 +37,9 @@ GOOD = Colour("good", "#00734f", "#3fc79a")
 FIRST = Colour("first", "#009e73", "#2fcf9f")
 SECOND = Colour("second", "#92408e", "#e27fd4")
 
+SERIES = (FIRST, SECOND, WARNING, INK)
+"""Curves and groups that have no colour of their own, in order."""
+
 STATES = {
     "tracking": Colour("tracking", "#add2eb", "#1a4067"),
     "rekeyed": Colour("rekeyed", "#0746ae", "#b8d9ee"),
@@ -45,15 +48,6 @@ STATES = {
     "no_contact": Colour("nocontact", "#7d828a", "#5c5c5c"),
 }
 """What the estimator claims about a frame, by the names of `rig.tactile.sample.State`."""
-
-ESTIMATORS = {
-    "slip": Colour("slip", ESTIMATE.light, ESTIMATE.dark),
-    "ecc": Colour("ecc", "#009e74", "#2fcf9e"),
-    "polar": Colour("polar", "#56b4e9", "#56b4e9"),
-    "skeleton": Colour("skeleton", "#d55e01", "#f28e3d"),
-    "ellipse": Colour("ellipse", "#b07801", "#e6b346"),
-    "pca": Colour("pca", "#cc79a7", "#e39ac5"),
-}
 
 _ALL = (
     INK, MUTED, LINE, PAPER, CARD, PHASE, ESTIMATE, TRUTH, WARNING, BAD, GOOD, FIRST, SECOND,

@@ -43,7 +43,7 @@ def model_card(
         "threshold": architecture.threshold,
         "label": LABEL,
         "data": settings.data,
-        "simulated": settings.data == SIMULATED,
+        "simulated": test.simulated,
         "units": settings.units if settings.data == SIMULATED else None,
         "settings": "paper" if settings.paper else "reduced",
         "images": {"train": len(data[0]), "validation": len(data[1]), "test": len(data[2])},

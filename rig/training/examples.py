@@ -15,13 +15,14 @@ class Examples:
     """Frames of one size with what belongs to them.
 
     frames, backgrounds: (N, h, w, 3) uint8 RGB. labels: (N, h, w) uint8, share of each pixel inside
-    the contact times 255. objects: the object's id of each frame.
+    the contact times 255. objects: the object's id of each frame. simulated: whether any was rendered.
     """
 
     frames: Image
     backgrounds: Image
     labels: Image
     objects: tuple[str, ...]
+    simulated: bool
 
     def __len__(self) -> int:
         return len(self.objects)
@@ -38,6 +39,7 @@ class Examples:
             self.backgrounds[chosen],
             self.labels[chosen],
             tuple(self.objects[i] for i in chosen),
+            self.simulated,
         )
 
 
@@ -51,6 +53,7 @@ def joined(parts: Sequence[Examples]) -> Examples:
         np.concatenate([part.backgrounds for part in parts]),
         np.concatenate([part.labels for part in parts]),
         tuple(name for part in parts for name in part.objects),
+        any(part.simulated for part in parts),
     )
 
 
@@ -64,6 +67,7 @@ def save_examples(path: Path, examples: Examples) -> None:
             backgrounds=examples.backgrounds,
             labels=examples.labels,
             objects=np.array(examples.objects),
+            simulated=examples.simulated,
         )
     aside.replace(path)
 
@@ -73,7 +77,11 @@ def load_examples(path: Path) -> Examples:
     try:
         with np.load(path) as kept:
             return Examples(
-                kept["frames"], kept["backgrounds"], kept["labels"], tuple(map(str, kept["objects"]))
+                kept["frames"],
+                kept["backgrounds"],
+                kept["labels"],
+                tuple(map(str, kept["objects"])),
+                bool(kept["simulated"]),
             )
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: kept training frames are damaged ({error}): remove the file") from error

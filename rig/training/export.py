@@ -1,5 +1,6 @@
 """From a trained network to ONNX in full, half and eight-bit precision, with a model card."""
 
+import warnings
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -47,15 +48,18 @@ def export_onnx(
     """
     network.eval()
     planes = torch.rand(1, channels, *size, generator=torch.Generator().manual_seed(0))
-    program = torch.onnx.export(
-        network,
-        (planes,),
-        dynamo=True,
-        verbose=False,
-        opset_version=OPSET,
-        input_names=[INPUT],
-        output_names=[OUTPUT],
-    )
+    with warnings.catch_warnings():
+        # the exporter warns of its own insides
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            network,
+            (planes,),
+            dynamo=True,
+            verbose=False,
+            opset_version=OPSET,
+            input_names=[INPUT],
+            output_names=[OUTPUT],
+        )
     if program is None:
         raise RigError("the network could not be exported")
     model = program.model_proto

@@ -33,7 +33,11 @@ def folder_examples(
         backgrounds.append(made[file.group])
         progress(number + 1, len(files))
     return Examples(
-        np.stack(frames), np.stack(backgrounds), np.stack(labels), tuple(file.object_id for file in files)
+        np.stack(frames),
+        np.stack(backgrounds),
+        np.stack(labels),
+        tuple(file.object_id for file in files),
+        any(file.simulated for file in files),
     )
 
 

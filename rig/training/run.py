@@ -49,7 +49,8 @@ def train_all(folder: Path, settings: TrainSettings, resume: bool, tell: Tell) -
                 data = data or fold_examples(folder, settings, fold, tell)
                 train_one(place, settings, architecture, fold, data, tell)
             cards.append(read_json(place / CARD))
-    write_json(folder / TABLE, {"models": [table_row(card) for card in cards]})
+    everything = [read_json(path) for path in sorted(folder.glob(f"*/{CARD}"))]
+    write_json(folder / TABLE, {"models": [table_row(card) for card in everything]})
     return cards
 
 

@@ -53,8 +53,9 @@ def simulated_examples(
             backgrounds.append(background)
             ids.append(name)
         progress(min(len(frames), count))
+    kept = slice(count)
     return Examples(
-        np.stack(frames[:count]), np.stack(backgrounds[:count]), np.stack(labels[:count]), tuple(ids[:count])
+        np.stack(frames[kept]), np.stack(backgrounds[kept]), np.stack(labels[kept]), tuple(ids[kept]), True
     )
 
 

@@ -4,6 +4,7 @@ It says "ready" when it listens and ends when its standard input ends, so also w
 that started it is killed; the file is then complete up to there.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -13,12 +14,15 @@ from rig.live.feed import Inbox
 from rig.live.scene import RerunScene
 
 EVERY_S = 0.05
+GIVE_WAY = 10
+"""How much later than the lifts the viewer gets the processor (nice(2))."""
 
 
 def main(arguments: list[str]) -> None:
     """Show what arrives until the input ends. arguments: address, and the file to write to if any."""
     # Ctrl-C is for the trial; what it then still sends is to be seen.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(GIVE_WAY)
     scene = RerunScene(Path(arguments[1]) if len(arguments) > 1 else None)
     inbox = Inbox(arguments[0])
     over = threading.Event()

@@ -22,10 +22,14 @@ def export(
 ) -> None:
     """Write a session in a format that other tools open; the session itself stays as it is.
 
-    csv, parquet: lifts, angles, arm, gripper and frames, or poses and images. coco, labelme: images
-    with contact masks: the true ones of simulated recordings, else proposals, which the files say.
-    lerobot: a LeRobotDataset v3.0, an episode per lift. The recordings themselves, lifts/NNN.mcap,
-    open in MCAP viewers as they are.
+    csv, parquet: lifts, angles, arm, gripper, frames; or poses and images.
+
+    coco, labelme: images with contact outlines, the true ones of simulated
+    recordings, else proposals; the files say which.
+
+    lerobot: a LeRobotDataset v3.0, an episode per lift.
+
+    The recordings themselves, lifts/NNN.mcap, open in MCAP viewers as they are.
 
     Examples:
       rig export sessions/2026-11-21T093000_trial --to csv

@@ -1,11 +1,14 @@
 """`rig replay`: the lifts of one or many sessions again, from the stored frames."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
+
+if TYPE_CHECKING:
+    from rig.campaign import CampaignPlan
 
 
 def replay(
@@ -32,8 +35,9 @@ def replay(
 ) -> None:
     """Estimate every lift again; with the session's own estimator the results are identical.
 
-    Many sessions (or --out) give one table with a line per lift. A session that is broken is named in
-    it, and the rest goes on; the exit code is then 2. A run that was stopped goes on with --resume.
+    Many sessions (or --out) give one table with a line per lift.
+    A run that was stopped or killed goes on with --resume.
+    A broken session is named in the table and the rest goes on; exit code 2.
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
@@ -103,9 +107,7 @@ def _replay_many(
     folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
     plan = plan_campaign(folders, estimator, window)
     request = {"sessions": [str(f) for f in folders], "estimator": estimator, "window": window}
-    say(f"{len(plan.tasks)} lifts of {len(folders)} sessions, estimator {estimator or 'of each session'}")
-    for path, why in (*plan.left_out, *plan.broken):
-        say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
+    _say_plan(plan, estimator)
     with WorkProgress(len(plan.tasks), "lifts") as bar:
         lines = run_campaign(
             folder,
@@ -121,6 +123,17 @@ def _replay_many(
     if json:
         emit_json({"out": str(folder), **results_json(lines), "wall_s": wall_s})
     _report_broken(lines)
+
+
+def _say_plan(plan: "CampaignPlan", estimator: str | None) -> None:
+    sessions = {task.folder for task in plan.tasks}
+    simulated = "SIMULATED " if any(task.settings.bench.simulated for task in plan.tasks) else ""
+    say(
+        f"{simulated}{len(plan.tasks)} lifts of {len(sessions)} sessions, "
+        f"estimator {estimator or 'of each session'}"
+    )
+    for path, why in (*plan.left_out, *plan.broken):
+        say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
 
 
 def _report_broken(lines: list[dict[str, object]]) -> None:

@@ -1,10 +1,6 @@
 """The benchmark's page: one HTML file that needs nothing else."""
 
-import base64
 from collections.abc import Sequence
-from importlib.resources import files
-
-from jinja2 import Environment
 
 from rig.benchmark.estimators import BenchmarkResult, machine
 from rig.benchmark.tables import (
@@ -15,14 +11,13 @@ from rig.benchmark.tables import (
     stress_table,
     time_table,
 )
+from rig.pages.page import render
 
 _TEXT = {"estimator", "stage", "group", "condition", "limit", "asked", "worst lift", ""}
 
 
 def page(result: BenchmarkResult, picture: bytes) -> str:
     """Return the HTML page, with the PNG picture inside."""
-    text = files("rig.benchmark").joinpath("page.html").read_text(encoding="utf-8")
-    template = Environment(autoescape=True).from_string(text)
     every_window = estimator_table(result, windows=True)
     tables = [
         limit_table(result.limits),
@@ -31,12 +26,14 @@ def page(result: BenchmarkResult, picture: bytes) -> str:
         stress_table(result),
         Table("Every window", every_window.columns, every_window.rows),
     ]
-    return template.render(
+    return render(
+        "rig.benchmark",
+        "page.html",
         simulated="SIMULATED: " if result.simulated else "",
         lifts=result.lifts,
         seed=result.settings.seed,
         of=machine(),
-        picture=base64.b64encode(picture).decode("ascii"),
+        picture=picture,
         tables=[_shown(table) for table in tables],
         notes=notes(result),
     )

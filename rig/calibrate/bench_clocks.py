@@ -45,15 +45,13 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
     ) as (bench, operator):
         camera = config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
-        watch = WiggleWatch(tuple(t.serial for t in config.tactile), arm_device=bench.arm, tracker=tracker)
+        tips = tuple(t.serial for t in config.tactile)
+        watch = WiggleWatch(tips, arm_device=bench.arm, tracker=tracker, camera=camera.serial)
         capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
     for name, stream in watch.streams().items():
         _write(raw / f"{name}.csv", *stream)
-    return [
-        sync_from_folder(raw, ARM, name, search_s).marked(config.simulated)
-        for name in watch.streams()
-        if name != ARM
-    ]
+    sensors = [config.camera.serial, *(t.serial for t in config.tactile)]
+    return [sync_from_folder(raw, ARM, name, search_s).marked(config.simulated) for name in sensors]
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
@@ -93,9 +91,9 @@ class WiggleWatch(TouchWatch):
 
     arm_device: Arm | None = None
     tracker: MarkerTracker | None = None
+    camera: str = ""
     _heights: dict[int, float] = field(default_factory=dict)
     _markers: list[tuple[int, float]] = field(default_factory=list)
-    _serial: str = ""
     _pictures: dict[str, list[tuple[int, NDArray[np.float32]]]] = field(default_factory=dict)
 
     def arm(self, state: ArmState) -> None:
@@ -114,7 +112,6 @@ class WiggleWatch(TouchWatch):
             small = cv2.resize(frame.image, _SMALL, interpolation=cv2.INTER_AREA).astype(np.float32)
             self._pictures.setdefault(frame.serial, []).append((frame.time_ns, small))
             return
-        self._serial = frame.serial
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         seen = self.tracker.detect(grey) if self.tracker is not None else None
         if seen is not None:
@@ -125,8 +122,9 @@ class WiggleWatch(TouchWatch):
 
         Raises `CalibrationError` where a sensor saw next to nothing.
         """
-        found = {ARM: _series(sorted(self._heights.items())), self._serial: _series(self._markers)}
-        for serial, pictures in self._pictures.items():
+        found = {ARM: _series(sorted(self._heights.items())), self.camera: _series(self._markers)}
+        for serial in self.serials:
+            pictures = self._pictures.get(serial, [])
             if len(pictures) < 3:
                 raise CalibrationError(f"{serial}: {len(pictures)} frames of the wiggle; does it stream?")
             times = np.array([time_ns for time_ns, _ in pictures], np.int64)

@@ -11,8 +11,9 @@ from rig.cli.common import JsonOption, emit_json
 calibrate = typer.Typer(
     no_args_is_help=True,
     help="Turn samples into calibration files with their uncertainty, a verdict and a page.\n\n"
-    "With --from FOLDER everything is solved from files. Files go to --out, by default calibrations/ "
-    "beside the bench file (for the built-in benches: here).",
+    "Samples are collected on --bench, by a protocol that asks before it moves, or read with --from FOLDER "
+    "(each command's help says what it holds). Files go to --out, by default calibrations/ beside the bench "
+    "file (for the built-in benches: here), where rig trial and rig record find and use them.",
 )
 calibrate.command()(calibrate_cameras.camera)
 calibrate.command("hand-eye")(calibrate_cameras.hand_eye)

@@ -17,7 +17,10 @@ SETTLE_S = 0.4
 STILL_TIMEOUT_S = 4.0
 _STILL_M = 5e-5
 _STILL_RAD = 2e-4
-_FRAME_AGE_S = 0.25
+_FRAME_AGE_S = 1.0
+"""A stream whose newest frame is older has stopped; what is kept is captured later than that anyhow."""
+_MOST_EARLIER = 300
+"""Frames captured before stillness that are passed over: several seconds of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,14 +82,28 @@ def wait_until_still(bench: Bench) -> None:
 
 
 def _capture(bench: Bench, name: str) -> HandEyeCapture:
-    """A picture taken after stillness, between two readings of the arm that agree."""
-    bench.camera.newest_frame(_FRAME_AGE_S)
+    """A picture captured after stillness, between two readings of the arm that agree."""
     before = bench.arm.state().base_T_tcp
-    frame = bench.camera.next_frame(1.0)
+    frame = _captured_since(bench, bench.clock.now_ns())
     after = bench.arm.state().base_T_tcp
     if any(_moved(before, after)):
         raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is somebody guiding it?")
     return HandEyeCapture(name, after, frame)
+
+
+def _captured_since(bench: Bench, time_ns: int) -> Frame:
+    """The first frame captured at `time_ns` or later: one that arrives late may show the arm moving.
+
+    Raises `DeviceTimeoutError` where a stream's times stay in the past.
+    """
+    bench.camera.newest_frame(_FRAME_AGE_S)
+    for _ in range(_MOST_EARLIER):
+        frame = bench.camera.next_frame(1.0)
+        if frame.time_ns >= time_ns:
+            return frame
+    raise DeviceTimeoutError(
+        f"{bench.camera.serial}: {_MOST_EARLIER} frames from before the arm stood still; is its clock right?"
+    )
 
 
 def _moved(one: Pose, other: Pose) -> tuple[bool, bool]:

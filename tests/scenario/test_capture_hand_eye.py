@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import DeviceError, OperatorStopError
-from drivers.types import Pose
+from drivers.types import Frame, Pose
 from protocols.capture_hand_eye import HandEyeCapture, capture_hand_eye
 from rig.assembly import build_bench
 from rig.config import load_bench
@@ -60,3 +60,21 @@ def test_an_arm_that_is_gone_ends_the_visit() -> None:
     turn = (1.0, 0.0, 0.0, 0.0)
     with bench.connected(), pytest.raises(DeviceError):
         capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], turn)), lambda _: None, lambda *_: None)
+
+
+def test_a_stream_that_lags_gives_no_picture_of_the_motion() -> None:
+    bench, _ = build_bench(load_bench("fake"))
+    moved: list[int] = []
+
+    def keeps_its_backlog(_: float) -> Frame:
+        moved.append(bench.clock.now_ns())
+        return bench.camera.next_frame(1.0)
+
+    with bench.connected():
+        turn = bench.arm.state().base_T_tcp.quaternion_xyzw
+        left = [("a", Pose(PLACES["a"], turn)), ("b", Pose(PLACES["b"], turn))]
+        bench.camera.newest_frame = keeps_its_backlog
+        taken: list[HandEyeCapture] = []
+        capture_hand_eye(bench, lambda: left.pop(0) if left else None, taken.append, lambda *_: None)
+    assert len(taken) == 2
+    assert all(one.frame.time_ns >= at for one, at in zip(taken, moved, strict=True))

@@ -59,12 +59,12 @@ def object_table(summary: TrialSummary) -> Table:
     """The paper's table: error per object over B, and over B and C."""
     columns = (
         "object",
-        "lifts",
-        "outcomes",
-        "true turn, °",
         "MARE in B, °",
         "MARE in B and C, °",
+        "lifts",
+        "true turn, °",
         "answered",
+        "outcomes",
     )
     rows = [_object_row(o) for o in summary.objects]
     overall = [mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted)]

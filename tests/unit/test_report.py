@@ -13,7 +13,9 @@ from drivers.errors import InputError
 from rig.records.session import read_manifest
 from rig.report.curves import signed_errors
 from rig.report.session import read_trial
+from rig.report.trial_page import object_table
 from rig.report.write import write_report
+from rig.summary import summarize_trial
 
 
 class Page(HTMLParser):
@@ -88,6 +90,20 @@ def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, tri
     rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
     mean = np.mean([row["re"]["mean_deg"] for row in rows])
     assert f"{mean:.2f} ±" in page.text
+
+
+def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
+    rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
+    table = object_table(summarize_trial(rows))
+    first = dict(zip(table.columns, table.rows[0], strict=True))
+    assert first["object"] == "t1 wrench"
+    assert first["lifts"] == "2"
+    assert first["outcomes"] == "2 slipped"
+    assert first["true turn, °"] == "-20 to +12"
+    assert first["answered"] == "100.0%"
+    for heading, part in (("MARE in B, °", "re_b"), ("MARE in B and C, °", "re")):
+        assert first[heading].startswith(f"{np.mean([row[part]['mean_deg'] for row in rows]):.2f} ±")
+    assert len(table.rows[-1]) == len(table.columns)
 
 
 def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:

@@ -141,8 +141,9 @@ def verdict(comparison: Comparison) -> str:
     first, second = comparison.names
     if found.winner is None:
         size = "" if found.low is None else f", 95 % interval {found.low:+.2f} to {found.high:+.2f}"
+        more = "more" if found.difference >= 0.0 else "less"
         return (
-            f"No difference is shown: {second} is off by {found.difference:+.2f}° more than {first} over "
+            f"No difference is shown: {second} errs by {abs(found.difference):.2f}° {more} than {first} over "
             f"{found.lifts} lifts{size}."
         )
     ends = sorted(abs(end) for end in (found.low or 0.0, found.high or 0.0))

@@ -44,11 +44,8 @@ def augmented(sample: Sample, ghost: Image, rng: np.random.Generator) -> Sample:
 
 
 def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:
-    """Another strength of contact, shading of both images, drift between them, noise, patches of light."""
-    if rng.random() < 0.5:
-        strength = np.float32(rng.uniform(0.4, 1.3))
-        frame = np.asarray(background + strength * (frame - background), np.float32)
-    both = np.asarray(np.exp(rng.normal(0.0, 0.2, 3)) * _shading(frame.shape, 0.5, rng), np.float32)
+    """Drift between background and frame, another exposure of both, noise, and smooth patches of light."""
+    both = np.exp(rng.normal(0.0, 0.2, 3)).astype(np.float32)
     drift = np.exp(rng.normal(0.0, 0.06, 3)).astype(np.float32)
     frame = np.asarray(frame * (drift * both) + rng.normal(0.0, 1.5, 3), np.float32)
     noise = rng.standard_normal(frame.shape, np.float32)
@@ -57,14 +54,7 @@ def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple
         coarse = rng.standard_normal((int(rng.integers(3, 9)), int(rng.integers(3, 7)), 3), np.float32)
         patches = cv2.resize(coarse, frame.shape[1::-1], interpolation=cv2.INTER_CUBIC)
         frame *= 1.0 + np.float32(rng.uniform(0.0, 0.06)) * patches
-    return np.asarray(frame, np.float32), np.asarray(background * both, np.float32)
-
-
-def _shading(shape: tuple[int, ...], most: float, rng: np.random.Generator) -> Planes:
-    """A smooth factor (h, w, 1) on all colours: corners and sides of real units are dark."""
-    coarse = rng.normal(0.0, rng.uniform(0.0, most), (4, 3)).astype(np.float32)
-    smooth = cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(np.exp(smooth)[..., None], np.float32)
+    return frame, background * both
 
 
 def _moved(images: list[Image], label: Image, rng: np.random.Generator) -> tuple[list[Image], Image]:

@@ -36,7 +36,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "rig", *arguments], capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, "-m", "rig", *arguments], capture_output=True, text=True, timeout=200, check=False
     )
 
 
@@ -83,6 +83,7 @@ def test_many_sessions_give_one_table_and_the_broken_ones_their_problem(
     assert summed["mare_deg"] == figures["mare_deg"]
 
 
+@pytest.mark.timeout(300)
 def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     command = [
@@ -117,6 +118,7 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     assert "another estimator" in other.stderr
 
 
+@pytest.mark.timeout(300)
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     pytest.importorskip("joblib")

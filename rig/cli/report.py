@@ -7,7 +7,6 @@ import typer
 
 from rig.cli.common import JsonOption, emit_json, say
 
-
 NoReportOption = Annotated[
     bool, typer.Option("--no-report", help="Leave the report out: rig report makes it later.")
 ]

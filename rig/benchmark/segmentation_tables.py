@@ -38,7 +38,7 @@ def table_two() -> Table:
             cells = (NOT_RUN, "", "", "") if row is None else _kept_cells(row)
             rows.append((title, fold, *cells, *PAPER.get((title, fold), ("", ""))))
     return Table(
-        "Table II: test objects of each fold, SIMULATED units of one make; the paper's figures are of real frames",
+        "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real",
         ("network", "fold", "Dice", "IoU", "ms per frame", "settings", "paper's Dice", "paper's IoU"),
         rows,
     )

@@ -42,31 +42,45 @@ class FusedSample:
 
 @dataclass(frozen=True, slots=True)
 class TipAnswer:
-    """One fingertip's sample, its angle and rate signed and relative to its zero."""
+    """One fingertip's sample, its angle and rate signed and relative to its zero.
+
+    before: time in ns and angle of the answer before, None where there was none.
+    """
 
     sample: SlipSample
     angle_deg: float | None
     sigma_deg: float | None
     rate_deg_s: float | None = None
+    before: tuple[int, float] | None = None
 
-    def at(self, time_ns: int) -> float:
-        """Return the angle brought to another time by the rate; without a rate as it was."""
-        elapsed_s = (time_ns - self.sample.time_ns) / NS_PER_S
-        return (self.angle_deg or 0.0) + (self.rate_deg_s or 0.0) * elapsed_s
+    def turned_since(self, time_ns: int) -> float | None:
+        """Return how far it has turned since a time between its last two frames, None if unknown."""
+        if self.angle_deg is None or self.before is None or not self.before[0] <= time_ns:
+            return None
+        before_ns, before_deg = self.before
+        share = (self.sample.time_ns - time_ns) / max(self.sample.time_ns - before_ns, 1)
+        return share * (self.angle_deg - before_deg)
+
+    def at(self, time_ns: int, turned_deg: float | None = None) -> float:
+        """Return the angle at a later time: by what the object turned, else by its own rate."""
+        if turned_deg is None:
+            turned_deg = (self.rate_deg_s or 0.0) * (time_ns - self.sample.time_ns) / NS_PER_S
+        return (self.angle_deg or 0.0) + turned_deg
 
 
 def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     """Combine a fingertip's newest answer with the others' recent ones, brought to its time.
 
-    Weights are inverse variances where every answer has a sigma, equal otherwise (the paper's
-    methods have none). An answer older than `MAX_SKEW_NS` does not count.
+    The newest fingertip itself has seen how far the object turned since the others' frames, which
+    is surer than their rates. Weights are inverse variances where every answer has a sigma, equal
+    otherwise (the paper's methods have none). An answer older than `MAX_SKEW_NS` does not count.
     """
     time_ns = now.sample.time_ns
     recent = [a for a in others if time_ns - a.sample.time_ns <= MAX_SKEW_NS]
     answers = [a for a in (now, *recent) if a.angle_deg is not None]
     if not answers:
         return FusedSample(time_ns, None, None, now.sample.state)
-    angles = [a.at(time_ns) for a in answers]
+    angles = [a.at(time_ns, now.turned_since(a.sample.time_ns)) for a in answers]
     sigmas = [a.sigma_deg for a in answers]
     known = [s for s in sigmas if s is not None and s > 0.0]
     complete = len(known) == len(answers)

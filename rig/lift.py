@@ -4,7 +4,7 @@ The same object watches a lift as it happens and a recording of it, so that a re
 same results bit for bit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,17 +38,37 @@ class Fingertip:
     estimator: SlipEstimator | None = None
     samples: list[SlipSample] = field(default_factory=list)
     zero_deg: float | None = None
+    zero_sample: SlipSample | None = None
     touching_frames: int = 0
     first_sequence: int | None = None
     last_sequence: int = 0
     frames: int = 0
 
-    def answer(self, sample: SlipSample) -> TipAnswer:
+    def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
         """Sign an estimate and take it from its zero; without a zero there is no answer."""
-        if sample.angle_deg is None or self.zero_deg is None:
+        angle = self._turned(sample)
+        if angle is None:
             return TipAnswer(sample, None, None)
         rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
-        return TipAnswer(sample, self.sign * (sample.angle_deg - self.zero_deg), sample.sigma_deg, rate)
+        last = None if before is None else self._turned(before)
+        since = None if before is None or last is None else (before.time_ns, last)
+        return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
+
+    def set_zero(self, samples: Sequence[SlipSample], time_ns: int) -> None:
+        """Take the mean of what was answered in the last moments before a time as zero."""
+        since = time_ns - seconds(ZERO_S)
+        late = [s for s in samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
+        self.zero_deg = float(np.mean([s.angle_deg for s in late])) if late else None
+        self.zero_sample = late[-1] if late else None
+
+    def newest(self) -> TipAnswer:
+        """Return the newest answer; there has to be a sample."""
+        return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
+
+    def _turned(self, sample: SlipSample) -> float | None:
+        if sample.angle_deg is None or self.zero_deg is None:
+            return None
+        return self.sign * (sample.angle_deg - self.zero_deg)
 
     def count(self, sequence: int) -> None:
         """Count a frame; gaps in the sequence are drops."""
@@ -170,8 +190,8 @@ class LiftMeasurement:
         tip.samples.append(sample)
         tip.touching_frames = 0 if sample.state is State.NO_CONTACT else tip.touching_frames + 1
         if Phase.LIFT in self.phases:
-            others = [other.answer(other.samples[-1]) for other in self.tips.values() if other is not tip]
-            fused = fuse(tip.answer(sample), others)
+            others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
+            fused = fuse(tip.newest(), others)
             self.fused.append(fused)
             self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
 
@@ -184,8 +204,6 @@ class LiftMeasurement:
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:
-        since = time_ns - seconds(ZERO_S)
-        self.truth.set_zero(since, time_ns)
+        self.truth.set_zero(time_ns - seconds(ZERO_S), time_ns)
         for tip in self.tips.values():
-            late = [s.angle_deg for s in tip.samples if s.time_ns >= since and s.angle_deg is not None]
-            tip.zero_deg = float(np.mean(late)) if late else None
+            tip.set_zero(tip.samples, time_ns)

@@ -30,10 +30,14 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The answers for one series. angles_deg: from the zero, None where refused. zero: see `zeroed`."""
+    """The answers for one series. angles_deg, sigmas_deg: from the zero, None where refused.
+
+    zero: see `zeroed`.
+    """
 
     answers: tuple[Answer, ...]
     angles_deg: tuple[float | None, ...]
+    sigmas_deg: tuple[float | None, ...]
     zero: FrameTime | None
     zero_note: str
     unreadable: int
@@ -65,11 +69,18 @@ def zeroed(
         answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 for answer in answers
     )
     place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)
-    zero_deg = 0.0 if place is None else answers[place].sample.angle_deg or 0.0
-    angles = (answer.sample.angle_deg for answer in answers)
-    relative = tuple(None if angle is None else sign * (angle - zero_deg) for angle in angles)
+    zero = None if place is None else answers[place]
+    zero_deg = 0.0 if zero is None else zero.sample.angle_deg or 0.0
+    samples = [answer.sample for answer in answers]
     return Estimate(
-        tuple(answers), relative, None if place is None else answers[place].time, note, unreadable
+        answers=tuple(answers),
+        angles_deg=tuple(None if s.angle_deg is None else sign * (s.angle_deg - zero_deg) for s in samples),
+        sigmas_deg=tuple(
+            None if s.angle_deg is None else s.sigma_since(zero and zero.sample) for s in samples
+        ),
+        zero=zero and zero.time,
+        zero_note=note,
+        unreadable=unreadable,
     )
 
 
@@ -79,10 +90,12 @@ def rows(estimate: Estimate) -> list[dict[str, Any]]:
         {
             "t_s": answer.time.text,
             "angle_deg": None if angle is None else round(angle, 4),
-            "sigma_deg": None if angle is None else _rounded(answer.sample.sigma_deg),
+            "sigma_deg": _rounded(sigma),
             "state": answer.sample.state.value,
         }
-        for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
+        for answer, angle, sigma in zip(
+            estimate.answers, estimate.angles_deg, estimate.sigmas_deg, strict=True
+        )
     ]
 
 

@@ -7,14 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from drivers.errors import InputError, SessionError
 from rig.attempt import TrialSettings, new_measurement
-from rig.config import BenchConfig, validation_text
 from rig.records.files import read_lines
 from rig.records.reading import show_again
-from rig.records.session import read_manifest
+from rig.records.session import manifest_bench, read_manifest
 from rig.result import lift_result
 from rig.summary import TrialSummary, summarize_trial
 from rig.tactile.estimator import EstimatorChoice, choose_estimator
@@ -79,14 +76,11 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
         raise SessionError(
             f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts to replay"
         )
+    bench = manifest_bench(folder, manifest)
     try:
-        bench = BenchConfig.model_validate(manifest["config"])
-        choice = _choice(manifest, estimator, window)
-        return TrialSettings(bench, manifest["seed"], choice)
+        return TrialSettings(bench, manifest["seed"], _choice(manifest, estimator, window))
     except KeyError as error:
         raise SessionError(f"{folder}/session.json: {error} is missing; the session is damaged") from error
-    except ValidationError as error:
-        raise SessionError(f"{folder}/session.json: config: {validation_text(error)}") from error
 
 
 def _choice(manifest: dict[str, Any], estimator: str | None, window: int | None) -> EstimatorChoice:

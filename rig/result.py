@@ -11,8 +11,9 @@ from protocols.watch import Phase
 from rig.fusion import Disagreement
 from rig.lift import ZERO_S, LiftMeasurement
 from rig.metrics import Floats, hold_last, summarize
+from rig.slip_onset import estimated_onset_ns, slip_onset_ns
 from rig.tactile.sample import State
-from rig.truth import TruthSeries, interpolate, slip_onset_ns
+from rig.truth import TruthSeries, interpolate
 
 FINAL_S = 0.3
 
@@ -41,6 +42,7 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
     held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
     since_zero = watched.truth.series_since_zero()
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
+    answers = [(s.time_ns, s.angle_deg) for s in watched.fused]
     row = {
         "outcome": _outcome(watched, onset, end_ns).value,
         "re_b": _summary(errors[in_b]),
@@ -53,7 +55,7 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
             [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], end_ns
         ),
         "onset_truth_s": _since(onset, lift_ns),
-        "onset_estimate_s": _since(_estimated_onset(watched), lift_ns),
+        "onset_estimate_s": _since(estimated_onset_ns(answers), lift_ns),
         "onset_alarm_s": _since(watched.alarm.raised_ns, lift_ns),
         "phases_s": {p.value: t / NS_PER_S for p, t in watched.phases.items()},
         **_counts(watched),
@@ -90,15 +92,6 @@ def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> Out
     if watched.fallen(end_ns):
         return Outcome.FALLEN
     return Outcome.HELD if onset_ns is None else Outcome.SLIPPED
-
-
-def _estimated_onset(watched: LiftMeasurement) -> int | None:
-    # Two fingertips may capture at the same time; the later answer knows of both.
-    answered = {s.time_ns: s.angle_deg for s in watched.fused if s.angle_deg is not None}
-    if not answered:
-        return None
-    times, angles = zip(*sorted(answered.items()), strict=True)
-    return slip_onset_ns(np.array(times, np.int64), np.array(angles, float))
 
 
 def _final(values: list[tuple[int, float | None]], end_ns: int) -> float | None:

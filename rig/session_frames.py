@@ -12,18 +12,22 @@ from rig.frames import FrameSeries, TimedFrame
 from rig.records.files import read_lines
 from rig.records.reading import phase_times, recorded_frames
 from rig.records.recorder import seconds_text
-from rig.records.session import read_manifest
+from rig.records.session import manifest_bench, read_manifest
 from rig.tactile.background import mean_background
 from rig.trial import RESULTS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSeries:
-    """One fingertip in one lift: its sign, its frame without contact, its frames from phase A on."""
+    """One fingertip in one lift: its sign, its frame without contact, its frames from phase A on.
+
+    aspect: width over height of its pixels on the gel, None where unknown.
+    """
 
     lift: str
     serial: str
     sign: int
+    aspect: float | None
     background: Image
     frames: FrameSeries
 
@@ -36,14 +40,15 @@ def session_frames(folder: Path) -> list[SessionSeries]:
     rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
     if not rows:
         raise SessionError(f"{folder}: no finished lift yet; run the trial with --resume first")
+    aspects = manifest_bench(folder, manifest).pixel_aspects()
     return [
-        _series(folder / row["recording"], serial, sign)
+        _series(folder / row["recording"], serial, sign, aspects.get(serial))
         for row in rows
         for serial, sign in manifest["signs"].items()
     ]
 
 
-def _series(recording: Path, serial: str, sign: int) -> SessionSeries:
+def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:
     grasp_ns = phase_times(recording)[Phase.GRASP]
     reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
 
@@ -54,5 +59,5 @@ def _series(recording: Path, serial: str, sign: int) -> SessionSeries:
                 yield TimedFrame(f"frame {frame.sequence}", time, frame.image)
 
     return SessionSeries(
-        recording.stem, serial, sign, mean_background(reference), FrameSeries(str(recording), read)
+        recording.stem, serial, sign, aspect, mean_background(reference), FrameSeries(str(recording), read)
     )

@@ -1,5 +1,6 @@
 """When a slip begins, from an angle over time (contract, metrics)."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ LONGEST_GAP_NS = 50_000_000
 """Over a longer gap there is no truth (contract, metrics)."""
 LEAST_GROWTH_DEG = 0.1
 MOST_FALL_DEG = 0.1
+AVERAGED_NS = 50_000_000
+"""Over so long estimated angles are averaged to look for growth in them."""
 
 
 ALARM_DEG = 0.4
@@ -39,6 +42,24 @@ class OnsetAlarm:
             return False
         self.raised_ns = time_ns
         return True
+
+
+def estimated_onset_ns(answers: Iterable[tuple[int, float | None]]) -> int | None:
+    """Return when a slip begins by estimated angles, looking back; None without one.
+
+    answers: time in ns and angle in degrees since the zero, None where refused. The camera sees the
+    true angle once in 33 ms and averages while it is exposed; the fingertips' answers are more and
+    noisier, so each is averaged over `AVERAGED_NS` around it first. Of two answers at one time
+    (fingertips that capture together) the later one counts, as it knows of both.
+    """
+    told = {time_ns: angle for time_ns, angle in answers if angle is not None}
+    if not told:
+        return None
+    time_ns, angle = (np.array(column) for column in zip(*sorted(told.items()), strict=True))
+    first = np.searchsorted(time_ns, time_ns - AVERAGED_NS // 2)
+    last = np.searchsorted(time_ns, time_ns + AVERAGED_NS // 2, side="right")
+    sums = np.concatenate([[0.0], np.cumsum(angle)])
+    return slip_onset_ns(time_ns, (sums[last] - sums[first]) / (last - first))
 
 
 def slip_onset_ns(

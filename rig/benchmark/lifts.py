@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.types import Frame, Image
 from protocols.watch import Phase
@@ -17,12 +17,12 @@ from rig.benchmark.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unf
 from rig.benchmark.scores import SeriesScore, score_series
 from rig.config.models import TactileConfig
 from rig.fusion import FusedSample, fuse
-from rig.lift import ZERO_S, Fingertip
+from rig.lift import Fingertip
 from rig.records.files import read_lines
 from rig.records.reading import phase_times, recorded_frames, recorded_values
 from rig.records.recorder import TRUTH_TOPIC
 from rig.replay import session_settings
-from rig.slip_onset import OnsetAlarm, slip_onset_ns
+from rig.slip_onset import OnsetAlarm, estimated_onset_ns
 from rig.tactile.background import mean_background
 from rig.tactile.estimator import DEFAULT_ESTIMATOR
 from rig.tactile.sample import SlipSample
@@ -75,7 +75,8 @@ def session_lifts(folder: Path) -> tuple[Tips, list[dict[str, Any]]]:
     rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
     if not rows:
         raise SessionError(f"{folder}: no finished lift; run the trial with --resume first")
-    return {tip.serial: tip for tip in bench.tactile}, rows
+    aspects = bench.pixel_aspects()
+    return {t.serial: t.model_copy(update={"pixel_aspect": aspects[t.serial]}) for t in bench.tactile}, rows
 
 
 def open_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> RecordedLift:
@@ -136,11 +137,7 @@ def _scored(
     """Score the fused angle over phases B and C, as `rig.result` does."""
     lift_ns, hold_ns = lift.phases[Phase.LIFT], lift.phases[Phase.HOLD]
     fused = [s for s in _fused(lift, samples) if s.time_ns < lift.phases[Phase.LOWER]]
-    answered = [(s.time_ns, s.angle_deg) for s in fused if s.angle_deg is not None]
-    onset_ns = None
-    if answered:
-        times, angles = zip(*answered, strict=True)
-        onset_ns = slip_onset_ns(np.array(times, np.int64), np.array(angles, float))
+    onset_ns = estimated_onset_ns((s.time_ns, s.angle_deg) for s in fused)
     alarm = OnsetAlarm()
     for sample in fused:
         alarm.update(sample.time_ns, sample.angle_deg, sample.rate_deg_s)
@@ -164,16 +161,14 @@ def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[
     lift_ns = lift.phases[Phase.LIFT]
     tips = {serial: Fingertip(tip.sign) for serial, tip in lift.tips.items()}
     for serial, tip in tips.items():
-        still = [s for s in samples[serial] if lift_ns - seconds(ZERO_S) <= s.time_ns < lift_ns]
-        known = [s.angle_deg for s in still if s.angle_deg is not None]
-        tip.zero_deg = float(np.mean(known)) if known else None
+        tip.set_zero(samples[serial], lift_ns)
     merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))
     fused = []
     for time_ns, serial, sample in merged:
         tips[serial].samples.append(sample)
         if time_ns >= lift_ns:
-            others = [t.answer(t.samples[-1]) for k, t in tips.items() if k != serial and t.samples]
-            fused.append(fuse(tips[serial].answer(sample), others))
+            others = [t.newest() for k, t in tips.items() if k != serial and t.samples]
+            fused.append(fuse(tips[serial].newest(), others))
     return fused
 
 

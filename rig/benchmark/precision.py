@@ -13,9 +13,11 @@ import numpy as np
 
 from rig.benchmark.scenes import Clip, Scene, render_clip
 from rig.tactile.gate import ContactGate
-from rig.tactile.gradient import Field, learn_map
-from rig.tactile.registration import Keyframe, align, make_keyframe
+from rig.tactile.gradient import learn_map
+from rig.tactile.keyframe import Keyframe, make_keyframe
+from rig.tactile.registration import align
 from rig.tactile.relative import RelativeDifference
+from rig.tactile.relief import Gradient
 
 SIZE_PX = (60, 80)
 BLUR_PX = 0.7
@@ -55,8 +57,8 @@ def compare_precision(contacts: Sequence[str], seed: int = 0) -> Precision:
     return Precision(max(gaps), float(np.median(gaps)), max(conditions), len(gaps))
 
 
-def _gaps(single: Keyframe, double: Keyframe, fields: Sequence[tuple[Field, np.ndarray]]) -> list[float]:
-    angle, shift = 0.0, np.zeros(2)
+def _gaps(single: Keyframe, double: Keyframe, fields: Sequence[tuple[Gradient, np.ndarray]]) -> list[float]:
+    angle, shift = 0.0, 0j
     gaps = []
     for gradient, mask in fields:
         a = align(single, gradient, mask, angle, shift)
@@ -67,16 +69,16 @@ def _gaps(single: Keyframe, double: Keyframe, fields: Sequence[tuple[Field, np.n
 
 
 def _doubled(key: Keyframe) -> Keyframe:
-    return replace(key, template=key.template.astype(np.float64), jacobian=key.jacobian.astype(np.float64))  # type: ignore[arg-type]
+    return replace(key, template=key.template.astype(np.complex128), jacobian=key.jacobian.astype(np.float64))  # type: ignore[arg-type]
 
 
 def _condition(key: Keyframe) -> float:
-    normal = key.jacobian.T @ key.jacobian
+    normal = key.jacobian @ key.jacobian.T
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
     return float(np.linalg.cond(normal * np.outer(scale, scale)))
 
 
-def _fields(clip: Clip) -> list[tuple[Field, np.ndarray]]:
+def _fields(clip: Clip) -> list[tuple[Gradient, np.ndarray]]:
     """Gradient and contact mask of a clip's frames, by the map of the last frame before it moves."""
     light, gate = RelativeDifference(clip.background, SIZE_PX), ContactGate()
     seen = []

@@ -52,6 +52,15 @@ def estimate(
             min=1, max=100, help="Mean over the last n angles; 2 for the paper's methods, none for slip."
         ),
     ] = None,
+    pixel_aspect: Annotated[
+        float | None,
+        typer.Option(
+            min=0.5,
+            max=2.0,
+            help="Width over height of a pixel on the gel, as `rig calibrate tactile` finds it. "
+            "Default: a session's own; else unknown, taken as 1 with a larger sigma.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="CSV file, or folder for a session. Default: the table on stdout.")
     ] = None,
@@ -73,7 +82,7 @@ def estimate(
     from rig.frames import is_session
     from rig.tactile.estimator import choose_estimator
 
-    run = _Run(background, reference_time, choose_estimator(estimator, window))
+    run = _Run(background, reference_time, choose_estimator(estimator, window), pixel_aspect)
     if is_session(frames):
         _session(frames, run, timestamps, fps, out, json)
     else:
@@ -83,12 +92,18 @@ def estimate(
 class _Run:
     """One choice of estimator and background, applied to series after series."""
 
-    def __init__(self, background: str | None, reference_time: str | None, choice: "EstimatorChoice") -> None:
+    def __init__(
+        self,
+        background: str | None,
+        reference_time: str | None,
+        choice: "EstimatorChoice",
+        aspect: float | None,
+    ) -> None:
         from drivers.errors import InputError
         from rig.frame_times import parse_time
         from rig.tactile.estimator import PUBLISHED
 
-        self.background, self.choice = background, choice
+        self.background, self.choice, self.aspect = background, choice, aspect
         self.published = choice.name.endswith(PUBLISHED)
         self.reference = None if reference_time is None else parse_time(reference_time)
         if reference_time is not None and self.reference is None:
@@ -99,9 +114,16 @@ class _Run:
             )
 
     def apply(
-        self, series: "FrameSeries", own: "Image | None" = None, sign: int = 1
+        self,
+        series: "FrameSeries",
+        own: "Image | None" = None,
+        sign: int = 1,
+        own_aspect: float | None = None,
     ) -> tuple["Estimate", str]:
-        """Estimate a series. Returns the estimate and a note on its background."""
+        """Estimate a series, own being what its session knows of the sensor.
+
+        Returns the estimate and a note on its background.
+        """
         from rig.frames import make_background
         from rig.offline import estimate_series, zeroed
 
@@ -111,7 +133,7 @@ class _Run:
             background, note = own, "background: the session's own"
         else:
             background, note = make_background(self.background, series)
-        answers = estimate_series(series, self.choice.make(background))
+        answers = estimate_series(series, self.choice.make(background, self.aspect or own_aspect))
         return zeroed(answers, self.reference, self.published, 1 if self.published else sign), note
 
 
@@ -147,7 +169,7 @@ def _session(
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
     for tip in session_frames(path):
-        result, note = run.apply(tip.frames, tip.background, tip.sign)
+        result, note = run.apply(tip.frames, tip.background, tip.sign, tip.aspect)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(result))
         figures = _report(f"lift {tip.lift}, {tip.serial}", result, note, run)

@@ -9,8 +9,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from drivers.errors import InputError, RecordingError, SessionError
-from rig.config import BenchConfig
+from rig.config import BenchConfig, validation_text
 from rig.records.files import append_line, drop_torn_line, read_json, read_lines, write_file, write_json
 
 SCHEMA_VERSION = 1
@@ -145,6 +147,16 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             "use the version of the rig that wrote it"
         )
     return manifest
+
+
+def manifest_bench(folder: Path, manifest: dict[str, Any]) -> BenchConfig:
+    """Return the bench a session was made on, calibrations included. Raises `SessionError`."""
+    try:
+        return BenchConfig.model_validate(manifest["config"])
+    except KeyError as error:
+        raise SessionError(f"{folder / MANIFEST}: {error} is missing; the session is damaged") from error
+    except ValidationError as error:
+        raise SessionError(f"{folder / MANIFEST}: config: {validation_text(error)}") from error
 
 
 def _require_same(folder: Path, manifest: dict[str, Any], request: dict[str, Any]) -> None:

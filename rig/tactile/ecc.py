@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.fresh import FreshFrameEstimator
 from rig.tactile.gate import ContactGate, Region
-from rig.tactile.relative import RelativeDifference, check_frame
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.relative import RelativeDifference, work_size
+from rig.tactile.sample import SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 
-# Long side of the copy that is looked at: a quarter of a DIGIT's.
-WORK_LONG_SIDE_PX = 80
 NOISE_BLUR_PX = 1.0
 # The reference is taken anew until area and strength have stayed within this share for so many frames.
 SETTLED_SHARE, SETTLED_FRAMES = 0.05, 5
@@ -40,7 +39,6 @@ SEARCH_RAD = tuple(math.radians(turn) for turn in (0, -20, 20, -40, 40))
 POLAR_ROWS, POLAR_COLUMNS = 360, 32
 POLAR_STEP_RAD = 2 * math.pi / POLAR_ROWS
 MAX_JUMP_RAD = math.radians(20.0)
-STAGES = ("contact", "alignment")
 
 Energy = NDArray[np.float32]
 
@@ -121,38 +119,27 @@ class PolarMatcher(Matcher):
         return Match(last.angle_rad + float(from_last[best]) - float(part) * POLAR_STEP_RAD, None)
 
 
-class ReferenceEstimator(SlipEstimator):
+class ReferenceEstimator(FreshFrameEstimator):
     """Aligns each frame with the contact's first stable one.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable`
     where the reference is round; `lost` where no alignment is found; `rekeyed` where a new reference
-    begins after a first answer; else `tracking`. It gives no sigma. A frame that is not newer than
-    the one before gets the last answer again.
+    begins after a first answer; else `tracking`. It gives no sigma.
     """
 
+    stages = ("contact", "alignment")
+
     def __init__(self, background: Image, matcher: Callable[[Energy, Image], Matcher]) -> None:
-        check_frame(background)
-        self._shape = background.shape
-        height, width = background.shape[:2]
-        scale = min(1.0, WORK_LONG_SIDE_PX / max(height, width))
-        size = (max(8, round(width * scale)), max(8, round(height * scale)))
-        self._px_per_work = height / size[1]
+        super().__init__(background.shape)
+        size = work_size(background.shape, 1.0)
+        self._px_per_work = background.shape[0] / size[1]
         self._light = RelativeDifference(background, size)
         self._gate = ContactGate()
         self._make = matcher
-        self._last: SlipSample | None = None
         self._seen_ns: int | None = None
         self._answered = False
         self._zero_rad = 0.0
         self._release()
-
-    def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
-        check_frame(image, self._shape)
-        if self._last is not None and time_ns <= self._last.time_ns:
-            return replace(self._last, stage_s={}, skipped=STAGES)
-        self._last = self._estimate(image, time_ns)
-        return self._last
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
@@ -161,7 +148,7 @@ class ReferenceEstimator(SlipEstimator):
         region = self._gate.find(difference)
         watch.lap("contact")
         if region is None:
-            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=STAGES[1:])
+            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
         if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
             self._zero_rad += self._match.angle_rad
             self._release()

@@ -32,7 +32,7 @@ class Region:
     """Where a frame differs from its background.
 
     mask: (h, w) uint8, 1 inside the convex hull of the large differing parts. area_px: its area in
-    work pixels. strength: the relative difference that 1 % of the frame exceeds.
+    work pixels. strength: the mean relative difference inside.
     """
 
     mask: Image
@@ -73,4 +73,4 @@ class ContactGate:
         mask = np.zeros(energy.shape, np.uint8)
         cv2.fillConvexPoly(mask, cv2.convexHull(np.concatenate(large)), 1)
         area = int(cv2.countNonZero(mask))
-        return Region(mask, area, strength) if area >= LEAST_AREA_PX else None
+        return Region(mask, area, cv2.mean(energy, mask)[0]) if area >= LEAST_AREA_PX else None

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from drivers.types import Image
-from rig.tactile.relief import Field, padded, window
+from rig.tactile.relief import Field, Gradient, padded, window
 
 # Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
@@ -44,23 +44,23 @@ Box = tuple[int, int, int, int]
 class GradientMap:
     """A colour-to-gradient map that varies linearly over the sensor.
 
-    planes: (2, 3, h, w) float32; the gradient along x (right) and y (down) is the sum over the
-    channels of planes times the relative difference.
+    planes: (3, h, w) complex64; the gradient is the sum over the channels of planes times the
+    relative difference.
     """
 
-    planes: Field
+    planes: NDArray[np.complex64]
 
-    def apply(self, difference: Field, box: Box | None = None) -> Field:
-        """Return the gradient (h, w, 2) of a relative difference (h, w, 3); its scale is arbitrary.
+    def apply(self, difference: Field, box: Box | None = None) -> Gradient:
+        """Return the gradient (h, w) of a relative difference (h, w, 3); its scale is arbitrary.
 
         box: x, y, width and height in px; only there it is worked out, elsewhere it is 0.
         """
-        gradient = np.zeros((*difference.shape[:2], 2), np.float32)
+        gradient = np.zeros(difference.shape[:2], np.complex64)
         left, top, width, height = box or (0, 0, difference.shape[1], difference.shape[0])
         inside = np.s_[top : top + height, left : left + width]
-        red, green, blue = cv2.split(difference[inside])
-        for axis, planes in enumerate(self.planes[:, :, *inside]):
-            gradient[*inside, axis] = planes[0] * red + planes[1] * green + planes[2] * blue
+        red, green, blue = self.planes[:, *inside]
+        seen = difference[inside]
+        gradient[inside] = red * seen[..., 0] + green * seen[..., 1] + blue * seen[..., 2]
         return gradient
 
 
@@ -82,7 +82,8 @@ def learn_map(difference: Field, mask: Image) -> GradientMap | None:
     coefficients /= np.linalg.norm(coefficients[:, 0])
     across, down = _coordinates(mask.shape)
     terms = np.stack(np.broadcast_arrays(np.float32(1.0), across, down))
-    return GradientMap(np.einsum("kbc,bhw->kchw", coefficients, terms).astype(np.float32))
+    turned = (coefficients[0] + 1j * coefficients[1]).astype(np.complex64)
+    return GradientMap(np.tensordot(turned.T, terms, axes=1))
 
 
 def _penalty() -> NDArray[np.float64]:

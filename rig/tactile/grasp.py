@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.registration import Alignment, Keyframe, align, similarity, turning
-from rig.tactile.relief import Field
+from rig.tactile.keyframe import Keyframe
+from rig.tactile.registration import Alignment, align, similarity, turning
+from rig.tactile.relief import Gradient
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
 GOOD_MISFIT, GOOD_OVERLAP = 0.25, 0.7
@@ -30,11 +31,11 @@ SEARCH_KEPT = 3
 class Pose:
     """Where a contact is.
 
-    angle_rad: from the grasp's zero. point_px: (2,), where the first keyframe's center is now.
+    angle_rad: from the grasp's zero. point_px: where the first keyframe's center is now, x + i y.
     """
 
     angle_rad: float
-    point_px: NDArray[np.float64]
+    point_px: complex
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,10 +79,10 @@ class GraspTracker:
         self._pose = self._key.pose
         self._weights: NDArray[np.float32] | None = None
 
-    def track(self, gradient: Field, mask: Image, expected_rad: float) -> Tracked | None:
+    def track(self, gradient: Gradient, mask: Image, expected_rad: float) -> Tracked | None:
         """Return the pose in a frame, None where no keyframe fits.
 
-        gradient: (h, w, 2). mask: (h, w) uint8. expected_rad: the angle to start from.
+        gradient: (h, w). mask: (h, w) uint8. expected_rad: the angle to start from.
         """
         for key in self._candidates(expected_rad):
             found = self._aligned(key, gradient, mask, Pose(expected_rad, self._pose.point_px))
@@ -89,9 +90,10 @@ class GraspTracker:
                 return self._accept(found)
         return None
 
-    def search(self, gradient: Field, mask: Image) -> Tracked | None:
+    def search(self, gradient: Gradient, mask: Image) -> Tracked | None:
         """Look for a lost contact over a wide range of turns; None where nothing fits."""
-        middle = np.argwhere(mask).mean(axis=0)[::-1]
+        rows, columns = np.nonzero(mask)
+        middle = complex(columns.mean(), rows.mean())
         guesses = [Pose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
         scores = [similarity(self._key.frame, gradient, mask, *self._start(self._key, g)) for g in guesses]
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
@@ -118,23 +120,23 @@ class GraspTracker:
         yield self._key
         yield from (k for k in near if k not in surer[:1])
 
-    def _aligned(self, key: Key, gradient: Field, mask: Image, expected: Pose) -> Tracked | None:
+    def _aligned(self, key: Key, gradient: Gradient, mask: Image, expected: Pose) -> Tracked | None:
         weights = self._weights if key is self._key else None
         angle, shift = self._start(key, expected)
         alignment = align(key.frame, gradient, mask, angle, shift, weights, self._to_the_end)
         if not (alignment.misfit <= WORST_MISFIT and alignment.overlap >= WORST_OVERLAP):
             return None
         lever = key.pose.point_px - key.frame.center_px
-        point = key.frame.center_px + alignment.shift_px + turning(alignment.angle_rad) @ lever
+        point = key.frame.center_px + alignment.shift_px + turning(alignment.angle_rad) * lever
         found = Tracked(Pose(key.pose.angle_rad + alignment.angle_rad, point), key, alignment)
         # An older key has to fit well to be taken up again; the one in use is left only later.
         return found if key is self._key or found.good else None
 
-    def _start(self, key: Key, expected: Pose) -> tuple[float, NDArray[np.float64]]:
+    def _start(self, key: Key, expected: Pose) -> tuple[float, complex]:
         """Return the angle and shift of a key's center that would put it at a pose."""
         turn = expected.angle_rad - key.pose.angle_rad
         lever = key.pose.point_px - key.frame.center_px
-        return turn, expected.point_px - turning(turn) @ lever - key.frame.center_px
+        return turn, expected.point_px - turning(turn) * lever - key.frame.center_px
 
     def _accept(self, found: Tracked) -> Tracked:
         self._key, self._pose = found.key, found.pose

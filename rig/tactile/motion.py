@@ -1,13 +1,13 @@
 """Angle and rate over time from noisy angles: a constant-rate Kalman filter at the frames' own times."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-# Angular acceleration that a slip reaches, rad/s^2 (one sigma, white): a slip starts within a frame
-# or two, so the filter must not hold the angle back.
-ACCELERATION_RAD_S2 = 40.0
+# Spectral density of the angular acceleration, rad^2/s^3: stick and slip changes the rate by some
+# 30 degrees/s within a frame or two, and the filter must not hold the angle back.
+ACCELERATION_DENSITY = 4.0
+# What an alignment's noise does not tell of a measured angle: about this much is seen at rest.
+LEAST_NOISE_RAD = math.radians(0.03)
 FIRST_RATE_RAD_S = 0.5
 # A rate says nothing of what an object does after so long.
 HORIZON_S = 0.1
@@ -15,16 +15,13 @@ HORIZON_S = 0.1
 
 @dataclass(slots=True)
 class RateFilter:
-    """State: angle (rad) and rate (rad/s) with their covariance, at `time_s`."""
+    """Angle (rad) and rate (rad/s) at `time_s`, and their covariance."""
 
     time_s: float | None = None
-    state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 2)))
-
-    @property
-    def rate_rad_s(self) -> float:
-        """Newest rate, rad/s."""
-        return float(self.state[1])
+    angle_rad: float = 0.0
+    rate_rad_s: float = 0.0
+    _covariance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of angle and angle, angle and rate, rate and rate."""
 
     def restart(self) -> None:
         """Forget everything."""
@@ -34,24 +31,34 @@ class RateFilter:
         """Return the angle expected at a time, rad."""
         if self.time_s is None:
             return 0.0
-        return float(self.state[0] + self.state[1] * min(time_s - self.time_s, HORIZON_S))
+        return self.angle_rad + self.rate_rad_s * min(time_s - self.time_s, HORIZON_S)
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
         """Take an angle measured at a time; return the filtered one, rad."""
+        noise = sigma_rad**2 + LEAST_NOISE_RAD**2
         if self.time_s is None:
-            self.state = np.array([angle_rad, 0.0])
-            self.covariance = np.diag([sigma_rad**2, FIRST_RATE_RAD_S**2])
-            self.time_s = time_s
-            return angle_rad
-        self._predict(time_s - self.time_s)
+            self.angle_rad, self.rate_rad_s = angle_rad, 0.0
+            self._covariance = (noise, 0.0, FIRST_RATE_RAD_S**2)
+        else:
+            self._predict(time_s - self.time_s)
+            self._correct(angle_rad, noise)
         self.time_s = time_s
-        gain = self.covariance[:, 0] / (self.covariance[0, 0] + sigma_rad**2)
-        self.state = self.state + gain * (angle_rad - self.state[0])
-        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
-        return float(self.state[0])
+        return self.angle_rad
 
     def _predict(self, dt: float) -> None:
-        f = np.array([[1.0, dt], [0.0, 1.0]])
-        noise = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * ACCELERATION_RAD_S2**2
-        self.state = f @ self.state
-        self.covariance = f @ self.covariance @ f.T + noise
+        aa, ar, rr = self._covariance
+        self.angle_rad += self.rate_rad_s * dt
+        # White acceleration in continuous time: were it constant from frame to frame, each angle would
+        # be explained by one acceleration and the rate would swing to and fro around the true one.
+        self._covariance = (
+            aa + dt * (2.0 * ar + dt * rr) + ACCELERATION_DENSITY * dt**3 / 3.0,
+            ar + dt * rr + ACCELERATION_DENSITY * dt**2 / 2.0,
+            rr + ACCELERATION_DENSITY * dt,
+        )
+
+    def _correct(self, angle_rad: float, noise: float) -> None:
+        aa, ar, rr = self._covariance
+        surprise, spread = angle_rad - self.angle_rad, aa + noise
+        self.angle_rad += aa / spread * surprise
+        self.rate_rad_s += ar / spread * surprise
+        self._covariance = (aa * noise / spread, ar * noise / spread, rr - ar * ar / spread)

@@ -13,8 +13,8 @@ import cv2
 from drivers.types import Image
 from rig.tactile.axis import Axis, AxisMethod
 from rig.tactile.contact import ContactFinder
+from rig.tactile.fresh import FreshFrameEstimator
 from rig.tactile.published import ScriptAngle, ScriptError, ScriptFilter, stretched
-from rig.tactile.relative import check_frame
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 
@@ -24,31 +24,24 @@ from rig.tactile.stopwatch import Stopwatch
 ELONGATION_ENTER, ELONGATION_LEAVE = 1.3, 1.15
 
 
-class AxisEstimator(SlipEstimator):
+class AxisEstimator(FreshFrameEstimator):
     """One of the paper's methods, mended.
 
     States: `no_contact`; `unobservable` where the contact is too round for an axis (its axis ratio
     has not reached 1.3, or fell below 1.15) or encloses nothing; else `tracking`. When contact
     returns after it was lost, the first answer is `rekeyed`: the measured axis in the branch nearest
-    to the last answer, as a turn in between is known modulo 180 only. A frame that is not newer than
-    the one before gets the last answer again and counts for nothing.
+    to the last answer, as a turn in between is known modulo 180 only.
     """
 
+    stages = ("contact", "axis", "filter")
+
     def __init__(self, finder: ContactFinder, method: AxisMethod) -> None:
+        super().__init__()
         self._finder = finder
         self._method = method
         self._unwrapped_deg: float | None = None
         self._contact_lost = False
         self._observable = False
-        self._last: SlipSample | None = None
-
-    def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
-        if self._last is not None and time_ns <= self._last.time_ns:
-            check_frame(image)
-            return replace(self._last, stage_s={}, skipped=("contact", "axis", "filter"))
-        self._last = self._estimate(image, time_ns)
-        return self._last
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()

@@ -8,20 +8,24 @@ from scipy import fft
 from drivers.types import Image
 
 Field = NDArray[np.float32]
+Gradient = NDArray[np.complex64]
+"""(h, w): a surface gradient per pixel, along x (right) as real and along y (down) as imaginary part,
+so that turning it counter-clockwise as seen by d multiplies it by exp(-i d)."""
 
 # The dent reaches beyond the contact: the gel slopes off over some mm around it (work pixels).
 SKIRT_PX = 11
 WINDOW_BLUR_PX = 2.0
 
 
-def relief(gradient: Field, mask: Image) -> Field:
-    """Integrate a gradient (h, w, 2) to a height (h, w) float32, zero on average outside the contact.
+def relief(gradient: Gradient, mask: Image) -> Field:
+    """Integrate a gradient (h, w) to a height (h, w) float32, zero on average outside the contact.
 
     mask: (h, w) uint8, 1 in the contact. The height whose gradient is nearest to the given one
     (least squares, by Fourier transform); a dent is positive inside.
     """
     rows, columns = mask.shape
-    spread = padded(np.moveaxis(gradient * window(mask)[..., None], 2, 0), 0.5)
+    dent = gradient * window(mask)
+    spread = padded(np.stack([dent.real, dent.imag]), 0.5)
     spectrum = np.asarray(fft.rfft2(spread), np.complex64)
     ky = 2.0 * np.pi * np.fft.fftfreq(spread.shape[1])[:, None]
     kx = 2.0 * np.pi * np.fft.rfftfreq(spread.shape[2])[None]

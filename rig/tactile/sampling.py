@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.relief import Field
+from rig.tactile.relief import Gradient
 
 
 class GradientField:
@@ -13,22 +13,23 @@ class GradientField:
     cv2.remap rounds places to 1/32 pixel, which keeps an alignment from settling below 0.03 degrees.
     """
 
-    def __init__(self, gradient: Field, mask: Image) -> None:
-        self._size = (gradient.shape[1] - 2, gradient.shape[0] - 2)
-        corner, right = gradient[:-1, :-1], gradient[:-1, 1:]
-        below = gradient[1:, :-1] - corner
-        across = gradient[1:, 1:] - right - below
-        # value + x (right - value) + y (below - value) + x y (mixed difference)
-        parts = (corner, right - corner, below, across)
-        self._parts = np.concatenate(parts, axis=2).reshape(-1, 8)
-        self._mask = np.ascontiguousarray(mask[:-1, :-1]).reshape(-1)
+    def __init__(self, gradient: Gradient, mask: Image) -> None:
+        rows, self._columns = gradient.shape
+        self._cells = (self._columns - 1, rows - 1)
+        self._values = gradient.reshape(-1)
+        self._mask = mask.reshape(-1)
 
-    def at(self, places: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return the gradients (N, 2) at places (N, 2) x and y, and which lie inside the mask."""
-        whole = np.floor(places).astype(np.int32)
-        inside = np.clip(whole, 0, self._size)
-        index = inside[:, 1] * (self._size[0] + 1) + inside[:, 0]
-        parts = self._parts[index]
-        x, y = (places - inside).T[:, :, None]
-        values = parts[:, 0:2] + x * parts[:, 2:4] + y * (parts[:, 4:6] + x * parts[:, 6:8])
-        return values, (self._mask[index] > 0) & (inside == whole).all(axis=1)
+    def at(self, places: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:
+        """Return the gradients (N,) at places (N,), and which places lie inside the mask."""
+        left, above = np.floor(places.real), np.floor(places.imag)
+        x, y = places.real - left, places.imag - above
+        column, row = left.astype(np.int32), above.astype(np.int32)
+        index = row * self._columns + column
+        corner, right, below, across = (
+            self._values.take(index + step, mode="clip") for step in (0, 1, self._columns, self._columns + 1)
+        )
+        upper, lower = corner + x * (right - corner), below + x * (across - below)
+        # As unsigned numbers, places left of or above the image are far beyond it.
+        inside = (column.view(np.uint32) < self._cells[0]) & (row.view(np.uint32) < self._cells[1])
+        inside &= self._mask.take(index, mode="clip") > 0
+        return upper + y * (lower - upper), inside

@@ -14,19 +14,19 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.fresh import FreshFrameEstimator
 from rig.tactile.gate import ContactGate, Region
 from rig.tactile.gradient import Box, GradientMap, learn_map
 from rig.tactile.grasp import GraspTracker, Tracked
+from rig.tactile.keyframe import Keyframe, make_keyframe
 from rig.tactile.motion import RateFilter
-from rig.tactile.registration import MAX_ITERATIONS, Keyframe, make_keyframe
-from rig.tactile.relative import RelativeDifference, check_frame
+from rig.tactile.registration import MAX_ITERATIONS
+from rig.tactile.relative import RelativeDifference, work_size
 from rig.tactile.relief import Field
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 from rig.tactile.uncertainty import angle_variance
 
-# Long side of the copy that is looked at: a quarter of a DIGIT's, fine for gel that is 0.2 mm soft.
-WORK_LONG_SIDE_PX = 80
 NOISE_BLUR_PX = 0.7
 BOX_MARGIN_PX = 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
@@ -45,12 +45,11 @@ UNSEEN_RAD = math.radians(30.0)
 # A sigma follows what one frame says of it over this time: two fingertips are weighed by it, and a
 # weight that jumps makes the fused angle jump.
 SIGMA_PACE_S = 0.15
-STAGES = ("contact", "gradient", "alignment", "filter")
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
 """What a frame with a contact can do without."""
 
 
-class SlipTracker(SlipEstimator):
+class SlipTracker(FreshFrameEstimator):
     """The estimator `slip`.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
@@ -61,30 +60,23 @@ class SlipTracker(SlipEstimator):
     from there too.
     """
 
+    stages = ("contact", "gradient", "alignment", "filter")
+
     def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
-        check_frame(background)
-        self._shape = background.shape
+        super().__init__(background.shape)
         self._skip = skip
         self._aspect_known = aspect is not None
-        size = _work_size(background.shape, aspect or 1.0)
+        size = work_size(background.shape, aspect or 1.0)
         self._px_per_work = background.shape[0] / size[1]
         self._light = RelativeDifference(background, size)
         self._gate = ContactGate()
         self._filter = RateFilter()
-        self._last: SlipSample | None = None
         self._work: Image | None = None
         self._seen_ns: int | None = None
         self._fitted_ns = 0
-        self._angle_rad, self._variance, self._unseen, self._answered = 0.0, 0.0, 0.0, False
+        self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
+        self._answered, self._settled = False, False
         self._release()
-
-    def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
-        check_frame(image, self._shape)
-        if self._last is not None and time_ns <= self._last.time_ns:
-            return replace(self._last, stage_s={}, skipped=STAGES)
-        self._last = self._estimate(image, time_ns)
-        return self._last
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
@@ -96,7 +88,7 @@ class SlipTracker(SlipEstimator):
         region = self._gate.find(difference)
         watch.lap("contact")
         if region is None:
-            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=STAGES[1:])
+            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
         if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
             self._release()
         self._seen_ns = time_ns
@@ -156,8 +148,9 @@ class SlipTracker(SlipEstimator):
             skipped=self._left_out(tracked),
             angle_deg=math.degrees(angle),
             sigma_deg=math.degrees(math.sqrt(self._variance)),
+            unseen_deg=math.degrees(math.sqrt(self._unseen)),
             rate_deg_s=math.degrees(self._filter.rate_rad_s),
-            shift_px=(float(shift[0]), float(shift[1])),
+            shift_px=(shift.real, shift.imag),
         )
 
     def _pace(self, time_ns: int) -> float:
@@ -174,11 +167,11 @@ class SlipTracker(SlipEstimator):
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
         """Answer for a frame that is the last one again: nothing was learnt but that time passed."""
         if last.angle_deg is None:
-            return replace(last, time_ns=time_ns, stage_s={}, skipped=STAGES)
+            return replace(last, time_ns=time_ns, stage_s={}, skipped=self.stages)
         angle_deg = math.degrees(self._filter.predicted(time_ns / NS_PER_S))
         sigma_deg = math.hypot(last.sigma_deg or 0.0, angle_deg - last.angle_deg)
         return replace(
-            last, time_ns=time_ns, angle_deg=angle_deg, sigma_deg=sigma_deg, stage_s={}, skipped=STAGES
+            last, time_ns=time_ns, angle_deg=angle_deg, sigma_deg=sigma_deg, stage_s={}, skipped=self.stages
         )
 
     def _begin(self, difference: Field, region: Region) -> bool:
@@ -189,7 +182,7 @@ class SlipTracker(SlipEstimator):
         if frame is None or not _observable(frame):
             self._grasp, self._map = None, None
             return False
-        moved = self._point_px - self._origin_px if self._grasp is not None else np.zeros(2)
+        moved = self._point_px - self._origin_px if self._grasp is not None else 0j
         # Until it settles, a contact has not turned yet: the zero is that of its latest keyframe.
         self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen, not self._skip)
         self._point_px, self._origin_px = frame.center_px, frame.center_px - moved
@@ -211,35 +204,23 @@ class SlipTracker(SlipEstimator):
 
     def _lose(self, time_ns: int) -> None:
         """Begin anew where nothing has fitted for too long; the turn in between was not seen."""
-        if time_ns - self._fitted_ns > GIVE_UP_S * NS_PER_S:
+        if not self._settled:
+            # It has only grown: the next frame gets a keyframe of its own.
+            self._renewed = None
+        elif time_ns - self._fitted_ns > GIVE_UP_S * NS_PER_S:
             self._release()
 
     def _release(self) -> None:
         """Let go of a grasp: the next contact starts where this one was last seen."""
+        if self._answered and self._settled:
+            self._unseen = self._variance + UNSEEN_RAD**2
         self._grasp: GraspTracker | None = None
         self._map: GradientMap | None = None
         self._settled, self._steady, self._patience = False, 0, 0
         self._level: Region | None = None
         self._renewed: Region | None = None
-        self._point_px = self._origin_px = np.zeros(2)
+        self._point_px = self._origin_px = 0j
         self._filter.restart()
-        if self._answered:
-            self._unseen = self._variance + UNSEEN_RAD**2
-
-
-def _work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
-    """Return width and height in px of the reduced copy: square on the gel, as near as whole pixels go."""
-    height, width = shape[:2]
-    wanted = width * aspect / height
-    longest = min(WORK_LONG_SIDE_PX, max(height, width))
-    heights = range(max(8, int(0.9 * longest * min(1.0, 1.0 / wanted))), longest + 1)
-
-    def misfit(rows: int) -> float:
-        columns = round(rows * wanted)
-        return abs(columns / rows / wanted - 1.0) + 0.0005 * (longest - max(rows, columns))
-
-    best = min((h for h in heights if 8 <= round(h * wanted) <= longest), key=misfit, default=longest)
-    return round(best * wanted), best
 
 
 def _box(mask: Image) -> Box:

@@ -1,5 +1,6 @@
 """From colours to gradients without a calibration, and the alignment of gradients."""
 
+import cmath
 import math
 
 import cv2
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from rig.tactile.gate import ContactGate
 from rig.tactile.gradient import learn_map
+from rig.tactile.keyframe import make_keyframe
 from rig.tactile.motion import RateFilter
-from rig.tactile.registration import align, make_keyframe, similarity
-from rig.tactile.relief import relief
+from rig.tactile.registration import align, similarity
+from rig.tactile.relief import Gradient, relief
 from rig.tactile.sampling import GradientField
 
 Field = NDArray[np.float32]
@@ -31,18 +33,15 @@ def dent(
     return cv2.GaussianBlur(np.sqrt(reach).astype(np.float32) * 6.0, (0, 0), 1.5)
 
 
-def slopes(height: Field) -> Field:
+def slopes(height: Field) -> Gradient:
     down, across = np.gradient(height)
-    return np.stack([across, down], axis=2).astype(np.float32)
+    return (across + 1j * down).astype(np.complex64)
 
 
-def colours(gradient: Field, azimuths_deg: tuple[float, ...], gains: tuple[float, ...]) -> Field:
+def colours(gradient: Gradient, azimuths_deg: tuple[float, ...], gains: tuple[float, ...]) -> Field:
     """What three lamps at these azimuths make of a gradient."""
-    lamps = [
-        (g * math.cos(math.radians(a)), -g * math.sin(math.radians(a)))
-        for a, g in zip(azimuths_deg, gains, strict=True)
-    ]
-    return np.stack([0.2 * (gradient @ np.array(lamp)) for lamp in lamps], axis=2).astype(np.float32)
+    lamps = [g * cmath.exp(1j * math.radians(a)) for a, g in zip(azimuths_deg, gains, strict=True)]
+    return np.stack([0.2 * (gradient * lamp).real for lamp in lamps], axis=2).astype(np.float32)
 
 
 lamp_azimuths = st.tuples(
@@ -65,7 +64,7 @@ def test_the_map_is_learnt_whatever_the_lamps(
     assert learnt is not None
     found = learnt.apply(seen)
     inside = region.mask > 0
-    alike = float((found[inside] * true[inside]).sum()) / float(
+    alike = float(np.vdot(found[inside], true[inside]).real) / float(
         np.linalg.norm(found[inside]) * np.linalg.norm(true[inside])
     )
     assert alike > 0.97, "same directions, handedness and proportions, at any scale"
@@ -105,10 +104,10 @@ def test_an_alignment_finds_turn_and_shift(
     before, after = dent(10.0), dent(10.0 + turn, at=shift)
     key = make_keyframe(slopes(before), (before > 0.2).astype(np.uint8))
     assert key is not None
-    tilted = gain * slopes(after) + np.float32(slope)
-    found = align(key, tilted.astype(np.float32), (after > 0.2).astype(np.uint8), 0.0, np.zeros(2))
+    tilted = gain * slopes(after) + complex(*slope)
+    found = align(key, tilted.astype(np.complex64), (after > 0.2).astype(np.uint8), 0.0, 0j)
     assert math.degrees(found.angle_rad) == pytest.approx(turn, abs=0.3)
-    assert found.shift_px == pytest.approx(shift, abs=0.15)
+    assert (found.shift_px.real, found.shift_px.imag) == pytest.approx(shift, abs=0.15)
     assert found.misfit < 0.2
     assert found.gain == pytest.approx(gain, abs=0.05)
 
@@ -124,38 +123,39 @@ def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:
 
 
 def test_a_degenerate_contact_gives_numbers_or_nothing() -> None:
-    flat = np.zeros((80, 60, 2), np.float32)
+    flat = np.zeros((80, 60), np.complex64)
     assert make_keyframe(flat, np.ones((80, 60), np.uint8)) is None
-    line = np.zeros((80, 60, 2), np.float32)
-    line[..., 1] = 1.0
+    line = np.full((80, 60), 1j, np.complex64)
     key = make_keyframe(line, np.ones((80, 60), np.uint8))
     if key is not None:
-        found = align(key, line, np.ones((80, 60), np.uint8), 0.0, np.zeros(2))
+        found = align(key, line, np.ones((80, 60), np.uint8), 0.0, 0j)
         assert math.isfinite(found.angle_rad)
         assert math.isfinite(key.contrast)
     edge = dent(0.0)
     key = make_keyframe(slopes(edge), (edge > 0.2).astype(np.uint8))
     assert key is not None
-    lost = align(key, slopes(edge), np.zeros((80, 60), np.uint8), 0.0, np.zeros(2))
+    lost = align(key, slopes(edge), np.zeros((80, 60), np.uint8), 0.0, 0j)
     assert lost.overlap == 0.0
     assert lost.misfit == math.inf
-    assert similarity(key, flat, np.ones((80, 60), np.uint8), 0.0, np.zeros(2)) == -1.0
+    assert similarity(key, flat, np.ones((80, 60), np.uint8), 0.0, 0j) == -1.0
 
 
 @given(st.floats(2.0, 55.0), st.floats(2.0, 75.0))
 def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
     rows, columns = np.mgrid[0:80, 0:60].astype(np.float32)
-    field = GradientField(np.stack([columns + 2 * rows, columns * rows], axis=2), np.ones((80, 60), np.uint8))
-    values, inside = field.at(np.array([[x, y]], np.float32))
+    gradient = columns + 2 * rows + 1j * columns * rows
+    field = GradientField(gradient.astype(np.complex64), np.ones((80, 60), np.uint8))
+    values, inside = field.at(np.array([x + 1j * y], np.complex64))
     assert inside.all()
-    assert values[0] == pytest.approx([x + 2 * y, x * y], rel=1e-4, abs=1e-2)
+    assert values[0].real == pytest.approx(x + 2 * y, rel=1e-5)
+    assert values[0].imag == pytest.approx(x * y, rel=1e-5)
 
 
 @pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])
 def test_outside_the_picture_nothing_is_seen(place: tuple[float, float]) -> None:
-    field = GradientField(np.ones((80, 60, 2), np.float32), np.ones((80, 60), np.uint8))
+    field = GradientField(np.ones((80, 60), np.complex64), np.ones((80, 60), np.uint8))
     with np.errstate(invalid="ignore"):
-        _, inside = field.at(np.array([place], np.float32))
+        _, inside = field.at(np.array([complex(*place)], np.complex64))
     assert not inside.any()
 
 

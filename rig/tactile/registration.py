@@ -28,7 +28,7 @@ MAX_ITERATIONS = 12
 # Which points are seen is decided at these iterations: at the guess, and near the answer.
 MATRIX_AT = (1, 3)
 # A step this small is the last one needed: the next would be several times smaller.
-DONE_RAD, DONE_PX = 1e-4, 3e-3
+DONE_RAD, DONE_PX = 5e-5, 1.5e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)

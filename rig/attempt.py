@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.clock import NS_PER_S, Clock
+from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import CalibrationError, DeviceError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
@@ -19,6 +19,7 @@ from protocols.watch import Watch
 from rig.assembly import TOOL_DOWN
 from rig.bench_source import BenchSource, FreshBenches
 from rig.config import BenchConfig
+from rig.latency import TimedWatch
 from rig.lift import LiftMeasurement
 from rig.live.feed import LiveFeed
 from rig.live.watch import LiveWatch
@@ -128,7 +129,7 @@ def attempt_lift(
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
     shown = LiveWatch(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
-    error, bench_s = _carry_out(benches, task, seed, plan, shown or watched)
+    error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
     if shown:
         shown.close()
     if error is None:
@@ -145,6 +146,7 @@ def attempt_lift(
         "attempt": task.attempt,
         "wall_s": time.perf_counter() - began,
         "stages": stage_times(watched),
+        **({"capture_to_angle": latency} if latency else {}),
     }
     return Attempt(row, timing, stream.getvalue())
 
@@ -166,9 +168,13 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 def _carry_out(
     benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: Watch
-) -> tuple[DeviceError | CalibrationError | None, float]:
-    """Return the fault, if any, and how long it took by the bench's clock, s."""
+) -> tuple[DeviceError | CalibrationError | None, float, dict[str, dict[str, float]]]:
+    """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
+
+    A simulated clock stands still while angles are worked out, so there nothing is late.
+    """
     clock: Clock | None = None
+    timed: TimedWatch | None = None
     began_ns = 0
     fault: DeviceError | CalibrationError | None = None
     try:
@@ -176,10 +182,12 @@ def _carry_out(
             clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
-            run_lift(bench, plan, watch)
+            timed = TimedWatch(watch, clock) if isinstance(clock, SystemClock) else None
+            run_lift(bench, plan, timed or watch)
     except (DeviceError, CalibrationError) as error:
         fault = error
-    return fault, (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
+    bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
+    return fault, bench_s, timed.percentiles_ms() if timed else {}
 
 
 def fault_text(error: Exception) -> str:

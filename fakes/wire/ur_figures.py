@@ -103,7 +103,12 @@ def main(host: str) -> None:
         here, there = multiprocessing.Pipe()
         process = multiprocessing.get_context("spawn").Process(target=serve, args=(host, version, there))
         process.start()
-        here.recv()
+        # So that waiting ends when the controller could not start: it has said why itself.
+        there.close()
+        try:
+            here.recv()
+        except EOFError:
+            sys.exit(1)
 
         def snapshot(pipe: Connection = here) -> dict[str, Any]:
             pipe.send(True)

@@ -48,13 +48,16 @@ class WireReport:
     """What a lift behind wires came to.
 
     state_hz: states a second that the arm's driver received; controller_core: share of a core that
-    the fake controller used. row: the lift's. seeds: rows of the same lift in this process.
+    the fake controller used. latency: by serial, percentiles of the time from a frame's capture to its
+    logged angle. row: the lift's. seeds: rows of the same lift in this process.
     """
 
     streams: tuple[StreamCount, ...]
     state_hz: float
     controller_core: float
     wall_s: float
+    latency: dict[str, dict[str, float]]
+    period_ms: float
     row: dict[str, Any]
     seeds: tuple[dict[str, Any], ...]
 
@@ -82,6 +85,11 @@ class WireReport:
         return float(np.mean(self.errors_deg)), float(np.std(self.errors_deg, ddof=1))
 
     @property
+    def latest_ms(self) -> float:
+        """The worse fingertip's 99th percentile from capture to logged angle, ms."""
+        return max((self.latency[serial]["p99_ms"] for serial in self.row["contact_area_px"]), default=np.inf)
+
+    @property
     def complete(self) -> bool:
         """Whether every frame that was served is in the recording."""
         return not any(stream.missing for stream in self.streams)
@@ -105,6 +113,7 @@ def measure_wire(folder: Path, object_id: str, seeds: int = 20, live: LiveFeed =
         status = fakes_control(config).call("status")
     row = next(row for row in read_lines(folder / RESULTS) if row["accepted"])
     recording = folder / row["recording"]
+    timing = next(t for t in read_lines(folder / "timing.jsonl") if t["number"] == row["number"])
     streams = tuple(
         _counted(recording, serial, status["devices"][serial]["ranges"]) for serial in _serials(config)
     )
@@ -112,7 +121,9 @@ def measure_wire(folder: Path, object_id: str, seeds: int = 20, live: LiveFeed =
     task = LiftTask(1, row["object"], row["lift"], row["attempt"])
     fake = load_bench("fake")
     again = tuple(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
-    return WireReport(streams, benches.state_hz, controller_core, wall_s, row, again)
+    period_ms = 1e3 / max(tactile.rate_hz for tactile in config.tactile)
+    late = timing["capture_to_angle"]
+    return WireReport(streams, benches.state_hz, controller_core, wall_s, late, period_ms, row, again)
 
 
 class _Counted(StandingBench):

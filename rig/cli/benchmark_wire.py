@@ -28,7 +28,8 @@ def wire(
     """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
 
     Exit code 4 when a frame that was served is not in the recording, the arm's driver took up fewer
-    than 490 of its 500 states a second, the fake controller used more than a quarter of a core, or
+    than 490 of its 500 states a second, the fake controller used more than a quarter of a core, a
+    fingertip's angle came later than one frame period after its frame's capture (99th percentile), or
     the result is not that of the same lift in this process, within the spread over seeds.
 
     Examples:
@@ -65,6 +66,8 @@ def _missed(report: "WireReport") -> list[str]:
         >= LEAST_STATE_HZ,
         f"the fake controller used more than {MOST_CONTROLLER_CORE:g} core": report.controller_core
         <= MOST_CONTROLLER_CORE,
+        f"angles came later than {report.period_ms:.1f} ms after capture": report.latest_ms
+        <= report.period_ms,
         "the result is not that of this process within the spread over seeds": report.agrees,
     }
     return [text for text, kept in limits.items() if not kept]
@@ -78,6 +81,7 @@ def _plain(report: "WireReport") -> dict[str, object]:
         "state_hz": report.state_hz,
         "controller_core": report.controller_core,
         "wall_s": report.wall_s,
+        "capture_to_angle": report.latency,
         "outcome": report.row["outcome"],
         "re_b_deg": report.row["re_b"]["mean_deg"] if report.row.get("re_b") else None,
         "final_truth_deg": report.row.get("final_truth_deg"),
@@ -92,10 +96,13 @@ def _print_table(report: "WireReport") -> None:
     from rich.table import Table
 
     table = Table(
-        "source", "served", "recorded", "missing", title="SIMULATED bench 'wire': frames of one lift"
-    )
+        "source", "served", "recorded", "missing", "capture to log, ms: median", "99 %",
+        title="SIMULATED bench 'wire': frames of one lift",
+    )  # fmt: skip
     for stream in report.streams:
-        table.add_row(stream.serial, *map(str, (stream.served, stream.recorded, stream.missing)))
+        late = report.latency[stream.serial]
+        counts = map(str, (stream.served, stream.recorded, stream.missing))
+        table.add_row(stream.serial, *counts, f"{late['p50_ms']:.1f}", f"{late['p99_ms']:.1f}")
     console = Console(width=None if Console().is_terminal else 200)
     console.print(table)
     console.print(

@@ -1,0 +1,53 @@
+"""How long after its capture a frame's angle stands in the log."""
+
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.types import ArmState, Frame, GripperState
+from protocols.watch import Phase, Watch
+
+
+class TimedWatch(Watch):
+    """Passes everything on, and takes the time when a frame was dealt with: recorded and estimated.
+
+    clock: the bench's, which the frames' capture times are of.
+    """
+
+    def __init__(self, watch: Watch, clock: Clock) -> None:
+        self._watch = watch
+        self._clock = clock
+        self._phase = Phase.REFERENCE
+        self._late_ns: dict[str, list[int]] = {}
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase."""
+        self._watch.phase(phase, time_ns)
+        self._phase = phase
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame."""
+        self._watch.frame(frame)
+        if self._phase in (Phase.LIFT, Phase.HOLD):
+            self._late_ns.setdefault(frame.serial, []).append(self._clock.now_ns() - frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state."""
+        self._watch.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state."""
+        self._watch.gripper(state)
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip touches."""
+        return self._watch.touching(serial)
+
+    def percentiles_ms(self) -> dict[str, dict[str, float]]:
+        """Return by serial the 50th, 95th and 99th percentile and the largest over phases B and C, ms."""
+        names = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
+        return {
+            serial: dict(
+                zip(names, (np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist(), strict=True)
+            )
+            for serial, late in self._late_ns.items()
+        }

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.axis_check import AxisAnchor, anchor, long_axis
 from rig.tactile.fresh import FreshFrameEstimator
 from rig.tactile.gate import ContactGate, Region
 from rig.tactile.gradient import Box, GradientMap, learn_map
@@ -22,8 +23,9 @@ from rig.tactile.keyframe import Keyframe, make_keyframe
 from rig.tactile.motion import RateFilter
 from rig.tactile.registration import MAX_ITERATIONS
 from rig.tactile.relative import RelativeDifference, work_size
-from rig.tactile.relief import Field
+from rig.tactile.relief import Field, Gradient
 from rig.tactile.sample import SlipSample, State
+from rig.tactile.settling import Settling
 from rig.tactile.stopwatch import Stopwatch
 from rig.tactile.uncertainty import angle_variance
 
@@ -33,9 +35,6 @@ BOX_MARGIN_PX = 3
 # 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
 # the rest makes up a direction (real balls reach 0.6).
 LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
-# A contact is settled when strength and area have stayed within this share for so many frames; until
-# then the keyframe is renewed when it has changed by the larger share.
-SETTLED_SHARE, SETTLED_FRAMES, RENEWED_SHARE = 0.05, 5, 0.3
 # A refused contact is looked at again after so many frames.
 PATIENCE_FRAMES = 12
 # A contact gone for longer is a new grasp; one that fits no keyframe for longer gets a new one.
@@ -46,6 +45,7 @@ UNSEEN_RAD = math.radians(30.0)
 # weight that jumps makes the fused angle jump.
 SIGMA_PACE_S = 0.15
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
+AXIS = "axis check"
 """What a frame with a contact can do without."""
 
 
@@ -60,7 +60,7 @@ class SlipTracker(FreshFrameEstimator):
     from there too.
     """
 
-    stages = ("contact", "gradient", "alignment", "filter")
+    stages = ("contact", "gradient", "alignment", AXIS, "filter")
 
     def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
         super().__init__(background.shape)
@@ -75,7 +75,8 @@ class SlipTracker(FreshFrameEstimator):
         self._seen_ns: int | None = None
         self._fitted_ns = 0
         self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
-        self._answered, self._settled = False, False
+        self._answered = False
+        self._anchor: AxisAnchor | None = None
         self._release()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
@@ -104,7 +105,7 @@ class SlipTracker(FreshFrameEstimator):
         self, difference: Field, region: Region, time_ns: int, watch: Stopwatch
     ) -> tuple[State, Tracked | None]:
         """Return the state and, where there is an answer, the pose."""
-        renewed = self._settling(region)
+        renewed = self._settling.update(region)
         begun = False
         if renewed or (self._grasp is None and self._patience <= 0):
             begun = self._begin(difference, region)
@@ -124,13 +125,24 @@ class SlipTracker(FreshFrameEstimator):
             return State.LOST, None
         self._fitted_ns = time_ns
         rekeyed = begun and self._answered
+        if not self._skip:
+            long_axis(region.mask)
+            watch.lap(AXIS)
         if not tracked.good:
-            frame = make_keyframe(gradient, region.mask)
-            if frame is not None and _observable(frame):
-                self._grasp.add_key(frame, tracked.pose, angle_variance(tracked, self._aspect_known))
-                rekeyed = True
+            rekeyed = self._add_key(gradient, region, tracked) or rekeyed
             watch.lap("keyframe")
         return State.REKEYED if rekeyed else State.TRACKING, tracked
+
+    def _add_key(self, gradient: Gradient, region: Region, tracked: Tracked) -> bool:
+        """Take a further keyframe of this frame, if a turn leaves a trace in it."""
+        frame = make_keyframe(gradient, region.mask)
+        if self._grasp is None or frame is None or not _observable(frame):
+            return False
+        angle, variance = tracked.pose.angle_rad, angle_variance(tracked, self._aspect_known)
+        if self._anchor is not None:
+            angle, variance = self._anchor.corrected(region.mask, angle, variance)
+        self._grasp.add_key(frame, replace(tracked.pose, angle_rad=angle), variance)
+        return True
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
         variance = angle_variance(tracked, self._aspect_known)
@@ -162,7 +174,8 @@ class SlipTracker(FreshFrameEstimator):
         """Name what this frame did not need."""
         if not self._skip:
             return ()
-        return (OUTSIDE, ITERATIONS) if tracked.alignment.iterations < MAX_ITERATIONS else (OUTSIDE,)
+        early = tracked.alignment.iterations < MAX_ITERATIONS
+        return (OUTSIDE, ITERATIONS, AXIS) if early else (OUTSIDE, AXIS)
 
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
         """Answer for a frame that is the last one again: nothing was learnt but that time passed."""
@@ -183,42 +196,36 @@ class SlipTracker(FreshFrameEstimator):
             self._grasp, self._map = None, None
             return False
         moved = self._point_px - self._origin_px if self._grasp is not None else 0j
+        if self._settling.settled:
+            self._anchor_to_axis(region.mask)
         # Until it settles, a contact has not turned yet: the zero is that of its latest keyframe.
         self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen, not self._skip)
         self._point_px, self._origin_px = frame.center_px, frame.center_px - moved
         return True
 
-    def _settling(self, region: Region) -> bool:
-        """Follow a contact's growth; whether a keyframe has to be taken of this frame."""
-        if self._settled:
-            return False
-        if _changed(region, self._level, SETTLED_SHARE):
-            self._level, self._steady = region, 0
-        self._steady += 1
-        if self._steady >= SETTLED_FRAMES:
-            self._settled = True
-        renewed = self._settled or _changed(region, self._renewed, RENEWED_SHARE)
-        if renewed:
-            self._renewed = region
-        return renewed
+    def _anchor_to_axis(self, mask: Image) -> None:
+        """Note the axis of the first settled contact; a later one is brought back to it."""
+        if self._anchor is None:
+            self._anchor = anchor(mask, self._angle_rad)
+        else:
+            self._angle_rad, self._unseen = self._anchor.corrected(mask, self._angle_rad, self._unseen)
 
     def _lose(self, time_ns: int) -> None:
         """Begin anew where nothing has fitted for too long; the turn in between was not seen."""
-        if not self._settled:
+        if not self._settling.settled:
             # It has only grown: the next frame gets a keyframe of its own.
-            self._renewed = None
+            self._settling.renew()
         elif time_ns - self._fitted_ns > GIVE_UP_S * NS_PER_S:
             self._release()
 
     def _release(self) -> None:
         """Let go of a grasp: the next contact starts where this one was last seen."""
-        if self._answered and self._settled:
+        if self._answered and self._settling.settled:
             self._unseen = self._variance + UNSEEN_RAD**2
         self._grasp: GraspTracker | None = None
         self._map: GradientMap | None = None
-        self._settled, self._steady, self._patience = False, 0, 0
-        self._level: Region | None = None
-        self._renewed: Region | None = None
+        self._settling = Settling()
+        self._patience = 0
         self._point_px = self._origin_px = 0j
         self._filter.restart()
 
@@ -233,10 +240,3 @@ def _box(mask: Image) -> Box:
 
 def _observable(frame: Keyframe) -> bool:
     return frame.contrast >= (LEAST_CONTRAST_CLIPPED if frame.clipped else LEAST_CONTRAST)
-
-
-def _changed(region: Region, before: Region | None, share: float) -> bool:
-    if before is None:
-        return True
-    strength = abs(region.strength / before.strength - 1.0)
-    return strength > share or abs(region.area_px / before.area_px - 1.0) > share

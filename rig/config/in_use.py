@@ -1,17 +1,14 @@
 """Calibrations as a session uses them: part of its bench, so that a replay uses the same."""
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from calibration.planar import Intrinsics
 from drivers.types import Pose
+from rig.config.fields import Strict
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class FileInUse(_Strict):
+class FileInUse(Strict):
     """A calibration file: where it was, its hash, when it was made, and its verdict then."""
 
     file: str
@@ -20,7 +17,7 @@ class FileInUse(_Strict):
     verdict: str
 
 
-class CameraInUse(_Strict):
+class CameraInUse(Strict):
     """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order."""
 
     matrix: tuple[float, ...]
@@ -31,7 +28,7 @@ class CameraInUse(_Strict):
         return Intrinsics(np.reshape(self.matrix, (3, 3)), np.array(self.distortion))
 
 
-class PlaceInUse(_Strict):
+class PlaceInUse(Strict):
     """`base_T_camera`: position in m, quaternion xyzw."""
 
     position_m: tuple[float, float, float]
@@ -42,16 +39,16 @@ class PlaceInUse(_Strict):
         return Pose(self.position_m, self.quaternion_xyzw)
 
 
-class CalibrationsInUse(_Strict):
+class CalibrationsInUse(Strict):
     """What was found beside the bench file, and is used in place of the bench file's nominal numbers.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
     opening: pairs of counts and m while the fingers close, counts rising.
     """
 
-    files: dict[str, FileInUse] = {}
+    files: dict[str, FileInUse] = Field(default_factory=dict)
     camera: CameraInUse | None = None
     base_T_camera: PlaceInUse | None = None  # noqa: N815 - frame names keep their case
-    pixel_aspect: dict[str, float] = {}
-    time_shift_s: dict[str, float] = {}
+    pixel_aspect: dict[str, float] = Field(default_factory=dict)
+    time_shift_s: dict[str, float] = Field(default_factory=dict)
     opening: tuple[tuple[float, float], ...] = ()

@@ -1,55 +1,32 @@
 """What a bench file holds, key by key."""
 
 import math
-import re
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from calibration.planar import Intrinsics
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
+from rig.config.fields import (
+    BenchTable,
+    Finger,
+    Host,
+    HostPort,
+    JointAngles,
+    MarkerId,
+    Offset,
+    Pixels,
+    Point,
+    Rate,
+    RotationVector,
+)
 from rig.config.in_use import CalibrationsInUse
 
-Coordinate = Annotated[float, Field(ge=-5, le=5)]
-"""m in the base frame: no arm's bench is larger, and millimetres are seen at once."""
-Point = tuple[Coordinate, Coordinate, Coordinate]
-OnTool = Annotated[float, Field(ge=-1, le=1)]
-"""m from the flange."""
-Offset = tuple[OnTool, OnTool, OnTool]
-HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi)]
-RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
-Angle = Annotated[float, Field(ge=-360, le=360)]
-"""Degrees; +-360 is the working range of a UR5e's joints (data sheet)."""
-JointAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
-Finger = Literal["A", "B", "C"]
-Rate = Annotated[float, Field(gt=0, le=240)]
-Pixels = Annotated[int, Field(gt=0, le=8192)]
-MarkerId = Annotated[int, Field(ge=0)]
 
-
-def _written_as(pattern: str, what: str) -> AfterValidator:
-    """Return a check that a text is written as it has to be."""
-
-    def check(text: str) -> str:
-        if not re.fullmatch(pattern, text):
-            raise ValueError(f"is not {what}")
-        return text
-
-    return AfterValidator(check)
-
-
-Host = Annotated[str, _written_as(r"\w([\w.-]*\w)?", "an IPv4 address or a host's name")]
-HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ArmLimitsConfig(_Strict):
+class ArmLimitsConfig(BenchTable):
     """What the arm is not to exceed. The defaults are those of the simulated cell."""
 
     workspace_min_m: Point = (0.15, -0.35, 0.01)
@@ -75,7 +52,7 @@ class ArmLimitsConfig(_Strict):
         return _radians(self.joint_min_deg), _radians(self.joint_max_deg)
 
 
-class ArmConfig(_Strict):
+class ArmConfig(BenchTable):
     """The arm: which driver, where it is reached, what it carries, where it waits."""
 
     driver: Literal["fake", "ur5e"]
@@ -93,7 +70,7 @@ class ArmConfig(_Strict):
         return Pose.from_rotation(self.tcp_m, Rotation.from_rotvec(self.tcp_rotation_vector_rad))
 
 
-class GripperLimitsConfig(_Strict):
+class GripperLimitsConfig(BenchTable):
     """Range of the fingers in counts, and the opening between the fingertips they stand for."""
 
     min_counts: int = Field(default=6, ge=0, le=255)
@@ -106,7 +83,7 @@ class GripperLimitsConfig(_Strict):
         return GripperLimits(self.min_counts, self.max_counts, self.max_opening_m, self.opening_per_count_m)
 
 
-class GripperConfig(_Strict):
+class GripperConfig(BenchTable):
     """The gripper: which driver, how it is reached, and which two fingers grasp."""
 
     driver: Literal["fake", "robotiq_3f"]
@@ -119,7 +96,7 @@ class GripperConfig(_Strict):
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 
-class TactileConfig(_Strict):
+class TactileConfig(BenchTable):
     """A tactile sensor on a grasping finger; without an address it is found by its serial."""
 
     driver: Literal["fake", "digit"]
@@ -133,7 +110,7 @@ class TactileConfig(_Strict):
     """Width over height of a pixel on the gel; unknown where it was not measured."""
 
 
-class CameraConfig(_Strict):
+class CameraConfig(BenchTable):
     """The external camera and the markers it watches."""
 
     driver: Literal["fake", "camera"]
@@ -168,13 +145,13 @@ class CameraConfig(_Strict):
         return Intrinsics(np.array(matrix), np.zeros(5))
 
 
-class TableConfig(_Strict):
+class TableConfig(BenchTable):
     """Where the operator places objects."""
 
     position_m: Point
 
 
-class FakesConfig(_Strict):
+class FakesConfig(BenchTable):
     """Says that the real drivers of this bench talk to simulated devices.
 
     control: "host:port" of the running fakes' side channel; without it they are started for the
@@ -184,7 +161,7 @@ class FakesConfig(_Strict):
     control: HostPort | None = None
 
 
-class FaultConfig(_Strict):
+class FaultConfig(BenchTable):
     """A scripted failure of a simulated device, see `fakes.faults.Fault`."""
 
     device: str
@@ -195,7 +172,7 @@ class FaultConfig(_Strict):
     attempt: int | None = 0
 
 
-class BenchConfig(_Strict):
+class BenchConfig(BenchTable):
     """One bench file."""
 
     name: str = Field(min_length=1)
@@ -252,4 +229,4 @@ def _radians(angles_deg: JointAngles) -> Vector6:
 
 def known_keys() -> set[str]:
     """All keys that a bench file can have, of all its tables."""
-    return {key for model in _Strict.__subclasses__() for key in model.model_fields}
+    return {key for model in BenchTable.__subclasses__() for key in model.model_fields}

@@ -1,0 +1,48 @@
+"""What values in a bench file can be: lengths in m, angles, rates, names, addresses."""
+
+import math
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+Coordinate = Annotated[float, Field(ge=-5, le=5)]
+"""m in the base frame: no arm's bench is larger, and millimetres are seen at once."""
+Point = tuple[Coordinate, Coordinate, Coordinate]
+OnTool = Annotated[float, Field(ge=-1, le=1)]
+"""m from the flange."""
+Offset = tuple[OnTool, OnTool, OnTool]
+HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+"""Degrees; +-360 is the working range of a UR5e's joints (data sheet)."""
+JointAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+Finger = Literal["A", "B", "C"]
+Rate = Annotated[float, Field(gt=0, le=240)]
+Pixels = Annotated[int, Field(gt=0, le=8192)]
+MarkerId = Annotated[int, Field(ge=0)]
+
+
+def _written_as(pattern: str, what: str) -> AfterValidator:
+    """Return a check that a text is written as it has to be."""
+
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(f"is not {what}")
+        return text
+
+    return AfterValidator(check)
+
+
+Host = Annotated[str, _written_as(r"\w([\w.-]*\w)?", "an IPv4 address or a host's name")]
+HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
+
+
+class Strict(BaseModel):
+    """Refuses what it does not know, and numbers that are none."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class BenchTable(Strict):
+    """A table of a bench file."""

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fakes.gel_markers import Shear
 from fakes.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
 from fakes.variation import FAMILY, Variation
 
@@ -29,7 +30,8 @@ class Imprint:
     the image centre (x right, y down). depth_mm: how far that origin is pushed in, counted from
     the highest point of the undented gel. tilt: slope of the object's face against the gel along
     image x and y, mm/mm (positive recedes to the right and downwards). lag_deg: how far the gel
-    around the contact trails behind the object's angle (it sticks and is dragged along).
+    around the contact trails behind the object's angle (it sticks and is dragged along). shear: how the
+    gel's surface has moved with the object, which only markers on it show.
     """
 
     surface: Surface
@@ -38,6 +40,7 @@ class Imprint:
     depth_mm: float = 0.3
     tilt: tuple[float, float] = (0.0, 0.0)
     lag_deg: float = 0.0
+    shear: Shear | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from fakes.gel import HALF, GelPad, Imprint
+from fakes.gel_markers import MarkerPrint
 from fakes.light import Light, make_light, vary_light
 from fakes.shadow import shade
 from fakes.surfaces import GEL_DOME_RADIUS_MM
@@ -30,11 +31,15 @@ class GelSensor:
     """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
 
     shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: how far the unit
-    departs from the family.
+    departs from the family. markers: whether dots are printed on its gel.
     """
 
     def __init__(
-        self, unit_seed: int, shape: tuple[int, int] = (320, 240), variation: Variation = FAMILY
+        self,
+        unit_seed: int,
+        shape: tuple[int, int] = (320, 240),
+        variation: Variation = FAMILY,
+        markers: bool = False,
     ) -> None:
         rng = np.random.default_rng((unit_seed, 17))
         scale = _MM_PER_PX * 240.0 / shape[1]
@@ -44,6 +49,7 @@ class GelSensor:
         self._pad = GelPad(shape, mm_per_px, dome_mm, variation)
         self._light: Light = vary_light(make_light(self._pad, rng), variation.light_seed)
         self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
+        self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
         self._glow = _planes_at_half(self._light.background)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
         self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
@@ -61,6 +67,8 @@ class GelSensor:
         frame = self._lit_background(time_s).copy()
         if imprint is not None:
             cv2.add(frame, self._change_by(imprint), dst=frame)
+        if self._markers is not None:
+            frame = self._marked(frame, imprint, self._markers)
         self._add_noise(frame, rng)
         np.right_shift(frame, 4, out=frame)
         np.clip(frame, 0, 255, out=frame)
@@ -80,6 +88,14 @@ class GelSensor:
         padded = cv2.copyMakeBorder(touching, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
         return np.asarray(closed[reach:-reach, reach:-reach], np.uint8)
+
+    def _marked(
+        self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint
+    ) -> NDArray[np.int16]:
+        """Darken the frame where the gel's markers are."""
+        shear = None if imprint is None else imprint.shear
+        touching = None if imprint is None or shear is None else self._pad.touching(imprint)
+        return (frame * markers.light_left(shear, touching)).astype(np.int16)
 
     def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
         """What an imprint changes; a still object makes the same imprint frame after frame."""

@@ -29,7 +29,8 @@ _scene = cache(MarkerScene)
 class DigitPlan:
     """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase.
 
-    variation_seed: draws a unit unlike its family, None for one of the family.
+    variation_seed: draws a unit unlike its family, None for one of the family. markers: whether dots
+    are printed on its gel.
     """
 
     serial: str
@@ -37,6 +38,7 @@ class DigitPlan:
     rate_hz: float
     number: int
     variation_seed: int | None = None
+    markers: bool = False
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
         """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
@@ -45,7 +47,7 @@ class DigitPlan:
         if seed is not None:
             unit = unit_seed(f"{self.serial}/{seed}")
         variation = FAMILY if seed is None else draw_variation(np.random.default_rng((seed, self.number)))
-        return FakeDigit(world, clock, faults, self.serial, unit, self.side, shutter, variation)
+        return FakeDigit(world, clock, faults, self.serial, unit, self.side, shutter, variation, self.markers)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from drivers.clock import NS_PER_S, Clock
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.faults import FaultScript
+from fakes.gel_markers import Shear, shear_of
 from fakes.moment import Grasp, Moment, WorldView
 from fakes.optics import GelSensor, Imprint
 from fakes.source import FakeSource, Shutter
@@ -19,13 +20,16 @@ _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.
 
 
 @cache
-def _gel(unit_seed: int, variation: Variation) -> GelSensor:
+def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
     """A unit is the same on every bench, and costs fifty frames to make."""
-    return GelSensor(unit_seed, variation=variation)
+    return GelSensor(unit_seed, variation=variation, markers=markers)
 
 
 class FakeDigit(FakeSource, TactileSensor):
-    """Sees the object through a gel of its own; `side` +1 looks the way the camera looks."""
+    """Sees the object through a gel of its own; `side` +1 looks the way the camera looks.
+
+    markers: whether dots are printed on its gel.
+    """
 
     def __init__(
         self,
@@ -37,11 +41,13 @@ class FakeDigit(FakeSource, TactileSensor):
         side: int,
         shutter: Shutter,
         variation: Variation = FAMILY,
+        markers: bool = False,
     ) -> None:
         super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
-        self._gel = _gel(unit_seed, variation)
+        self._gel = _gel(unit_seed, variation, markers)
+        self._markers = markers
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -63,7 +69,7 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
-        key = (id(grasp.site), grasp.off_m, self._world.seed)
+        key = (grasp, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
             surface = build_surface(grasp.site, self._side, self._world.seed)
             place = self._off_mm(grasp)
@@ -84,7 +90,16 @@ class FakeDigit(FakeSource, TactileSensor):
             depth_mm=float(np.interp(moment.force_n, _FORCE_GRID_N, depths)),
             tilt=self._tilt(moment, turn),
             lag_deg=math.degrees(self._side * moment.torsion_rad),
+            shear=self._shear(grasp, moment, turn) if self._markers else None,
         )
+
+    def _shear(self, grasp: Grasp, moment: Moment, turn_rad: float) -> Shear:
+        """How the gel's surface has followed the object since the fingers closed on it."""
+        (off_x, off_y), draw = self._off_mm(grasp), self._world.draw
+        across = self._side * (draw.misplacement_m[0] * 1e3 + draw.pivot_mm[0]) + off_x
+        down = draw.misplacement_m[1] * 1e3 + draw.pivot_mm[1] + off_y
+        slid = (0.0, moment.slide_m * 1e3)
+        return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
         """Where a hand that closed off the middle has the middle on its gel: x right, y down."""

@@ -136,7 +136,10 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
     camera = config.camera
     return BenchPlan(
         Layout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
-        tuple(DigitPlan(t.serial, t.sign, t.rate_hz, number) for number, t in enumerate(config.tactile)),
+        tuple(
+            DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers)
+            for number, t in enumerate(config.tactile)
+        ),
         CameraPlan(
             camera.serial,
             camera.rate_hz,

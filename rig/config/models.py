@@ -108,6 +108,8 @@ class TactileConfig(BenchTable):
     size_px: tuple[Pixels, Pixels] = (240, 320)
     pixel_aspect: float | None = Field(default=None, gt=0.5, lt=2.0)
     """Width over height of a pixel on the gel; unknown where it was not measured."""
+    markers: bool = False
+    """Whether dots are printed on the gel (the estimator `kolamuri` follows them)."""
 
 
 class CameraConfig(BenchTable):

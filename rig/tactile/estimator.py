@@ -7,6 +7,7 @@ from drivers.types import Image
 from rig.tactile.axis import METHODS
 from rig.tactile.contact import ContactFinder
 from rig.tactile.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
+from rig.tactile.kolamuri import KolamuriEstimator
 from rig.tactile.paper import AxisEstimator, PublishedEstimator
 from rig.tactile.published import ANGLES
 from rig.tactile.sample import SlipEstimator
@@ -16,7 +17,9 @@ from rig.tactile.window import WindowMean
 DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
 MATCHERS = {"ecc": EccMatcher, "polar": PolarMatcher}
-ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS)
+KOLAMURI = "kolamuri"
+"""Needs a gel with printed markers; without them it refuses every frame with contact."""
+ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, KOLAMURI)
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 
 
@@ -45,6 +48,8 @@ class EstimatorChoice:
             estimator: SlipEstimator = SlipTracker(background, aspect, self.skip)
         elif self.name in MATCHERS:
             estimator = ReferenceEstimator(background, MATCHERS[self.name])
+        elif self.name == KOLAMURI:
+            estimator = KolamuriEstimator(background)
         else:
             estimator = AxisEstimator(ContactFinder(background), METHODS[self.name])
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
@@ -60,7 +65,7 @@ def choose_estimator(
     name = name or DEFAULT_ESTIMATOR
     if name not in ESTIMATORS:
         raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS) else PAPER_WINDOW
+    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS, KOLAMURI) else PAPER_WINDOW
     window = usual if window is None else window
     if not 1 <= window <= MAX_WINDOW:
         raise InputError(f"window {window} is out of range: choose 1 to {MAX_WINDOW}")

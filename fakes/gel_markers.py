@@ -1,0 +1,95 @@
+"""Markers printed on a simulated gel: a grid of dark dots that goes where the gel's surface goes.
+
+The surface sticks to what touches it, is turned and pulled along, and around the contact the motion
+fades. How far it follows is limited: then the object slides over it and the markers stay behind. Sizes are
+those of the gels in real recordings of a GelSight Mini (12 px dots 26 px apart at 0.058 mm per px), and
+so is the limit: their markers are pulled along by up to about 1 mm, which on a contact of 5 mm radius
+is a turn of about 10 degrees.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+PITCH_MM, DIAMETER_MM = 1.5, 0.7
+TWIST_LIMIT_DEG = 10.0
+_JITTER_MM = 0.04
+_REACH_MM = 1.5
+"""Beside the contact the gel's motion falls to a third within this."""
+_INK = 0.85
+"""Share of the light that a dot swallows."""
+_SHIFT = 4
+"""cv2.circle takes places in sixteenths of a pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shear:
+    """How the gel's surface moved where it is touched, since it was touched.
+
+    twist_deg: turn about pivot_mm, counter-clockwise as seen; drag_mm: shift. Both (x right, y down)
+    in mm from the image centre.
+    """
+
+    twist_deg: float = 0.0
+    pivot_mm: tuple[float, float] = (0.0, 0.0)
+    drag_mm: tuple[float, float] = (0.0, 0.0)
+
+
+def shear_of(turned_deg: float, pivot_mm: tuple[float, float], slid_mm: tuple[float, float]) -> Shear:
+    """Return how far a gel follows an object that has turned and slid: all the way at first, never far.
+
+    Part of every turn is slip, more and more of it: the gel keeps to the limit times tanh(turn / limit),
+    and to the same share of the slide.
+    """
+    twist = TWIST_LIMIT_DEG * math.tanh(turned_deg / TWIST_LIMIT_DEG)
+    share = twist / turned_deg if abs(turned_deg) > 1e-9 else 1.0
+    return Shear(twist, pivot_mm, (share * slid_mm[0], share * slid_mm[1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerPrint:
+    """The markers of one unit. shape: (rows, columns) of its images; seed: of how unevenly they are laid."""
+
+    shape: tuple[int, int]
+    mm_per_px: tuple[float, float]
+    seed: int
+    _places_mm: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng((self.seed, 43))
+        half = [0.5 * n * mm for n, mm in zip(self.shape[::-1], self.mm_per_px, strict=True)]
+        x, y = (np.arange(-round(h / PITCH_MM), round(h / PITCH_MM) + 1) * PITCH_MM for h in half)
+        grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        places = grid + rng.uniform(-0.3, 0.3, 2) + rng.normal(0.0, _JITTER_MM, grid.shape)
+        object.__setattr__(self, "_places_mm", places)
+
+    def light_left(self, shear: Shear | None, touching: NDArray[np.bool_] | None) -> NDArray[np.float32]:
+        """Return the share of light (H, W, 1) that the markers leave. touching: (H, W), of the contact."""
+        places = self._places_mm
+        if shear is not None and touching is not None and touching.any():
+            places = places + self._moved(shear, touching)
+        ink = np.zeros(self.shape, np.uint8)
+        radius = round(0.5 * DIAMETER_MM / self.mm_per_px[0] * (1 << _SHIFT))
+        for column, row in np.rint(self._pixels(places) * (1 << _SHIFT)).astype(int).tolist():
+            cv2.circle(ink, (column, row), radius, 255, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+        ink = cv2.GaussianBlur(ink, (0, 0), 0.8)
+        return (1.0 - (_INK / 255.0) * ink.astype(np.float32))[..., None]
+
+    def _moved(self, shear: Shear, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """How far each marker has moved, mm (N, 2)."""
+        apart_px = cv2.distanceTransform((~touching).astype(np.uint8), cv2.DIST_L2, 5)
+        columns, rows = np.rint(self._pixels(self._places_mm)).astype(int).T
+        rows, columns = rows.clip(0, self.shape[0] - 1), columns.clip(0, self.shape[1] - 1)
+        share = np.exp(-apart_px[rows, columns] * self.mm_per_px[0] / _REACH_MM)
+        turn = math.radians(shear.twist_deg)
+        cos, sin = math.cos(turn), math.sin(turn)
+        # x right, y down: counter-clockwise as seen takes (1, 0) to (cos, -sin)
+        rays = self._places_mm - shear.pivot_mm
+        return share[:, None] * (rays @ np.array([[cos - 1.0, -sin], [sin, cos - 1.0]]) + shear.drag_mm)
+
+    def _pixels(self, places_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        middle = 0.5 * (np.array(self.shape[::-1]) - 1.0)
+        return places_mm / np.array(self.mm_per_px) + middle

@@ -43,8 +43,8 @@ def estimate(
     estimator: Annotated[
         str | None,
         typer.Option(
-            help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; kolamuri (for "
-            "a gel with printed markers). Default: slip."
+            help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
+            "kolamuri (for a gel with printed markers). Default: slip."
         ),
     ] = None,
     window: Annotated[

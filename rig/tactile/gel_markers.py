@@ -81,8 +81,8 @@ class MarkerTracker:
         found = find_markers(image)
         seen = np.zeros(len(self._now), bool)
         if len(found) and len(self._now):
-            far, nearest = KDTree(found).query(self._now)
-            back = KDTree(self._now).query(found)[1]
+            far, nearest = map(np.asarray, KDTree(found).query(self._now))
+            back = np.asarray(KDTree(self._now).query(found)[1])
             # Both ways nearest: two markers never become one.
             seen = (far <= self._step) & (back[nearest] == np.arange(len(self._now)))
             self._now[seen] = found[nearest[seen]]

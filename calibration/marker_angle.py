@@ -1,7 +1,8 @@
 """The two-marker angle end to end, and what limits it on a bench: for calibrating and for measuring."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -97,8 +98,7 @@ class MarkerAngle:
             return seen
         angle = in_plane_angle(seen, self._plane)
         turned = float(np.remainder(angle.angle_deg - self._zero_deg + 180.0, 360.0) - 180.0)
-        result = PlanarAngle(turned, angle.sigma_deg, angle.residual_px, angle.scale, angle.in_plane)
-        return result if angle.in_plane else Refusal.OUT_OF_PLANE
+        return replace(angle, angle_deg=turned) if angle.in_plane else Refusal.OUT_OF_PLANE
 
     def _corners(self, picture: Image) -> Corners | Refusal:
         seen = self._tracker.detect(picture)
@@ -139,9 +139,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     plane = angle.set_reference(pictures[:half])
     answers = [angle.measure(picture) for picture in pictures[half:]]
     rest = np.array([a.angle_deg for a in answers if not isinstance(a, Refusal)])
-    refused: dict[str, int] = {}
-    for reason in (a for a in answers if isinstance(a, Refusal)):
-        refused[str(reason)] = refused.get(str(reason), 0) + 1
+    refused = dict(Counter(str(a) for a in answers if isinstance(a, Refusal)))
     if len(rest) < 5:
         raise CalibrationError(
             f"markers: {len(rest)} of {len(answers)} pictures at rest give an angle ({refused})"

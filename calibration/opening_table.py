@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from calibration.verdict import Judgement, Rejected, floor, limit
+from calibration.verdict import Judgement, Rejected, floor, limit, sift
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -92,7 +92,7 @@ class GripperResult:
 
 def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
     """Fit both tables, each monotone; a direction that was not measured stays unknown."""
-    good, rejected = _usable(samples)
+    good, rejected = sift(samples, lambda sample: sample.id, lambda sample, _: _fault(sample))
     tables, missed = {}, []
     for direction in Direction:
         chosen = [s for s in good if s.direction is direction]
@@ -143,17 +143,6 @@ def _hysteresis(tables: dict[Direction, OpeningTable]) -> float | None:
     return float(
         np.abs(np.interp(at, one.counts, one.opening_m) - np.interp(at, other.counts, other.opening_m)).max()
     )
-
-
-def _usable(samples: Sequence[OpeningSample]) -> tuple[list[OpeningSample], list[Rejected]]:
-    kept, rejected = [], []
-    for sample in samples:
-        reason = _fault(sample)
-        if reason is None:
-            kept.append(sample)
-        else:
-            rejected.append(Rejected(sample.id, reason))
-    return kept, rejected
 
 
 def _fault(sample: OpeningSample) -> str | None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.poses import pose_fault
-from calibration.verdict import Judgement, Rejected, floor, limit
+from calibration.verdict import Judgement, Rejected, floor, limit, sift
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -39,7 +39,7 @@ class PivotResult:
 
 def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     """Least squares of R_i tip + p_i = point over named `base_T_tool` poses, bad ones left out."""
-    good, rejected = _usable(poses)
+    good, rejected = sift(poses, lambda named: named[0], _fault)
     if len(good) < FEWEST:
         text = f"{len(good)} usable distinct poses, {FEWEST} are the least and 10 are good"
         return PivotResult(Judgement((text,)), tuple(rejected))
@@ -119,24 +119,17 @@ def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
     return kept
 
 
-def _usable(poses: Sequence[tuple[str, Pose]]) -> tuple[list[tuple[str, Pose]], list[Rejected]]:
-    kept: list[tuple[str, Pose]] = []
-    rejected: list[Rejected] = []
-    for name, pose in poses:
-        fault = pose_fault(pose, "robot pose") or next(
-            (_same(pose, o, n) for n, o in kept if _same(pose, o, n)), None
-        )
-        if fault is None:
-            kept.append((name, pose))
-        else:
-            rejected.append(Rejected(name, fault))
-    return kept, rejected
+def _fault(named: tuple[str, Pose], others: list[tuple[str, Pose]]) -> str | None:
+    _, pose = named
+    fault = pose_fault(pose, "robot pose")
+    if fault is None:
+        fault = next((f"same robot pose as {name}" for name, other in others if _same(pose, other)), None)
+    return fault
 
 
-def _same(pose: Pose, other: Pose, name: str) -> str | None:
+def _same(pose: Pose, other: Pose) -> bool:
     moved = other.inverse() @ pose
-    same = np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1)
-    return f"same robot pose as {name}" if same else None
+    return bool(np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1))
 
 
 def _gate(cone_deg: float, condition: float) -> Judgement:

@@ -123,11 +123,10 @@ def _refined(
             break
     at = t2 + offset + drift * (t2 - middle)
     cost, gain, noise = _explained(t1, signal, at, wanted)
-    system, _ = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
+    system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
     sigma = noise * _unit_sigmas(system)
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    alike = _alike(_missed(t1, signal, at, wanted))
-    judged = _judge(explained, alike, float(sigma[0]), offset, search_s, _rival(grid, costs, best))
+    judged = _judge(explained, _alike(rest), float(sigma[0]), offset, search_s, _rival(grid, costs, best))
     if judged.refusals:
         return TimeOffset(judged, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
     return TimeOffset(
@@ -157,13 +156,6 @@ def _judge(
     )
 
 
-def _missed(t1: Array, signal: Array, at: Array, wanted: Array) -> Array:
-    """(N,) what the best gain and level leave."""
-    seen = np.interp(at, t1, signal)
-    _, gain, _ = _explained(t1, signal, at, wanted)
-    return wanted - wanted.mean() - gain * (seen - seen.mean())
-
-
 def _alike(rest: Array) -> float:
     """Correlation of a series with itself one sample on."""
     power = float(rest @ rest)
@@ -184,7 +176,7 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
 def _linearised(
     t1: Array, signal: Array, at: Array, wanted: Array, from_middle: Array, with_drift: bool
 ) -> tuple[Array, Array]:
-    """Derivatives towards offset, gain, level (and drift), and what is missed."""
+    """Derivatives towards offset, gain, level (and drift), and what the best gain and level leave, (N,)."""
     _, gain, _ = _explained(t1, signal, at, wanted)
     seen = np.interp(at, t1, signal)
     half = max(float(np.median(np.diff(t1))), 2e-3)

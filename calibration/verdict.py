@@ -1,7 +1,11 @@
 """What a calibration is worth, in words: good, weak or refused, and why."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class Verdict(StrEnum):
@@ -46,6 +50,24 @@ class Rejected:
 
     id: str
     reason: str
+
+
+def sift(
+    samples: Iterable[T], name: Callable[[T], str], fault: Callable[[T, list[T]], str | None]
+) -> tuple[list[T], list[Rejected]]:
+    """Return the samples that no fault is found in, and the others by their id.
+
+    fault: says what is wrong with a sample, or None; it is also given the samples kept so far.
+    """
+    kept: list[T] = []
+    rejected: list[Rejected] = []
+    for sample in samples:
+        reason = fault(sample, kept)
+        if reason is None:
+            kept.append(sample)
+        else:
+            rejected.append(Rejected(name(sample), reason))
+    return kept, rejected
 
 
 def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Judgement:

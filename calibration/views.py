@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.verdict import Rejected
+from calibration.verdict import Rejected, sift
 
 Array = NDArray[np.floating]
 
@@ -37,15 +37,7 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
     copies look like evidence and are none.
     """
     common = Counter(view.size for view in views).most_common(1)[0][0] if views else (0, 0)
-    kept: list[View] = []
-    rejected: list[Rejected] = []
-    for view in views:
-        reason = _fault(view, common) or _repeats(view, kept)
-        if reason:
-            rejected.append(Rejected(view.id, reason))
-        else:
-            kept.append(view)
-    return kept, rejected
+    return sift(views, lambda view: view.id, lambda view, kept: _fault(view, common) or _repeats(view, kept))
 
 
 def _fault(view: View, size: tuple[int, int]) -> str | None:

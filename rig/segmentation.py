@@ -1,6 +1,6 @@
 """Contact masks of anyone's images: files or folders in, a mask of each at its own size out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -108,13 +108,21 @@ class ClassicalSegmenter:
         return Segmentation(contact_of(moved_outline(contact.mask, self._margin)), FrameState.CONTACT)
 
 
+MakeSegmenter = Callable[[Image | None], FrameSegmenter]
+"""Makes what finds the contact in the frames of the sensor with a background. Raises `InputError`."""
+
+
+def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
+    """Return what makes the segmenter of each sensor; a network is loaded once. Raises `InputError`."""
+    if choice.model == CLASSICAL:
+        return lambda background: _classical(background, choice.margin)
+    network = load_network(choice.model, choice.threads)
+    return lambda background: Segmenter(network, background, choice.margin)
+
+
 def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:
     """Make what finds the contact in one sensor's frames. Raises `InputError`."""
-    if choice.model == CLASSICAL:
-        if background is None:
-            raise InputError("the classical mask compares with a frame without contact: give --background")
-        return ClassicalSegmenter(background, choice.margin)
-    return Segmenter(load_network(choice.model, choice.threads), background, choice.margin)
+    return segmenter_maker(choice)(background)
 
 
 def needs_background(choice: SegmentChoice) -> bool:
@@ -143,8 +151,9 @@ def image_groups(paths: Sequence[Path], background: str | None, compare: bool) -
 
 def segment_groups(groups: Sequence[ImageGroup], choice: SegmentChoice) -> Iterator[SegmentedImage]:
     """Segment image after image; one that cannot be read is kept as such. Raises `InputError`."""
+    make = segmenter_maker(choice)
     for group in groups:
-        segmenter = make_segmenter(choice, group.background)
+        segmenter = make(group.background)
         for file in group.files:
             image = _readable(file)
             began = perf_counter()
@@ -178,6 +187,12 @@ def make_folder(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}): choose another --out") from error
+
+
+def _classical(background: Image | None, margin: float) -> FrameSegmenter:
+    if background is None:
+        raise InputError("the classical mask compares with a frame without contact: give --background")
+    return ClassicalSegmenter(background, margin)
 
 
 def _session_groups(session: Path, background: str | None, compare: bool) -> list[ImageGroup]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.presses import Press, rim_radius
-from calibration.verdict import Judgement, Rejected, floor, limit
+from calibration.verdict import Judgement, Rejected, floor, limit, sift
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -22,6 +22,7 @@ Array = NDArray[np.floating]
 FEWEST_PRESSES = 8
 _CORE = 0.7
 """Share of the rim's radius that is surely in contact; beyond, the gel leaves the ball."""
+_LEAST_PIXELS = 30
 _ROUNDS = 5
 _THIN = 5
 """Every fifth pixel: neighbours say the same, smoothed as they are."""
@@ -67,7 +68,7 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     mm_per_px: along x and y. Raises `CalibrationError` for fewer than eight presses, or a ball
     too small for its press.
     """
-    good, rejected = _usable(presses, mm_per_px)
+    good, rejected = sift(presses, lambda p: p.press.id, lambda p, _: _fault(p, mm_per_px))
     if len(good) < FEWEST_PRESSES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         raise CalibrationError(f"gel: {len(good)} usable presses, {FEWEST_PRESSES} are the least ({why})")
@@ -167,24 +168,14 @@ def _pixels(shape: tuple[int, int], step: int) -> tuple[NDArray[np.int64], NDArr
     return columns[chosen], rows[chosen]
 
 
-def _usable(
-    presses: Sequence[BallPress], mm_per_px: tuple[float, float]
-) -> tuple[list[BallPress], list[Rejected]]:
-    kept, rejected = [], []
-    for press in presses:
-        depth = press.press.rim_px * _CORE * max(mm_per_px)
-        if not (np.isfinite(press.radius_mm) and press.radius_mm > 0.0):
-            rejected.append(Rejected(press.press.id, f"a ball radius of {press.radius_mm} mm"))
-        elif depth >= press.radius_mm:
-            text = (
-                f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
-            )
-            rejected.append(Rejected(press.press.id, text))
-        elif len(core_pixels(press.press)[0]) < 30:
-            rejected.append(Rejected(press.press.id, "too little of its contact is in the picture"))
-        else:
-            kept.append(press)
-    return kept, rejected
+def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
+    if not (np.isfinite(press.radius_mm) and press.radius_mm > 0.0):
+        return f"a ball radius of {press.radius_mm} mm"
+    if press.press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
+        return f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
+    if len(core_pixels(press.press)[0]) < _LEAST_PIXELS:
+        return "too little of its contact is in the picture"
+    return None
 
 
 def _judge(result: BallFit) -> Judgement:

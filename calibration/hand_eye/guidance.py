@@ -11,7 +11,7 @@ from calibration.hand_eye.observability import Observability
 from calibration.hand_eye.refine import linearised
 from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem
 from calibration.hand_eye.solve import HandEyeResult
-from calibration.views import View
+from calibration.views import View, coverage
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 
@@ -82,13 +82,10 @@ def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pos
 
 def progress(motion: Observability, views: Sequence[View]) -> Progress:
     """How far a set of samples has come; 1 is enough."""
-    width, height = views[0].size
-    points = np.vstack([view.image_px for view in views])
-    counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=(4, 3), range=((0, width), (0, height)))
     return Progress(
         min(motion.max_angle_deg / 60.0, 1.0),
         min(motion.translation_ratio / 0.4, 1.0),
-        float((counts > 0).mean()),
+        float((coverage(views, columns=4, rows=3) > 0).mean()),
     )
 
 

@@ -28,8 +28,6 @@ class Refined:
     transforms: Transforms
     missed_px: Array
     cost: float
-    converged: bool
-    rounds: int
 
     @property
     def rms_px(self) -> float:
@@ -52,7 +50,7 @@ def refine(problem: Problem, start: Transforms, soft_px: float | None = None) ->
     now, damping = start, 1e-4
     missed, jacobian = linearised(problem, now)
     cost, weights = _loss(missed, soft_px)
-    for rounds in range(1, _ROUNDS + 1):
+    for _ in range(_ROUNDS):
         step = _step(jacobian, missed, weights, damping)
         candidate = moved(now, step)
         new_missed, new_jacobian = linearised(problem, candidate)
@@ -62,12 +60,12 @@ def refine(problem: Problem, start: Transforms, soft_px: float | None = None) ->
             now, missed, jacobian, cost, weights = candidate, new_missed, new_jacobian, new_cost, new_weights
             damping = max(damping / 10.0, 1e-9)
             if done:
-                return Refined(now, missed, cost, True, rounds)
+                break
         elif damping > 1e6:
             break
         else:
             damping *= 10.0
-    return Refined(now, missed, cost, damping > 1e6, _ROUNDS)
+    return Refined(now, missed, cost)
 
 
 def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """Samples of a hand-eye calibration: robot pose and picture, paired by id, checked before any solver."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.camera_model import CameraModel
 from calibration.poses import pose_fault
-from calibration.verdict import Rejected
+from calibration.verdict import Rejected, sift
 from calibration.views import View
 from drivers.types import Pose
 
@@ -72,17 +72,11 @@ class Problem:
     def inverted(self) -> "Problem":
         """The problem as if every robot pose had been given the other way round."""
         turned = self.a_R.transpose(0, 2, 1)
-        moved = -(turned @ self.a_t[..., None])[..., 0]
-        return self._with_poses(turned, moved)
+        return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
 
     def shifted(self, by: int) -> "Problem":
         """The problem as if the lists of poses and pictures had slipped against each other."""
-        return self._with_poses(np.roll(self.a_R, by, axis=0), np.roll(self.a_t, by, axis=0))
-
-    def _with_poses(self, a_R: Array, a_t: Array) -> "Problem":  # noqa: N803
-        return Problem(
-            self.ids, a_R, a_t, self.points_m, self.pixels, self.owner, self.focal, self.centre
-        )  # fmt: skip
+        return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 def make_problem(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -> Problem:
@@ -103,15 +97,7 @@ def make_problem(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -
 
 def usable_samples(samples: Sequence[Sample], camera: CameraModel) -> tuple[list[Sample], list[Rejected]]:
     """Leave out samples that no solver should see, with the reason of each."""
-    kept: list[Sample] = []
-    rejected: list[Rejected] = []
-    for sample in samples:
-        reason = _fault(sample, camera) or _repeats(sample, kept)
-        if reason is None:
-            kept.append(sample)
-        else:
-            rejected.append(Rejected(sample.id, reason))
-    return kept, rejected
+    return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
 
 
 def _fault(sample: Sample, camera: CameraModel) -> str | None:

@@ -26,6 +26,9 @@ _STANDS_OUT = 3.0
 _LEAST_OUTLIER_PX = 1.0
 _MOST_REJECTED = 0.34
 _DRAWS = 6
+_WORST_RMS_PX = 5.0
+_LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
+_MORE = "position known to {value:.2f} mm only: add samples"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,11 +102,6 @@ def _finish(
         setup, gate + _judge(final, spread, len(rejected)), rejected, motion, as_pose(t.x_R, t.x_t),
         as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, name, problem.ids, problem, final,
     )  # fmt: skip
-
-
-_WORST_RMS_PX = 5.0
-_LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
-_MORE = "position known to {value:.2f} mm only: add samples"
 
 
 def _judge(final: Refined, spread: Uncertainty, rejected: int) -> Judgement:

@@ -23,7 +23,7 @@ def cases() -> list[Case]:
     group = "tactile sensor"
     changes: list[tuple[str, Callable[[Image, Rng], Any], tuple[str, ...]]] = [
         ("nothing touches", lambda p, r: _GEL.frame(r), ("no contact",)),
-        ("one hot pixel", lambda p, r: _spot(_GEL.frame(r), 1), ("no contact",)),
+        ("one hot pixel", lambda p, r: _spot(_GEL.frame(r)), ("no contact",)),
         ("a line", _line, ("not round", "no contact")),
         ("touched all over", lambda p, r: _brighter(_GEL.frame(r)), ("not round", "no contact")),
         ("constant picture", lambda p, r: np.full_like(p, 90), ("alike",)),
@@ -52,8 +52,8 @@ def _pressed(rng: Rng, change: Callable[[Image, Rng], Any]) -> Finding:
     return refused(found) if isinstance(found, str) else answered(found.reach_px, 0.0)
 
 
-def _spot(picture: Image, count: int) -> Image:
-    picture[100, 100 : 100 + count] = 255
+def _spot(picture: Image) -> Image:
+    picture[100, 100] = 255
     return picture
 
 

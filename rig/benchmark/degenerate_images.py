@@ -10,6 +10,7 @@ from calibration.aruco import Refusal, side_lengths
 from calibration.boards import Charuco, parse_target
 from calibration.edges import refine_edges
 from calibration.marker_angle import MarkerAngle
+from calibration.planar import PlanarAngle
 from calibration.views import View
 from drivers.types import Image, Pose
 from rig.benchmark.board_scenes import BOARD, CAMERA, render_target
@@ -87,34 +88,39 @@ def _boards() -> list[Case]:
 
 
 def _angle_of(rng: Rng, change: Callable[[Image], Image]) -> Finding:
-    angle = MarkerAngle(_PICTURES.ids, _PICTURES.dictionary, _PICTURES.intrinsics)
-    angle.set_reference([_PICTURES.draw(0.0, rng) for _ in range(12)])
-    seen = angle.measure(change(_PICTURES.draw(5.0, rng)))
-    if isinstance(seen, Refusal):
-        return refused(str(seen))
-    return answered(abs(seen.angle_deg - 5.0), max(_ALLOWED_DEG, 4 * seen.sigma_deg))
+    angle = _at_rest(_PICTURES, rng)
+    return _off_by(angle.measure(change(_PICTURES.draw(5.0, rng))), 5.0)
 
 
 def _whole(
     rng: Rng, side_px: float = 40.0, dictionary: str = "DICT_4X4_50", ids: tuple[int, int] = (0, 1)
 ) -> Finding:
     pictures = MarkerPictures(side_px=side_px, tilt_deg=5.0)
-    angle = MarkerAngle(ids, dictionary, pictures.intrinsics)
-    angle.set_reference([pictures.draw(0.0, rng) for _ in range(12)])
-    seen = angle.measure(pictures.draw(5.0, rng))
-    if isinstance(seen, Refusal):
-        return refused(str(seen))
-    return answered(abs(seen.angle_deg - 5.0), max(_ALLOWED_DEG, 4 * seen.sigma_deg))
+    angle = _at_rest(pictures, rng, dictionary, ids)
+    return _off_by(angle.measure(pictures.draw(5.0, rng)), 5.0)
 
 
 def _turn(rng: Rng, deg: float) -> Finding:
-    angle = MarkerAngle(_PICTURES.ids, _PICTURES.dictionary, _PICTURES.intrinsics)
-    angle.set_reference([_PICTURES.draw(0.0, rng) for _ in range(12)])
+    angle = _at_rest(_PICTURES, rng)
     angle.forget()
-    seen = angle.measure(_PICTURES.draw(deg, rng))
+    return _off_by(angle.measure(_PICTURES.draw(deg, rng)), deg, sigmas=0.0)
+
+
+def _at_rest(
+    pictures: MarkerPictures, rng: Rng, dictionary: str = "DICT_4X4_50", ids: tuple[int, int] = (0, 1)
+) -> MarkerAngle:
+    """The measurement with its reference taken."""
+    angle = MarkerAngle(ids, dictionary, pictures.intrinsics)
+    angle.set_reference([pictures.draw(0.0, rng) for _ in range(12)])
+    return angle
+
+
+def _off_by(seen: PlanarAngle | Refusal, truth_deg: float, sigmas: float = 4.0) -> Finding:
+    """How far an angle is off, where so many of its own sigma are allowed."""
     if isinstance(seen, Refusal):
         return refused(str(seen))
-    return answered(abs((seen.angle_deg - deg + 180.0) % 360.0 - 180.0), _ALLOWED_DEG)
+    off_deg = abs((seen.angle_deg - truth_deg + 180.0) % 360.0 - 180.0)
+    return answered(off_deg, max(_ALLOWED_DEG, sigmas * seen.sigma_deg))
 
 
 def _middle(number: int) -> tuple[int, int]:

@@ -9,9 +9,8 @@ from typing import Any
 class FaultCase:
     """What goes wrong. injected: (device, kind, arguments) in order.
 
-    mended: whether it ends when somebody has looked after it (a cable, a switch), before the next
-    attempt, or `mended_after` attempts; a protective stop is left for the rig to recover from.
-    named: a word that the outcome has to contain.
+    named: a word that the outcome has to contain. mended_after: how many attempts fail before somebody
+    looks after it (a cable, a switch); a protective stop is left for the rig to recover from.
     """
 
     name: str

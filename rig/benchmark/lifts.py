@@ -1,8 +1,10 @@
 """Every contender on the stored frames of a session's lifts, scored as a trial scores its own."""
 
 import heapq
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +87,8 @@ def open_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> RecordedLift:
     phases = phase_times(recording)
     backgrounds = {}
     for serial in tips:
-        frames = (f for f in recorded_frames(recording, serial))
-        backgrounds[serial] = mean_background([f.image for f in _until(frames, phases[Phase.GRASP])])
+        before = takewhile(lambda f: f.time_ns < phases[Phase.GRASP], recorded_frames(recording, serial))
+        backgrounds[serial] = mean_background([frame.image for frame in before])
     return RecordedLift(row, recording, tips, phases, backgrounds)
 
 
@@ -104,9 +106,7 @@ def score_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> LiftScores:
     }
     gap, apart = _skip_gap(lift, passes)
     ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
-    skipped: dict[str, int] = {}
-    for stage in (stage for sample in ours for stage in sample.skipped):
-        skipped[stage] = skipped.get(stage, 0) + 1
+    skipped = dict(Counter(stage for sample in ours for stage in sample.skipped))
     return LiftScores(scores, gap, apart, len(ours), skipped)
 
 
@@ -122,13 +122,6 @@ def run_passes(lift: RecordedLift) -> Passes:
         for name, made in samples.items():
             passes[name][serial] = made
     return passes
-
-
-def _until(frames: Iterator[Frame], time_ns: int) -> Iterator[Frame]:
-    for frame in frames:
-        if frame.time_ns >= time_ns:
-            return
-        yield frame
 
 
 def _scored(

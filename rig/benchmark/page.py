@@ -12,6 +12,7 @@ from rig.benchmark.tables import (
     time_table,
 )
 from rig.pages.page import render
+from rig.tactile.estimator import DEFAULT_ESTIMATOR
 
 _TEXT = {"estimator", "stage", "group", "condition", "limit", "asked", "worst lift", ""}
 
@@ -62,4 +63,4 @@ def _grouped(table: Table) -> bool:
 
 
 def _is_ours(cells: Sequence[str]) -> bool:
-    return cells[0] == "slip"
+    return cells[0] == DEFAULT_ESTIMATOR

@@ -1,12 +1,14 @@
 """Simulated tactile clips with a known angle. Estimators see their images alone.
 
-Beside `rig.assembly` this is the one module of the rig that knows the simulator. A clip rests,
-turns at a constant rate and rests again, about a pivot that is not the contact's middle.
+A clip rests, turns at a constant rate and rests again, about a pivot that is not the contact's
+middle.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +89,15 @@ def render_clip(scene: Scene) -> Clip:
         seconds(REST_S),
         across / down,
     )
+
+
+def resting_frames(scene: Scene) -> tuple[Image, Iterator[Image]]:
+    """Return a background, and frames of the scene at rest without end: fresh noise, drifting light."""
+    sensor, surface = _sensor(scene.unit), _surface(scene.contact, scene.seed)
+    rng = np.random.default_rng((scene.seed, scene.unit, 31))
+    imprint = _imprint(scene, surface, 0.0)
+    frames = (sensor.render(imprint, i / scene.rate_hz, rng) for i in count())
+    return sensor.render(None, 0.0, rng), frames
 
 
 def opposite(scene: Scene) -> Scene:

@@ -12,7 +12,7 @@ from drivers.types import Image
 from rig.benchmark.measured import Measured, at_least, at_most, not_there
 from rig.benchmark.segmentation_panels import Panels, read_panels
 from rig.labels.scores import agreement
-from rig.segmentation import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter
+from rig.segmentation import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.tactile.network import SHIPPED, load_network
 from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.relative import RelativeDifference
@@ -26,6 +26,8 @@ METHODS = (*SHIPPED, CLASSICAL)
 LEAST_DICE, LEAST_IOU, LEAST_REAL_DICE = 0.97, 0.94, 0.90
 MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES = 200, 20
+RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
+REAL = "nine real frames"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +81,12 @@ def run_segmentation(
     panels = None if data is None else read_panels(data)
     for method in METHODS:
         say(f"measuring: {method}")
-        scores.append(score_examples(method, "SIMULATED, units unlike one another", randomised))
-        scores.append(score_examples(method, "SIMULATED, units of the bench", family))
+        scores.append(score_examples(method, RANDOMISED, randomised))
+        scores.append(score_examples(method, FAMILY, family))
         if panels is not None:
             segmenter = make_segmenter(SegmentChoice(method), panels.background)
             masks[method] = [_mask(segmenter, frame) for frame in panels.frames]
-            scores.append(_scored(method, "nine real frames", masks[method], panels.labels))
+            scores.append(_scored(method, REAL, masks[method], panels.labels))
     say("measuring: run time, methods turn about, one thread")
     times = measure_times(randomised)
     limits = (*_limits(scores, times), _threads_agree(randomised))
@@ -93,8 +95,9 @@ def run_segmentation(
 
 def score_examples(method: str, title: str, examples: Examples) -> MethodScore:
     """Segment every frame with its own background, and compare with its label."""
+    make = segmenter_maker(SegmentChoice(method))
     masks = [
-        _mask(make_segmenter(SegmentChoice(method), background), frame)
+        _mask(make(background), frame)
         for frame, background in zip(examples.frames, examples.backgrounds, strict=True)
     ]
     return _scored(method, title, masks, [np.where(label > 127, 255, 0) for label in examples.labels])
@@ -157,13 +160,9 @@ def _scored(method: str, data: str, masks: Sequence[Image], labels: Sequence[Ima
 
 
 def _limits(scores: list[MethodScore], times: list[MethodTime]) -> list[Measured]:
-    by = {(score.method, score.data.split(",")[0]): score for score in reversed(scores)}
+    by = {(score.method, score.data): score for score in scores}
     time = {row.method: row for row in times}
-    ours, full, real = (
-        by["ours", "SIMULATED"],
-        by["ours-full", "SIMULATED"],
-        by.get(("ours", "nine real frames")),
-    )
+    ours, full, real = by["ours", RANDOMISED], by["ours-full", RANDOMISED], by.get(("ours", REAL))
     shares = (time["ours"].network_ms or 0.0) / (time["pspnet"].network_ms or np.inf)
     name = "ours, nine real frames: Dice"
     return [
@@ -179,9 +178,8 @@ def _limits(scores: list[MethodScore], times: list[MethodTime]) -> list[Measured
 def _threads_agree(examples: Examples) -> Measured:
     """Pixels in which masks made with one and with two threads differ."""
     apart = 0
+    makers = [segmenter_maker(SegmentChoice("ours", threads=count)) for count in (1, 2)]
     for frame, background in list(zip(examples.frames, examples.backgrounds, strict=True))[:30]:
-        one, two = (
-            _mask(make_segmenter(SegmentChoice("ours", threads=count), background), frame) for count in (1, 2)
-        )
+        one, two = (_mask(make(background), frame) for make in makers)
         apart += int(np.count_nonzero(one != two))
     return at_most("ours, pixels in which 1 and 2 threads differ, 30 frames", apart, 0)

@@ -1,6 +1,7 @@
 """Run time per frame and stage: every contender on the same frames, one after the other, one thread."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -170,15 +171,12 @@ def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> Non
 def _timing(timed: Sequence[tuple[SlipSample, float]]) -> Timing:
     touching = [(s, cost) for s, cost in timed if s.state is not State.NO_CONTACT]
     names = dict.fromkeys(stage for s, _ in touching for stage in s.stage_s)
-    skipped: dict[str, int] = {}
-    for stage in (stage for s, _ in timed for stage in s.skipped):
-        skipped[stage] = skipped.get(stage, 0) + 1
     return Timing(
         contact=spread([cost for _, cost in touching]),
         stages={n: spread([s.stage_s[n] for s, _ in touching if n in s.stage_s]) for n in names},
         frames=len(timed),
         total_s=sum(cost for _, cost in timed),
-        skipped=skipped,
+        skipped=dict(Counter(stage for s, _ in timed for stage in s.skipped)),
     )
 
 

@@ -57,9 +57,9 @@ def read_dataset(folder: Path) -> list[LabelledFile]:
         raise InputError(f"{folder}: there is no such folder: give the one that holds the objects' folders")
     sessions = sorted(path.parent for path in folder.rglob(MANIFEST))
     found = [file for session in sessions for file in _session_files(session)]
-    inside_sessions = tuple(str(session.resolve()) for session in sessions)
+    inside_sessions = [session.resolve() for session in sessions]
     for place in _folders(folder):
-        if not str(place.resolve()).startswith(inside_sessions or ("\0",)):
+        if not any(place.resolve().is_relative_to(session) for session in inside_sessions):
             found += _voc_files(place) if place.name == _VOC else _labelme_files(place)
     if not found:
         raise InputError(

@@ -19,8 +19,10 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     shape: (H, W) of the image. Points are scaled where the document was drawn on another size.
     Raises `InputError` naming `where` for shapes that enclose nothing.
     """
-    height, width = document.get("imageHeight") or shape[0], document.get("imageWidth") or shape[1]
-    scale = np.array([shape[1] / width, shape[0] / height])
+    drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
+    if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
+        raise InputError(f"{where}: its image's size is {drawn_on}: save it anew in LabelMe")
+    scale = np.array([shape[1] / drawn_on[0], shape[0] / drawn_on[1]])
     polygons = [
         _corners(entry, f"{where}, shape {number}") * scale
         for number, entry in enumerate(document["shapes"], start=1)
@@ -36,6 +38,8 @@ def _corners(entry: dict[str, Any], where: str) -> Polygon:
         points = np.asarray(entry["points"], np.float64).reshape(-1, 2)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{where}: its points cannot be read: draw it again in LabelMe") from error
+    if not np.isfinite(points).all():
+        raise InputError(f"{where}: a point is not finite: draw it again in LabelMe")
     if kind == "rectangle" and len(points) == 2:
         (x0, y0), (x1, y1) = points
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -43,6 +47,6 @@ def _corners(entry: dict[str, Any], where: str) -> Polygon:
         radius = math.dist(points[0], points[1])
         turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
         return points[0] + radius * np.column_stack([np.cos(turn), np.sin(turn)])
-    if kind == "polygon" and len(points) >= 3 and np.isfinite(points).all():
+    if kind == "polygon" and len(points) >= 3:
         return points
     raise InputError(f"{where}: a {kind} of {len(points)} points encloses nothing: draw a polygon in LabelMe")

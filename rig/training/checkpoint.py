@@ -48,6 +48,23 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
     return weights
 
 
+def fill_encoder(encoder: nn.Module, path: Path) -> None:
+    """Put weights into an encoder; others in the file are left out.
+
+    Raises `InputError` for a file that lacks some of the encoder's, or has them of another shape.
+    """
+    try:
+        lacking = encoder.load_state_dict(read_state(path), strict=False).missing_keys
+    except RuntimeError as error:
+        first = str(error).splitlines()[-1].strip()
+        raise InputError(f"{path}: does not fit the encoder ({first}): choose its own --encoder") from error
+    if lacking:
+        raise InputError(
+            f"{path}: lacks {len(lacking)} of the encoder's weights ({', '.join(lacking[:3])} ...): "
+            "choose the --encoder it was made with"
+        )
+
+
 def load_weights(network: nn.Module, path: Path) -> None:
     """Put a checkpoint's weights into a network of the same make.
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from drivers.errors import InputError
@@ -41,6 +42,11 @@ class Examples:
             tuple(self.objects[i] for i in chosen),
             self.simulated,
         )
+
+
+def sized(image: Image, size: tuple[int, int]) -> Image:
+    """Return a frame or label at (width, height) `size` in px, by area."""
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def joined(parts: Sequence[Examples]) -> Examples:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from drivers.errors import InputError
@@ -11,7 +10,7 @@ from drivers.types import Image
 from rig.frames import read_image
 from rig.labels.datasets import LabelledFile, read_dataset
 from rig.tactile.background import MAX_FRAMES, MIN_FRAMES, auto_background
-from rig.training.examples import Examples
+from rig.training.examples import Examples, sized
 
 
 def folder_examples(
@@ -26,8 +25,8 @@ def folder_examples(
     frames, backgrounds, labels = [], [], []
     for number, file in enumerate(files):
         image = read_image(file.image)
-        frames.append(_sized(image, size))
-        labels.append(_sized(file.label(image.shape[:2]), size))
+        frames.append(sized(image, size))
+        labels.append(sized(file.label(image.shape[:2]), size))
         if file.group not in made:
             made[file.group] = _background(file, files, size)
         backgrounds.append(made[file.group])
@@ -43,7 +42,7 @@ def folder_examples(
 
 def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, int]) -> Image:
     if file.background is not None:
-        return _sized(read_image(file.background), size)
+        return sized(read_image(file.background), size)
     group = [other.image for other in files if other.group == file.group]
     if len(group) < MIN_FRAMES:
         raise InputError(
@@ -51,8 +50,4 @@ def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, 
             f"{Path(file.group) / 'reference'}"
         )
     spread = np.unique(np.linspace(0, len(group) - 1, MAX_FRAMES).round().astype(int))
-    return auto_background([_sized(read_image(group[i]), size) for i in spread])
-
-
-def _sized(image: Image, size: tuple[int, int]) -> Image:
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return auto_background([sized(read_image(group[i]), size) for i in spread])

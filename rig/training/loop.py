@@ -4,7 +4,6 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,6 +12,7 @@ from torch.nn import functional
 
 from drivers.errors import InputError
 from rig.training.batches import plain_batches, training_batches
+from rig.training.checkpoint import fill_encoder, read_checkpoint
 from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
 
@@ -43,11 +43,15 @@ class Epoch:
     validation_dice: float
 
 
+Progress = Callable[[Epoch | None, float], None]
+"""Is told the share done of an epoch, and at its end what it reached."""
+
+
 class Training:
     """One network in training.
 
     seed: of weights, order and augmentation; an epoch's draws depend on the seed and its number alone,
-    so a continued training goes the same way. threads: of torch.
+    so a continued training goes the same way.
     """
 
     def __init__(
@@ -64,13 +68,15 @@ class Training:
         self._step = 0
 
     def load_encoder(self, path: Path) -> None:
-        """Begin with the encoder weights of a file (a state dict, as the library's encoders save it)."""
-        from rig.training.checkpoint import read_state
+        """Begin with the encoder weights of a file (a state dict, as the library's encoders save it).
 
+        What the encoder has no place for (a classifier's last layer) is left out. Raises `InputError`
+        for a file that does not fill the encoder.
+        """
         encoder = getattr(self.network, "encoder", None)
         if encoder is None:
             raise InputError(f"{path}: the network '{self.architecture.name}' has no encoder to load")
-        encoder.load_state_dict(read_state(path), strict=False)
+        fill_encoder(encoder, path)
         self._averaged.load_state_dict(self.network.state_dict())
 
     def run(
@@ -78,7 +84,7 @@ class Training:
         train: Examples,
         validation: Examples,
         checkpoint: Path,
-        progress: Callable[[Epoch | None, float], None] = lambda epoch, share: None,
+        progress: Progress = lambda epoch, share: None,
     ) -> None:
         """Train the epochs that are still to do; after each, the state is on disk at `checkpoint`."""
         steps = max(1, len(train) // self.schedule.batch)
@@ -126,8 +132,6 @@ class Training:
 
     def load(self, path: Path) -> None:
         """Continue from a state. Raises `InputError` for a damaged file."""
-        from rig.training.checkpoint import read_checkpoint
-
         state = read_checkpoint(path)
         try:
             self.network.load_state_dict(state["network"])
@@ -138,7 +142,7 @@ class Training:
         except (KeyError, TypeError, RuntimeError) as error:
             raise InputError(f"{path}: is no state of this training ({error}): remove the file") from error
 
-    def _epoch(self, train: Examples, number: int, steps: int, progress: Any) -> float:
+    def _epoch(self, train: Examples, number: int, steps: int, progress: Progress) -> float:
         rng = np.random.default_rng((self._seed, number))
         torch.manual_seed(self._seed * 100_003 + number)
         self.network.train()

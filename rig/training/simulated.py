@@ -7,7 +7,6 @@ reached on it says how well a real sensor would do.
 
 from collections.abc import Callable, Iterator, Sequence
 
-import cv2
 import numpy as np
 
 from drivers.types import Image
@@ -18,7 +17,7 @@ from fakes.shapes import Contact
 from fakes.surfaces import GEL_HALF_MM, build_surface, depth_for_force
 from fakes.variation import FAMILY, draw_variation
 from rig.labels.outline import contact_label
-from rig.training.examples import Examples
+from rig.training.examples import Examples, sized
 
 FRAMES_PER_UNIT = 12
 REFERENCE_FRAMES = 6
@@ -48,8 +47,8 @@ def simulated_examples(
         unit = GelSensor(int(rng.integers(1 << 31)), variation=FAMILY if family else draw_variation(rng))
         background = _reference(unit, rng, size)
         for frame, label, name in _frames(unit, objects, random_share, rng):
-            frames.append(_sized(frame, size))
-            labels.append(_sized(label, size))
+            frames.append(sized(frame, size))
+            labels.append(sized(label, size))
             backgrounds.append(background)
             ids.append(name)
         progress(min(len(frames), count))
@@ -62,7 +61,7 @@ def simulated_examples(
 def _reference(unit: GelSensor, rng: np.random.Generator, size: tuple[int, int]) -> Image:
     """The unit's mean frame without contact, taken before the light begins to drift."""
     total = sum(unit.render(None, 0.0, rng).astype(np.float32) for _ in range(REFERENCE_FRAMES))
-    return _sized(np.rint(total / np.float32(REFERENCE_FRAMES)).astype(np.uint8), size)
+    return sized(np.rint(total / np.float32(REFERENCE_FRAMES)).astype(np.uint8), size)
 
 
 def _frames(
@@ -106,7 +105,3 @@ def _imprint(contact: Contact, any_angle: bool, rng: np.random.Generator) -> Imp
     force_n = float(np.exp(rng.uniform(np.log(0.2), np.log(2.5))))
     depth_mm = depth_for_force(surface, force_n, tilt, angle_deg, centre_mm)
     return Imprint(surface, angle_deg, centre_mm, depth_mm, tilt, float(rng.normal(0.0, 0.6)))
-
-
-def _sized(image: Image, size: tuple[int, int]) -> Image:
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

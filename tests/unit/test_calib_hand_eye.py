@@ -17,9 +17,7 @@ from calibration.hand_eye.samples import Sample, Setup, make_problem
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.hand_eye.target_pose import target_poses
 from calibration.hand_eye.uncertainty import larger_of
-from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.verdict import Verdict
-from drivers.errors import CalibrationError
 from drivers.types import Pose
 from rig.benchmark.hand_eye_scenes import CAMERA, Noise, Truth, general_scene, motion_scene
 
@@ -217,25 +215,6 @@ def test_samples_no_solver_should_see_are_left_out() -> None:
     assert {r.id for r in result.rejected} == {o.id for o in odd}
     assert result.pose is not None
     assert truth.error(result.pose)[0] < 1.0
-
-
-def test_poses_from_numbers_are_checked() -> None:
-    turn = Rotation.from_rotvec([0.1, 0.2, 0.3])
-    good = np.eye(4)
-    good[:3, :3], good[:3, 3] = turn.as_matrix(), (0.4, 0.1, 0.2)
-    assert pose_from_matrix(good, "p").rotation.approx_equal(turn)
-    quaternion = turn.as_quat()
-    for sign in (1, -1):
-        assert pose_from_quaternion((0.4, 0.1, 0.2), sign * quaternion, "p").rotation.approx_equal(turn)
-    long_way = turn.as_rotvec() * (1 - 2 * np.pi / turn.magnitude())
-    assert pose_from_rotation_vector((0, 0, 0), long_way, "p").rotation.approx_equal(turn)
-    for spoil, seen in ((1.01, "not orthonormal"), (-1.0, "reflection")):
-        bad = good.copy()
-        bad[:3, :3] *= spoil
-        with pytest.raises(CalibrationError, match=seen):
-            pose_from_matrix(bad, "p")
-    with pytest.raises(CalibrationError, match="degrees"):
-        pose_from_rotation_vector((0, 0, 0), (90.0, 0, 0), "p")
 
 
 @given(st.lists(st.floats(-5, 5), min_size=9, max_size=9))

@@ -16,6 +16,7 @@ from rig.labels.folds import FOLDS, check_objects, find_fold
 from rig.labels.outline import contact_label
 from rig.labels.scores import agreement
 from rig.labels.shapes import labelme_mask
+from rig.records.session import MANIFEST, SCHEMA_VERSION
 
 Image = NDArray[np.uint8]
 SHAPE = (60, 40)
@@ -85,6 +86,8 @@ def test_a_label_drawn_on_another_size_is_scaled() -> None:
         (lambda d: (d / "a.json").write_text('{"shapes": ['), "complete JSON"),
         (lambda d: write_label(d / "a.json", SQUARE[:2]), "encloses nothing"),
         (lambda d: write_label(d / "a.json", [["x"]]), "points"),  # type: ignore[list-item]
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"), "not finite"),
+        (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "image's size"),
         (lambda d: (d / "a.png").unlink(), "not beside it"),
     ],
 )
@@ -95,6 +98,14 @@ def test_damaged_labels_are_named(damage, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=said) as caught:
         [file.label(SHAPE) for file in read_dataset(tmp_path)]
     assert "a.json" in str(caught.value)
+
+
+def test_a_folder_beside_a_session_is_not_inside_it(tmp_path: Path) -> None:
+    (tmp_path / "run1").mkdir()
+    (tmp_path / "run1" / MANIFEST).write_text(json.dumps({"schema_version": SCHEMA_VERSION, "kind": "trial"}))
+    write_image(tmp_path / "run1_labels" / "a.png")
+    write_label(tmp_path / "run1_labels" / "a.json", SQUARE, image="a.png")
+    assert [file.image.name for file in read_dataset(tmp_path)] == ["a.png"]
 
 
 def test_a_folder_without_labels_says_what_is_looked_for(tmp_path: Path) -> None:

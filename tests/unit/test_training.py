@@ -17,7 +17,7 @@ from drivers.errors import InputError
 from rig.labels.folds import FOLDS
 from rig.tactile.network import Recipe, load_network
 from rig.training.augmentation import Sample, augmented
-from rig.training.checkpoint import load_weights, read_state
+from rig.training.checkpoint import fill_encoder, load_weights, read_state
 from rig.training.export import export_eight_bit, export_half, export_onnx
 from rig.training.imported import import_checkpoint
 from rig.training.loop import Schedule, Training, focal_loss
@@ -136,6 +136,19 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=said):
             load_weights(build_network(PSPNET), tmp_path / name)
+
+
+def test_an_encoder_takes_its_own_weights_and_no_others(tmp_path: Path) -> None:
+    made, wanted = build_network(PSPNET).encoder, build_network(PSPNET).encoder
+    own = made.state_dict()
+    torch.save({**own, "classifier.weight": torch.zeros(3)}, tmp_path / "own.pth")
+    fill_encoder(wanted, tmp_path / "own.pth")
+    assert all(torch.equal(value, own[key]) for key, value in wanted.state_dict().items())
+    torch.save({"features.0.weight": torch.zeros(3)}, tmp_path / "other.pth")
+    torch.save({key: value[:1] for key, value in own.items() if value.dim()}, tmp_path / "narrow.pth")
+    for name, said in (("other.pth", "lacks"), ("narrow.pth", "does not fit")):
+        with pytest.raises(InputError, match=said):
+            fill_encoder(wanted, tmp_path / name)
 
 
 class Malicious:

@@ -1,5 +1,6 @@
 """Where the bench of each lift comes from: a new one for each, or one that stands for the session."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,10 @@ from protocols.watch import Operator
 from rig.assembly import build_bench, build_real_bench
 from rig.config import BenchConfig
 from rig.operators import ConsoleOperator
+
+SWITCH_S = 0.0005
+"""How long one thread may keep the interpreter while a frame waits for another: Python's own 5 ms is a
+third of the time between two frames."""
 
 
 class BenchSource(Protocol):
@@ -120,6 +125,7 @@ class StandingBench(BenchSource):
             self._person.confirm(self._introduction)
         else:
             config = self._reach_fakes(config)
+        sys.setswitchinterval(SWITCH_S)
         self._bench = build_real_bench(config)
         return self._bench
 

@@ -34,6 +34,7 @@ class MjpegServer:
     render: draws the (H, W, 3) uint8 RGB image of a time in ns of `clock`, upright; it runs in
     the server's thread, and only while a client is there. kind: "digit" (raw images lie on their
     side, 320 x 240 at 60 or 30 Hz, 640 x 480 at 30 or 15) or "camera". port 0 takes a free one.
+    phase: when within its period it captures, 0 to 1; one of its own by its serial when None.
     """
 
     def __init__(
@@ -46,9 +47,11 @@ class MjpegServer:
         port: int = 0,
         kind: Kind = "digit",
         on_light: OnLight | None = None,
+        phase: float | None = None,
     ) -> None:
         self.serial = serial
-        self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, _phase_of(serial))
+        phase = _phase_of(serial) if phase is None else phase
+        self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, phase)
         self._clock = clock
         self._to_monotonic_ns = SystemClock().now_ns() - clock.now_ns()
         self._http = HttpSide(host, port, self)

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import signal
+import sys
 import threading
 from contextlib import suppress
 from functools import partial
@@ -22,6 +23,10 @@ from fakes.wire.mirror import MirroredWorld, Snapshot
 from fakes.wire.mjpeg_server import MjpegServer
 
 START_S = 30.0
+CAMERA_PHASE = 0.125
+"""When within its period the camera captures: a quarter of a fingertip's period after the first of them."""
+SWITCH_S = 0.0005
+"""How long a busy thread may keep the interpreter while another's image is due."""
 
 
 class Renderer:
@@ -82,15 +87,18 @@ def _render(
 ) -> None:
     """Run the process: until the parent closes the pipes, or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which stops this process
+    sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
     clock = SharedClock(start_ns)
     world = MirroredWorld(plan.layout, first)
     threading.Thread(target=_keep_fed, args=(world, feed), daemon=True).start()
     servers: dict[str, MjpegServer] = {}
     try:
-        for source in (*plan.digits, plan.camera):
+        # Sensors run freely. Here they share one processor, so each draws while the others rest.
+        phases = [i / len(plan.digits) for i in range(len(plan.digits))]
+        for source, phase in zip((*plan.digits, plan.camera), (*phases, CAMERA_PHASE), strict=True):
             drawn = source.make(world, clock, FaultScript())
-            servers[source.serial] = _serve(drawn, clock, host)
+            servers[source.serial] = _serve(drawn, clock, host, phase)
         calls.send({serial: server.url for serial, server in servers.items()})
         _answer_calls(servers, calls)
     except RigError as error:
@@ -100,7 +108,7 @@ def _render(
             server.stop()
 
 
-def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str) -> MjpegServer:
+def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase: float) -> MjpegServer:
     server = MjpegServer(
         serial=source.serial,
         render=partial(_drawn, source),
@@ -109,6 +117,7 @@ def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str) -> Mjp
         host=host,
         kind="digit" if isinstance(source, FakeDigit) else "camera",
         on_light=source.set_light if isinstance(source, FakeDigit) else None,
+        phase=phase,
     )
     server.start()
     return server

@@ -83,6 +83,7 @@ class MarkerTruth:
         self._newest_ns: int | None = None
         self._zero: _Zero | None = None
         self._angles = _Angles()
+        self._before: list[_Sighting] = []
 
     def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> MarkerCorners | None:  # noqa: N803
         """Take one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
@@ -122,9 +123,10 @@ class MarkerTruth:
         angles = np.array([_measure(s, raw)[0] for s in still])
         sigma = float(angles.std(ddof=1) / np.sqrt(len(angles)))
         self._zero = _Zero(plane, wrist, raw.axis, float(angles.mean()), sigma, from_ns)
+        # Frames go on coming: all but the newest are measured when somebody asks for the series.
+        *self._before, newest = self._sightings
         self._angles = _Angles()
-        for sighting in self._sightings:
-            self._angles.add(sighting, self._zero)
+        self._angles.add(newest, self._zero)
 
     def latest_angle_deg(self) -> float | None:
         """The newest angle, for display; None before the zero and 50 ms after the last answer."""
@@ -142,13 +144,17 @@ class MarkerTruth:
         """All angles so far. Raises `CalibrationError` before `set_zero`."""
         if self._zero is None:
             raise CalibrationError("markers: the angle has no zero yet; it is set at the end of phase A")
+        before = _Angles()
+        for sighting in self._before:
+            before.add(sighting, self._zero)
+        since = self._angles
         refused = Counter(reason.value for _, reason in self._unseen)
-        refused[Refusal.OUT_OF_PLANE.value] = self._angles.out_of_plane
+        refused[Refusal.OUT_OF_PLANE.value] = before.out_of_plane + since.out_of_plane
         refused[Refusal.OLD_TIME.value] = self._late
         return TruthSeries(
-            time_ns=np.array(self._angles.time_ns, np.int64),
-            angle_deg=np.array(self._angles.angle_deg, np.float64),
-            sigma_deg=np.array(self._angles.sigma_deg, np.float64),
+            time_ns=np.array(before.time_ns + since.time_ns, np.int64),
+            angle_deg=np.array(before.angle_deg + since.angle_deg, np.float64),
+            sigma_deg=np.array(before.sigma_deg + since.sigma_deg, np.float64),
             zero_sigma_deg=self._zero.sigma_deg,
             tilt_deg=self._zero.plane.tilt_deg,
             refused={reason: count for reason, count in sorted(refused.items()) if count},

@@ -13,6 +13,7 @@ import cv2
 
 from protocols.grasps import TRIAL_OBJECTS
 from rig.attempt import TrialSettings
+from rig.benchmark.endurance import Endurance, measure_endurance
 from rig.benchmark.lifts import LiftScores, Tips, score_lift, session_lifts
 from rig.benchmark.limits import Limit, closest_of_paper, judge
 from rig.benchmark.precision import Precision, compare_precision
@@ -55,7 +56,7 @@ class BenchmarkSettings:
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkResult:
-    """Everything measured. scores: by estimator and window, over all lifts."""
+    """Everything measured. scores: by estimator and window, over all lifts. endurance: in a long run only."""
 
     session: Path
     simulated: bool
@@ -68,6 +69,7 @@ class BenchmarkResult:
     skipped: dict[str, float]
     timing: TimingReport
     precision: Precision
+    endurance: Endurance | None
     stress: list[StressRow]
     limits: list[Limit]
     wall_s: float
@@ -91,6 +93,7 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
     timing = time_lifts(folder, tips, timed, partial(progress, "timing"))
     lifts = _lifts(folder, tips, rows, settings.jobs, progress)
     stress = _stress(settings, progress)
+    endurance = _endurance(settings.seed, progress) if settings.full else None
     scores = {key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores}
     gap, apart = max(lift.skip_gap_deg for lift in lifts), sum(lift.skip_apart for lift in lifts)
     return BenchmarkResult(
@@ -105,9 +108,16 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
         skipped=_skipped(lifts),
         timing=timing,
         precision=compare_precision(CONTACTS, settings.seed),
+        endurance=endurance,
         stress=stress,
-        limits=judge(scores, timing, gap, apart, stress),
+        limits=judge(scores, timing, gap, apart, stress, endurance),
         wall_s=time.perf_counter() - began,
+    )
+
+
+def _endurance(seed: int, progress: Progress) -> Endurance:
+    return measure_endurance(
+        seed, progress=lambda done, total: progress("an hour at rest", done, total, f"frame {done}")
     )
 
 
@@ -135,6 +145,7 @@ def as_json(result: BenchmarkResult) -> dict[str, Any]:
             "skipped_share": result.skipped,
         },
         "precision": asdict(result.precision),
+        "endurance": asdict(result.endurance) if result.endurance else None,
         "stress": [asdict(row) for row in result.stress],
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.benchmark.contenders import PAPER
+from rig.benchmark.endurance import Endurance
 from rig.benchmark.scores import Score
 from rig.benchmark.stress import StressRow
 from rig.benchmark.timing import TimingReport
@@ -15,6 +16,8 @@ WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
 TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
 MEDIAN_MS, P99_MS = 1.0, 3.0
 SKIP_GAP_DEG = 0.02
+WANDER_DEG, GROWN_MB = 0.1, 5.0
+"""Flat memory: what an allocator comes and goes by."""
 FRAME_SIZE_PX = (240, 320)
 """The limits on time are for this size."""
 
@@ -32,9 +35,14 @@ class Limit:
 
 
 def judge(
-    scores: Scores, timing: TimingReport, skip_gap_deg: float, skip_apart: int, stress: Sequence[StressRow]
+    scores: Scores,
+    timing: TimingReport,
+    skip_gap_deg: float,
+    skip_apart: int,
+    stress: Sequence[StressRow],
+    endurance: Endurance | None = None,
 ) -> list[Limit]:
-    """Return all limits in the order of the table."""
+    """Return all limits in the order of the table; the hour's only where it was run."""
     ours = scores[DEFAULT_ESTIMATOR, 1]
     return [
         *_accuracy(ours, scores),
@@ -42,6 +50,7 @@ def judge(
         *_times(timing),
         _most("largest difference of skipping and --no-skip, deg", skip_gap_deg, SKIP_GAP_DEG),
         _most("frames answered by only one of skipping and --no-skip", float(skip_apart), 0.0),
+        *(_endured(endurance) if endurance else []),
     ]
 
 
@@ -94,6 +103,13 @@ def _times(timing: TimingReport) -> list[Limit]:
         _most("frame in to angle out, median, ms", ours.p50_ms if known else None, MEDIAN_MS),
         _most("frame in to angle out, 99th percentile, ms", ours.p99_ms if known else None, P99_MS),
         _least("times as fast as the published second stage", ratio, TIMES_FASTER),
+    ]
+
+
+def _endured(hour: Endurance) -> list[Limit]:
+    return [
+        _most(f"{hour.frames} frames at rest: largest angle, deg", hour.wander_deg, WANDER_DEG),
+        _most(f"{hour.frames} frames at rest: growth of memory, MB", hour.grown_mb, GROWN_MB),
     ]
 
 

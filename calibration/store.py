@@ -7,7 +7,7 @@ what is known about the value stands under `calibration`.
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +42,22 @@ class CalibrationFile:
 
     def age_days(self, now: datetime) -> float:
         """Days since it was made."""
-        return (now - datetime.fromisoformat(self.created)).total_seconds() / 86400.0
+        return age_days(self.created, now)
 
     def age_text(self, now: datetime) -> str:
         """Age for people."""
-        days = self.age_days(now)
-        return f"{days:.0f} days old" if days >= 2 else f"{days * 24:.0f} hours old"
+        return f"{age_text(self.age_days(now))} old"
+
+
+def age_days(created: str, now: datetime) -> float:
+    """Days since an ISO 8601 time; UTC where it names no zone. Raises `ValueError`."""
+    made = datetime.fromisoformat(created)
+    return (now - (made if made.tzinfo else made.replace(tzinfo=UTC))).total_seconds() / 86400.0
+
+
+def age_text(days: float) -> str:
+    """An age for people."""
+    return f"{days:.0f} days" if days >= 2 else f"{max(days, 0.0) * 24:.0f} hours"
 
 
 def save(file: CalibrationFile, path: Path) -> None:

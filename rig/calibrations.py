@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.camera_files import camera_from
-from calibration.store import CalibrationFile, check_serials, load
+from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from rig.config import BenchConfig, load_bench
@@ -23,13 +23,17 @@ def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> Benc
     `CalibrationError` for a calibration that belongs to another device or is damaged.
     """
     config = load_bench(name_or_path)
-    beside = Path(name_or_path).parent if Path(name_or_path).is_file() else Path()
-    found = find_calibrations(config, beside / FOLDER)
+    found = find_calibrations(config, calibrations_folder(name_or_path))
     for file in found.files.values():
-        age = (datetime.now(UTC) - datetime.fromisoformat(file.created)).total_seconds() / 86400.0
-        age_text = f"{age:.0f} days old" if age >= 2 else f"{24 * age:.0f} hours old"
-        say(f"calibration in use: {file.file}, {age_text}, {file.verdict}")
+        age = age_text(age_days(file.created, datetime.now(UTC)))
+        say(f"calibration in use: {file.file}, {age} old, {file.verdict}")
     return config.model_copy(update={"calibrations": found}) if found.files else config
+
+
+def calibrations_folder(name_or_path: str) -> Path:
+    """Where a bench's calibrations are: `calibrations/` beside its file; built-in benches: here."""
+    path = Path(name_or_path)
+    return (path.parent if path.is_file() else Path()) / FOLDER
 
 
 def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:

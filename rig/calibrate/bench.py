@@ -16,7 +16,7 @@ from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.watch import Operator, Phase
 from rig.assembly import TOOL_DOWN
 from rig.bench_source import session_bench
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 from rig.operators import ConsoleOperator
 from rig.tactile.background import mean_background
 from rig.tactile.contact import ContactFinder
@@ -29,20 +29,15 @@ TOUCH_FRAMES = 2
 class Station:
     """Where and how a calibration is collected.
 
-    bench: "fake", "wire" or a bench file. seed: of what is drawn. folder: of calibration files; raw
+    config: of the bench. seed: of what is drawn. folder: of calibration files; raw
     samples go into folders of their own in it. person: who is asked. say: told of the progress.
     """
 
-    bench: str
+    config: BenchConfig
     seed: int
     folder: Path
     person: ConsoleOperator
     say: Callable[[str], None]
-
-    @property
-    def config(self) -> BenchConfig:
-        """The bench file. Raises `InputError`."""
-        return load_bench(self.bench)
 
     def camera(self) -> CameraModel:
         """The bench's camera: as calibrated where its file is here, else the bench file's pinhole.

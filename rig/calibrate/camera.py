@@ -29,18 +29,19 @@ def camera_from_folder(folder: Path, pattern: str, target: Target, serial: str, 
     except CalibrationError as error:
         return _refused(folder, files, serial, unseen, str(error))
     rejected = [*unseen, *result.rejected]
+    projected = projection_sigma_px(result)
     return Outcome(
         "camera",
         {"camera": serial},
         camera_info(result.fit.camera, serial),
-        _quality(result, target),
+        _quality(result, target, projected),
         judge_camera(result),
-        _numbers(result),
+        _numbers(result, projected),
         str(folder),
         len(result.fit.views),
         rejected,
         files,
-        _pictures(result),
+        _pictures(result, projected),
         [_thumbnail(r, by_name[r.id], found[r.id]) for r in rejected],
     )
 
@@ -53,9 +54,8 @@ def _refused(folder: Path, files: list[Path], serial: str, unseen: list[Rejected
     )
 
 
-def _quality(result: CameraFit, target: Target) -> dict[str, object]:
+def _quality(result: CameraFit, target: Target, projected: figures.Array) -> dict[str, object]:
     names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    sigma = projection_sigma_px(result)
     return {
         "target": target.spec,
         "lens_model": result.fit.lens.name,
@@ -66,46 +66,46 @@ def _quality(result: CameraFit, target: Target) -> dict[str, object]:
         "held_out_rms_px": result.held_out_px,
         "corner_noise_px": result.noise_px,
         "projection_sigma_px": {
-            "grid": list(sigma.shape[::-1]),
-            "worst": float(sigma.max()),
-            "values": sigma,
+            "grid": list(projected.shape[::-1]),
+            "worst": float(projected.max()),
+            "values": projected,
         },
         "tilt_spread_deg": tilt_spread_deg(result),
         "largest_tilt_deg": float(board_tilts_deg(result).max()),
         "covered": float((coverage(result.fit.views) > 0).mean()),
-        "view_rms_px": {
-            v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)
-        },
+        "view_rms_px": _view_rms_px(result),
     }
 
 
-def _numbers(result: CameraFit) -> dict[str, str]:
+def _view_rms_px(result: CameraFit) -> dict[str, float]:
+    return {v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)}
+
+
+def _numbers(result: CameraFit, projected: figures.Array) -> dict[str, str]:
     matrix, sigma = result.fit.camera.matrix, result.sigma
-    worst = projection_sigma_px(result)
     return {
         "focal length": f"{matrix[0, 0]:.2f} +- {sigma[0]:.2f}, {matrix[1, 1]:.2f} +- {sigma[1]:.2f} px",
         "principal point": f"{matrix[0, 2]:.2f} +- {sigma[2]:.2f}, {matrix[1, 2]:.2f} +- {sigma[3]:.2f} px",
         "distortion": ", ".join(f"{v:.5g}" for v in result.fit.camera.distortion),
         "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
         "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f})",
-        "projection uncertain by": f"{np.median(worst):.2f} px (median), {worst.max():.2f} at worst",
+        "projection uncertain by": f"{np.median(projected):.2f} px (median), {projected.max():.2f} at worst",
     }
 
 
-def _pictures(result: CameraFit) -> list[Picture]:
+def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
     fit, size = result.fit, result.fit.camera.size
     points = np.vstack([view.image_px for view in fit.views])
     missed = []
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
         missed.append(view.image_px - fit.camera.project_from(view.board_m, turn, move)[0])
-    view_rms = {v.id: float(e) for v, e in zip(fit.views, fit.view_rms_px, strict=True)}
     limit = 3.0 * float(np.median(fit.view_rms_px))
     return [
         Picture(
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of "
             "the camera taken out; dots: corners seen.",
-            figures.field(projection_sigma_px(result), size, "px", points),
+            figures.field(projected, size, "px", points),
         ),
         Picture(
             "Residuals over the picture",
@@ -117,7 +117,9 @@ def _pictures(result: CameraFit) -> list[Picture]:
             "Corners per cell of the picture.",
             figures.field(coverage(fit.views), size, "corners", points),
         ),
-        Picture("Error per view", "Rms px of each view used.", figures.bars(view_rms, "px", limit)),
+        Picture(
+            "Error per view", "Rms px of each view used.", figures.bars(_view_rms_px(result), "px", limit)
+        ),
         Picture(
             "Lens models",
             "Rms px of views held out: the simplest model within 1 % of the best is taken.",

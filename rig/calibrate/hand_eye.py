@@ -1,6 +1,7 @@
 """`rig calibrate hand-eye`: pictures at known robot poses to where the camera stands."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ def hand_eye_from_folder(
     outcome = hand_eye_outcome(samples, camera, serial, setup, str(folder), rejected, target)
     pictures = {path.stem: path for path in files}
     thumbs = [Thumbnail(r.id, r.reason, _thumb(pictures.get(r.id), samples)) for r in outcome.rejected]
-    return Outcome(**{**_fields(outcome), "files": [*files, folder / "poses.csv"], "thumbnails": thumbs})
+    return replace(outcome, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
 
 
 def hand_eye_outcome(
@@ -53,7 +54,6 @@ def hand_eye_outcome(
     source: str,
     rejected: Sequence[Rejected] = (),
     target: Target | None = None,
-    simulated: bool = False,
 ) -> Outcome:
     """Solve samples into an outcome with its figures."""
     result = calibrate_hand_eye(samples, camera, setup)
@@ -68,15 +68,8 @@ def hand_eye_outcome(
         source,
         len(result.used),
         [*rejected, *result.rejected],
-        (),
-        _pictures(result, views, camera),
-        (),
-        simulated,
+        pictures=_pictures(result, views, camera),
     )
-
-
-def _fields(outcome: Outcome) -> dict[str, object]:
-    return {name: getattr(outcome, name) for name in outcome.__dataclass_fields__}
 
 
 def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:

@@ -8,6 +8,7 @@ from calibration.force_table import fit_force
 from calibration.opening_table import Direction, OpeningSample, calibrate_opening
 from calibration.pivot import calibrate_pivot
 from calibration.time_offset import time_offset
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures
 from rig.calibrate.outcome import Outcome, Picture
@@ -29,25 +30,17 @@ def gripper_from_folder(folder: Path, serial: str) -> Outcome:
                 f"line {line}", number(row, "counts", where), opening_m, Direction(row["direction"])
             )
         )
-    return gripper_outcome(samples, serial, str(folder), folder)
+    return _gripper_outcome(samples, serial, folder)
 
 
-def gripper_outcome(
-    samples: list[OpeningSample],
-    serial: str,
-    source: str,
-    folder: Path | None = None,
-    simulated: bool = False,
-) -> Outcome:
-    """Fit the tables; a force.csv in the folder is fitted too."""
+def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) -> Outcome:
     result = calibrate_opening(samples)
     value: dict[str, object] = {
         str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
         for way, t in result.tables.items()
     }
-    judged, files = result.judgement, [] if folder is None else [folder / "gripper.csv"]
-    if folder is not None and (folder / "force.csv").exists():
-        path = folder / "force.csv"
+    judged, files = result.judgement, [folder / "gripper.csv"]
+    if (path := folder / "force.csv").exists():
         rows = read_table(path, ("signal", "force_n"))
         signal, force = (np.array([number(r, c, str(path)) for r in rows]) for c in ("signal", "force_n"))
         table = fit_force(signal, force)
@@ -84,13 +77,11 @@ def gripper_outcome(
         quality,
         judged,
         numbers,
-        source,
+        str(folder),
         len(samples) - len(result.rejected),
         result.rejected,
         files,
         pictures,
-        (),
-        simulated,
     )
 
 
@@ -154,9 +145,9 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
         }
         zero = one.time_ns[0]
         shown = {
-            first: ((one.time_ns - zero) / 1e9, one.values - one.values.mean()),
+            first: ((one.time_ns - zero) / NS_PER_S, one.values - one.values.mean()),
             f"{second}, moved": (
-                (other.time_ns - zero) / 1e9 + result.offset_s,
+                (other.time_ns - zero) / NS_PER_S + result.offset_s,
                 (other.values - other.values.mean()) / (result.gain or 1.0),
             ),
         }

@@ -102,9 +102,10 @@ def _plain(result: "FaultResult") -> dict[str, object]:
 
 
 def _print_table(results: "list[FaultResult]") -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+
+    from rig.cli.tables import table_console
 
     table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
     table.title = "SIMULATED bench 'wire': from the fault to the rig's stop, from there to standstill"
@@ -113,4 +114,4 @@ def _print_table(results: "list[FaultResult]") -> None:
         after = "done" if result.recovered else "not done"
         verdict = "passed" if result.passed else "FAILED"
         table.add_row(result.case.name, *times, escape(_short(result)), after, verdict)
-    Console(width=None if Console().is_terminal else 200).print(table)
+    table_console(width=200).print(table)

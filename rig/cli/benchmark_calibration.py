@@ -62,11 +62,12 @@ def _plain(report: "CalibrationReport") -> dict[str, Any]:
 
 
 def _print(report: "CalibrationReport") -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(width=None if Console().is_terminal else 170)
+    from rig.cli.tables import table_console
+
+    console = table_console(width=170)
     table = Table(
         "measured", "value", "asked", "", title="Calibrations: simulated data unless 'real' or 'photos'"
     )

@@ -100,13 +100,10 @@ class _Parts:
 
 
 def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
-    from rich.console import Console
-
     from rig.benchmark.tables import estimator_table, limit_table, notes, stress_table, time_table
+    from rig.cli.tables import table_console
 
-    console = Console(stderr=to_stderr)
-    if not console.is_terminal:
-        console = Console(stderr=to_stderr, width=200)
+    console = table_console(to_stderr, width=200)
     tables = (time_table(result), stress_table(result), estimator_table(result), limit_table(result.limits))
     for table in tables:
         console.print(_rich(table))

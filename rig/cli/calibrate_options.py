@@ -28,17 +28,19 @@ PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses 
 
 
 def station(bench: str, seed: int, out: Path | None, yes: bool) -> "Station":
-    """Where a calibration is collected, and who is asked before something moves."""
+    """Where a calibration is collected, and who is asked before something moves. Raises `InputError`."""
     from rig.calibrate.bench import Station
+    from rig.config import load_bench
     from rig.operators import ConsoleOperator
 
-    return Station(bench, seed, calibrations_folder(out, bench), ConsoleOperator(ask, yes, tell), say)
+    return Station(load_bench(bench), seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say)
 
 
-def calibrations_folder(out: Path | None, bench: str) -> Path:
-    """Where calibrations go: --out, or `calibrations/` beside the bench file."""
-    beside = Path(bench).parent if Path(bench).is_file() else Path()
-    return out or beside / "calibrations"
+def _folder(out: Path | None, bench: str) -> Path:
+    """Where calibrations go: --out, or where trials on the bench look for them."""
+    from rig.calibrations import calibrations_folder
+
+    return out or calibrations_folder(bench)
 
 
 def file_all(outcomes: Sequence["Outcome"], out: Path | None, bench: str, json: bool) -> None:
@@ -76,7 +78,7 @@ def filed_and_said(outcome: "Outcome", out: Path | None, bench: str) -> "Filed":
     """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
     from rig.calibrate.outcome import file_outcome
 
-    filed = file_outcome(outcome, calibrations_folder(out, bench))
+    filed = file_outcome(outcome, _folder(out, bench))
     say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")
     for name, text in outcome.numbers.items():
         say(f"  {name}: {text}")

@@ -79,13 +79,13 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
 
 
 def _print(found: "Comparison") -> None:
-    from rich.console import Console
     from rich.table import Table
 
+    from rig.cli.tables import table_console
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
 
-    console = Console(width=None if Console().is_terminal else 140)
+    console = table_console()
     for table in (figure_table(found), object_table(found)):
         shown = Table()
         for i, column in enumerate(table.columns):

@@ -61,9 +61,10 @@ def _plain(finding: "Finding") -> dict[str, object]:
 
 
 def _print_table(title: str, findings: "list[Finding]") -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+
+    from rig.cli.tables import table_console
 
     table = Table("device", "check", "", "found", "what to do", title=title)
     for finding in findings:
@@ -71,7 +72,4 @@ def _print_table(title: str, findings: "list[Finding]") -> None:
         texts = (finding.device, finding.check, finding.seen, finding.todo)
         device, check, seen, todo = map(escape, texts)
         table.add_row(device, check, verdict, seen, todo)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=200)
-    console.print(table)
+    table_console(width=200).print(table)

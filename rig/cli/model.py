@@ -88,8 +88,9 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _print(cards: list[dict[str, Any]]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from rig.cli.tables import table_console
 
     table = Table("network", "sees", "px", "trained on", "test Dice", "test IoU", "file", "MB")
     table.title = "Shipped networks; Dice and IoU on objects never trained on"
@@ -106,5 +107,4 @@ def _print(cards: list[dict[str, Any]]) -> None:
             card["shipped"]["file"],
             f"{card['shipped']['bytes'] / 1e6:.2f}",
         )
-    console = Console()
-    (console if console.is_terminal else Console(width=140)).print(table)
+    table_console().print(table)

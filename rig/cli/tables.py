@@ -78,9 +78,10 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
     console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
 
 
-def table_console(to_stderr: bool) -> Console:
-    """Return where tables go: as wide as the terminal, wide enough for a table elsewhere."""
-    return Console(stderr=to_stderr, width=None if sys.stdout.isatty() else 140)
+def table_console(to_stderr: bool = False, width: int = 140) -> Console:
+    """Return where tables go: as wide as the terminal, `width` characters elsewhere."""
+    terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
+    return Console(stderr=to_stderr, width=None if terminal else width)
 
 
 def object_table(summary: TrialSummary, simulated: str) -> Table:

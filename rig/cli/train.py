@@ -143,8 +143,9 @@ class _Shown:
 
 
 def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from rig.cli.tables import table_console
 
     table = Table("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
@@ -160,5 +161,4 @@ def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
             f"{files['int8']['dice']:.3f}",
             card["settings"],
         )
-    console = Console(stderr=to_stderr)
-    (console if console.is_terminal else Console(stderr=to_stderr, width=140)).print(table)
+    table_console(to_stderr).print(table)

@@ -13,9 +13,14 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.watch import Phase
 from rig.records.reading import phase_times, recorded_jpeg, recorded_messages, recorded_pose
-from rig.records.recorder import ARM_TOPIC, FUSED_TOPIC, GRIPPER_TOPIC, TRUTH_TOPIC, image_topic
-
-IMAGE_PREFIX = image_topic("")
+from rig.records.recorder import (
+    ARM_TOPIC,
+    FUSED_TOPIC,
+    GRIPPER_TOPIC,
+    IMAGE_PREFIX,
+    TRUTH_TOPIC,
+    image_topic,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,13 +16,13 @@ from protocols.watch import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.records.reading import phase_times, recorded_messages, recorded_pose
 from rig.records.recorder import (
+    ANGLE_PREFIX,
     ARM_TOPIC,
     FUSED_TOPIC,
     GRIPPER_TOPIC,
+    IMAGE_PREFIX,
     JOINTS_TOPIC,
     TRUTH_TOPIC,
-    image_topic,
-    slip_topic,
 )
 from rig.records.tables import Columns, Line, csv_bytes, parquet_bytes
 from rig.results import COLUMNS as LIFT_COLUMNS
@@ -48,8 +48,6 @@ IMAGE_COLUMNS: Columns = {
     "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
     "time_s": float, "contact_area_px": float,
 }  # fmt: skip
-IMAGE_PREFIX = image_topic("")
-ANGLE_PREFIX = slip_topic("")
 FUSED, TRUTH = "fused", "markers"
 """Sources of angles beside the fingertips' serials."""
 

@@ -12,6 +12,7 @@ from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.watch import Phase, Watch
 from rig.lift import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
+from rig.records.encoding import jpeg
 
 MOST_PER_S = 10.0
 """Pictures of one source, and sets of figures, in a second of real time."""
@@ -97,7 +98,7 @@ class LiveWatch(Watch):
             corners = self._watched.truth.latest_corners_px()
             # OpenCV has whole numbers at a pixel's middle, viewers have halves
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
-        self._send("frame", values, _jpeg(small))
+        self._send("frame", values, jpeg(small, PICTURE_QUALITY))
 
     def _figures(self, time_ns: int) -> None:
         fused = self._watched.fused[self._fused_sent :]
@@ -134,9 +135,3 @@ def _shrunk(image: Image) -> tuple[Image, float]:
         return image, 1.0
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8), scale
-
-
-def _jpeg(image: Image) -> bytes:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])
-    return encoded.tobytes()

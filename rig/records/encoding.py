@@ -17,17 +17,22 @@ def stored(frame: Frame) -> tuple[Frame, bytes]:
     """
     if frame.jpeg is not None:
         return frame, frame.jpeg
-    bgr = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
-    ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    encoded = jpeg(frame.image, JPEG_QUALITY, f"{frame.serial}: frame {frame.sequence}")
+    return Frame(decoded(encoded), frame.time_ns, frame.sequence, frame.serial, encoded), encoded
+
+
+def jpeg(image: Image, quality: int, what: str = "an image") -> bytes:
+    """Encode (H, W, 3) uint8 RGB as JPEG. what: named in the error. Raises `RecordingError`."""
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
-        raise RecordingError(f"{frame.serial}: frame {frame.sequence} could not be encoded as JPEG")
-    jpeg = encoded.tobytes()
-    return Frame(decoded(jpeg), frame.time_ns, frame.sequence, frame.serial, jpeg), jpeg
+        raise RecordingError(f"{what} could not be encoded as JPEG")
+    return encoded.tobytes()
 
 
-def decoded(jpeg: bytes) -> Image:
+def decoded(encoded: bytes) -> Image:
     """Decode stored bytes to (H, W, 3) uint8 RGB. Raises `RecordingError` when damaged."""
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+    image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise RecordingError("a stored image cannot be decoded; the recording is damaged")
     return np.asarray(image, np.uint8)

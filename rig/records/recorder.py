@@ -20,8 +20,10 @@ ARM_TOPIC = "/arm/tcp"
 JOINTS_TOPIC = "/arm/joints"
 GRIPPER_TOPIC = "/gripper"
 PHASE_TOPIC = "/phase"
-TRUTH_TOPIC = "/angle/truth"
-FUSED_TOPIC = "/angle/estimate"
+IMAGE_PREFIX = "/image/"
+ANGLE_PREFIX = "/angle/"
+TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
+FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
 _NUMBER = {"type": ["number", "null"]}
 _SCHEMAS: dict[str, dict[str, Any]] = {
     "rig.Phase": {"phase": {"type": "string"}},
@@ -46,12 +48,12 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
 
 def image_topic(serial: str) -> str:
     """Topic of a source's images."""
-    return f"/image/{serial}"
+    return f"{IMAGE_PREFIX}{serial}"
 
 
 def slip_topic(serial: str) -> str:
     """Topic of a fingertip's angle."""
-    return f"/angle/{serial}"
+    return f"{ANGLE_PREFIX}{serial}"
 
 
 class LiftRecorder:

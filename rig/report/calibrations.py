@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from calibration.store import age_days, age_text
 from rig.report.parts import Notice, Table, joined
 
 OLD_DAYS = 30.0
@@ -62,13 +63,11 @@ def _named(manifest: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def _days(about: Mapping[str, Any], now: datetime) -> float | None:
     try:
-        return (now - datetime.fromisoformat(str(about.get("created")))).total_seconds() / 86400.0
-    except (ValueError, TypeError):
+        return age_days(str(about.get("created")), now)
+    except ValueError:
         return None
 
 
 def _age(about: Mapping[str, Any], now: datetime) -> str:
     days = _days(about, now)
-    if days is None:
-        return "unknown"
-    return f"{days:.0f} days" if days >= 2 else f"{max(days, 0.0) * 24:.0f} hours"
+    return "unknown" if days is None else age_text(days)

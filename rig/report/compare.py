@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.errors import InputError
 from rig.metrics import Floats, bootstrap_interval
+from rig.report.session import object_label
 
 Row = dict[str, Any]
 
@@ -43,12 +44,9 @@ class Paired:
     @property
     def winner(self) -> int | None:
         """0 or 1 where the interval says which side is better, else None."""
-        if (
-            self.low is None
-            or self.high is None
-            or self.figure.smaller is None
-            or self.low <= 0.0 <= self.high
-        ):
+        if self.low is None or self.high is None or self.low <= 0.0 <= self.high:
+            return None
+        if self.figure.smaller is None:
             return None
         return int((self.difference < 0.0) == self.figure.smaller)
 
@@ -99,7 +97,7 @@ def compare_rows(names: tuple[str, str], first: Iterable[Row], second: Iterable[
     overall = (paired(figure, pairs) for figure in FIGURES)
     objects: dict[str, list[tuple[Row, Row]]] = {}
     for pair in pairs:
-        objects.setdefault(f"{pair[0]['object']} {pair[0]['name']}", []).append(pair)
+        objects.setdefault(object_label(pair[0]), []).append(pair)
     found = {name: paired(ERROR, own) for name, own in objects.items()}
     return Comparison(
         names,

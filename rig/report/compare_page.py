@@ -11,6 +11,8 @@ from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.parts import Chart, Table
+from rig.report.session import object_label
+from rig.report.text import made_text
 
 _ROW_PX = 30
 _JITTER = 0.22
@@ -32,7 +34,7 @@ def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
         objects=object_table(comparison),
         alone=comparison.alone,
         colours=(FIRST.css, SECOND.css),
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        made=made_text(datetime.now(UTC)),
     )
 
 
@@ -110,7 +112,7 @@ def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
 
 
 def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:
-    own = [pair for pair in comparison.pairs if f"{pair[0]['object']} {pair[0]['name']}" == name]
+    own = [pair for pair in comparison.pairs if object_label(pair[0]) == name]
     first, second = differences(ERROR, own)
     away = second - first
     places = row + np.linspace(-_JITTER, _JITTER, len(away)) if len(away) > 1 else np.array([row], float)

@@ -4,13 +4,14 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from rig.metrics import mare
+from rig.metrics import Mare, mare
 from rig.pages.page import render
+from rig.report.advice import FEW_LIFTS
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
 from rig.report.tables import TableLift, Tables
-from rig.report.text import angle_text, mare_short, mare_text
+from rig.report.text import angle_text, interval_text, made_text, mare_short, mare_text
 from rig.report.trial_charts import (
     boxes,
     coverage_chart,
@@ -19,21 +20,21 @@ from rig.report.trial_charts import (
     finals_chart,
 )
 
-_FEW_LIFTS = 5
-
 
 def curves_page(tables: Tables) -> str:
     """Return the report of such lifts as one HTML page."""
+    errors = [lift.errors for lift in tables.lifts if lift.errors]
+    value = mare([e.mean_deg for e in errors], [e.std_deg for e in errors])
     return render(
         "rig.report",
         "curves.html",
-        tiles=_tiles(tables),
+        tiles=_tiles(tables, value),
         warnings=_notices(tables),
-        table=_table(tables),
+        table=_table(tables, value),
         charts=_charts(tables),
         lifts=[lift_chart(lift.curves, _caption(lift)) for lift in tables.lifts],
         key=key(states=False),
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        made=made_text(datetime.now(UTC)),
     )
 
 
@@ -59,20 +60,15 @@ def _charts(tables: Tables) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-def _tiles(tables: Tables) -> list[tuple[str, str]]:
-    known = [lift.errors for lift in tables.lifts if lift.errors]
-    value = mare([e.mean_deg for e in known], [e.std_deg for e in known])
-    interval = (
-        "" if value is None or value.low_deg is None else f"[{value.low_deg:.2f}, {value.high_deg:.2f}]"
-    )
+def _tiles(tables: Tables, value: Mare | None) -> list[tuple[str, str]]:
     return [
         (str(len(tables.lifts)), "lifts"),
-        (mare_short(value), f"MARE over all frames {interval}"),
+        (mare_short(value), f"MARE over all frames {interval_text(value)}"),
         (f"{np.mean([_answered(lift) for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
     ]
 
 
-def _table(tables: Tables) -> Table:
+def _table(tables: Tables, value: Mare | None) -> Table:
     rows = [
         [
             lift.curves.name,
@@ -86,8 +82,6 @@ def _table(tables: Tables) -> Table:
         ]
         for lift in tables.lifts
     ]
-    known = [lift.errors for lift in tables.lifts if lift.errors]
-    value = mare([e.mean_deg for e in known], [e.std_deg for e in known])
     rows.append(["all", mare_text(value), "", "", "", "", "", ""])
     columns = (
         "lift", "mean error, °", "largest, °", "final estimate", "final reference", "onset, s", "answered",
@@ -100,7 +94,7 @@ def _notices(tables: Tables) -> list[Notice]:
     notices = [
         Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in tables.notes
     ]
-    if len(tables.lifts) < _FEW_LIFTS:
+    if len(tables.lifts) < FEW_LIFTS:
         advice = "The interval over lifts is wide or missing, and one lift can decide."
         notices.append(Notice("warn", f"Only {len(tables.lifts)} lifts.", advice))
     silent = [lift.curves.name for lift in tables.lifts if lift.errors is None]

@@ -90,7 +90,7 @@ def _read(folder: Path, manifest: dict[str, Any], lift: Lift) -> _Scene:
             f"{folder / lift.row['recording']}: the recording cannot be read; choose another --lift"
         )
     path = folder / lift.row["recording"]
-    zero_ns = round(lift.row["phases_s"]["B"] * NS_PER_S)
+    zero_ns = lift.zero_ns
     tips = []
     for serial, sign in manifest["signs"].items():
         tip = read_tip(path, lift.curves, zero_ns, serial, sign)

@@ -9,7 +9,7 @@ from protocols.grasps import find_grasp_file
 from rig.metrics import Floats
 from rig.report.curves import signed_errors
 from rig.report.parts import Chart
-from rig.report.session import Lift
+from rig.report.session import Lift, object_label
 from rig.report.trial_charts import boxes
 
 SURFACES = ("edge", "flat", "cylinder", "ball")
@@ -29,7 +29,7 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
 def object_chart(lifts: Sequence[Lift]) -> Chart:
     """The paper's box plot: a box per object over all frames of phase B."""
     return boxes(
-        errors_by(lifts, lambda lift: f"{lift.row['object']} {lift.row['name']}"),
+        errors_by(lifts, lambda lift: object_label(lift.row)),
         "Rotational error per object",
         "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most.",
     )

@@ -52,8 +52,8 @@ def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
     """Read the images of a recording; what is missing or damaged is named and left out."""
     rows, problems = read_rows(folder / "poses.jsonl", usable_pose)
     rows.sort(key=lambda row: (row["pose"], row["attempt"]))
-    finders = {s: _finder(folder / "reference" / f"{s}.png") for s in _serials(rows)}
-    without = [serial for serial, finder in finders.items() if finder is None]
+    references = {s: _read(folder / "reference" / f"{s}.png") for s in _serials(rows)}
+    without = [serial for serial, reference in references.items() if reference is None]
     if without:
         what = f"The reference image of {joined(without)} cannot be read."
         advice = (
@@ -64,45 +64,27 @@ def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
     for row in rows:
         for about in row["images"]:
             image = _read(folder / about["file"])
-            finder = finders.get(about["serial"])
+            reference = references.get(about["serial"])
             if image is None:
                 missing.append(str(about["file"]))
-            elif finder is not None and finder.shape == image.shape:
-                taken.append(_taken(row, about, image, finder))
+            elif reference is not None and reference.shape == image.shape:
+                taken.append(_taken(row, about, image, reference))
     if missing:
         what = f"{len(missing)} images cannot be read: {joined(missing)}."
         problems.append(Notice("bad", what, "They are missing below: copy them again from the rig's disk."))
     return Recording(folder, manifest, rows, taken, problems)
 
 
-def _taken(row: dict[str, Any], about: dict[str, Any], image: Image, finder: "_Finder") -> Taken:
-    contact = finder.find(image)
+def _taken(row: dict[str, Any], about: dict[str, Any], image: Image, reference: Image) -> Taken:
+    # a finder for each image, as one remembers contact from frame to frame, and these are no series
+    contact = ContactFinder(reference).find(image)
     axis = ellipse_axis(contact.contour) if contact.mask is not None else None
     told = axis is not None and axis.elongation >= ROUND
     return Taken(row, about, image, contact, axis.angle_deg if axis is not None and told else None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Finder:
-    """A finder that keeps no memory from image to image: they are not a series."""
-
-    reference: Image
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.reference.shape
-
-    def find(self, image: Image) -> Contact:
-        return ContactFinder(self.reference).find(image)
-
-
 def _serials(rows: list[dict[str, Any]]) -> list[str]:
     return sorted({str(about["serial"]) for row in rows for about in row["images"]})
-
-
-def _finder(path: Path) -> _Finder | None:
-    reference = _read(path)
-    return None if reference is None else _Finder(reference)
 
 
 def _read(path: Path) -> Image | None:

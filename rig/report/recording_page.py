@@ -10,6 +10,7 @@ from drivers.errors import InputError
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
 from rig.pages.page import render
+from rig.records.encoding import jpeg
 from rig.report.calibrations import calibration_notices, calibration_table
 from rig.report.header import header
 from rig.report.parts import Notice, Table, joined
@@ -21,7 +22,8 @@ from rig.report.recording_charts import (
     place_map,
     untouched_cells,
 )
-from rig.report.strips import jpeg
+from rig.report.strips import JPEG_QUALITY
+from rig.report.text import made_text
 
 THUMB_PX = (72, 96)
 ACROSS, GAP_PX = 8, 3
@@ -48,7 +50,7 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
         charts=[*maps, axis_histogram(by_serial)] if by_serial else [],
         sheets=_sheets(recording),
         calibrations=calibration_table(recording.manifest, now),
-        made=now.strftime("%Y-%m-%d %H:%M UTC"),
+        made=made_text(now),
     )
 
 
@@ -138,7 +140,7 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
         {
             "title": f"Pose {pose}: {taken[0].row['position']} at {taken[0].row['orientation_deg']:+.0f}°",
             "caption": f"{len(taken)} images, grips of {_grips(taken)} counts",
-            "jpeg": jpeg(_montage(taken)),
+            "jpeg": jpeg(_montage(taken), JPEG_QUALITY),
         }
         for pose, taken in sorted(poses.items())
     ]

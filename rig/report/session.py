@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,11 @@ class Lift:
         """Name for people, as "wrench, lift 3"."""
         return lift_name(self.row)
 
+    @property
+    def zero_ns(self) -> int:
+        """Start of phase B by the recording's clock."""
+        return round(self.row["phases_s"][Phase.LIFT] * NS_PER_S)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
@@ -68,10 +73,15 @@ def lift_name(row: dict[str, Any]) -> str:
     return f"{row['name']}, lift {row['lift']}"
 
 
+def object_label(row: dict[str, Any]) -> str:
+    """Id and name of a lift's object."""
+    return f"{row['object']} {row['name']}"
+
+
 def read_trial(folder: Path, manifest: dict[str, Any]) -> Trial:
     """Read the lifts of a trial; what is damaged is named and left out."""
     rows, problems = read_rows(folder / "lifts.jsonl", usable_lift)
-    timing, _ = read_rows(folder / "timing.jsonl", lambda row: isinstance(row.get("stages"), dict))
+    timing = read_timing(folder)
     lifts, damaged = [], []
     for row in sorted((r for r in rows if r["accepted"]), key=lambda r: r["number"]):
         try:
@@ -111,7 +121,9 @@ def find_lift(folder: Path, manifest: dict[str, Any], wanted: str) -> Lift:
     raise InputError(f"{folder}: no finished lift '{wanted}'; there are {there or 'none'}")
 
 
-def read_rows(path: Path, usable: Any) -> tuple[list[dict[str, Any]], list[Notice]]:
+def read_rows(
+    path: Path, usable: Callable[[dict[str, Any]], bool]
+) -> tuple[list[dict[str, Any]], list[Notice]]:
     """Return the usable rows of a file of JSON lines, and a notice where some are not.
 
     usable: tells whether a row holds what is needed of it. A last line without an end is a
@@ -136,6 +148,11 @@ def read_rows(path: Path, usable: Any) -> tuple[list[dict[str, Any]], list[Notic
         "They are left out of every figure. Copy the file again from the rig's disk, or remove those lines."
     )
     return rows, [Notice("bad", what, advice)]
+
+
+def read_timing(folder: Path) -> list[dict[str, Any]]:
+    """The usable rows of a trial's `timing.jsonl`; none where it is missing."""
+    return read_rows(folder / "timing.jsonl", lambda row: isinstance(row.get("stages"), dict))[0]
 
 
 def usable_pose(row: dict[str, Any]) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 from drivers.errors import InputError, SessionError
 from rig.records.session import MANIFEST, read_manifest
 from rig.replay import run_replay, session_settings
-from rig.report.session import read_rows, usable_lift
+from rig.report.session import read_rows, read_timing, usable_lift
 from rig.tactile.estimator import ESTIMATORS
 
 Progress = Callable[[int, int, dict[str, Any]], None]
@@ -35,8 +35,10 @@ def session_side(folder: Path, name: str | None = None) -> Side:
             f"{folder}: is a '{manifest.get('kind')}' session; only trials have lifts to compare"
         )
     rows, problems = read_rows(folder / "lifts.jsonl", usable_lift)
-    timing, _ = read_rows(folder / "timing.jsonl", lambda row: "stages" in row)
-    took = {(t.get("number"), t.get("attempt")): t["stages"].get("total", {}).get("p50_ms") for t in timing}
+    took = {
+        (t.get("number"), t.get("attempt")): t["stages"].get("total", {}).get("p50_ms")
+        for t in read_timing(folder)
+    }
     rows = [{**row, "frame_ms": took.get((row["number"], row["attempt"]))} for row in rows if row["accepted"]]
     if not rows:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")

@@ -13,6 +13,7 @@ from drivers.errors import SessionError
 from drivers.types import Frame, Image
 from rig.metrics import Floats
 from rig.pages.palette import ESTIMATE, TRUTH
+from rig.records.encoding import jpeg
 from rig.records.reading import recorded_frames
 from rig.report.curves import Curve, LiftCurves, truth_at
 from rig.report.text import angle_text
@@ -63,7 +64,7 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) ->
         time_s = (frame.time_ns - zero_ns) / NS_PER_S
         estimate, truth = angles_at(lift, serial, time_s)
         picture = drawn(frame.image, tip, estimate, truth)
-        stills.append(Still(jpeg(picture), caption(time_s, estimate, truth)))
+        stills.append(Still(jpeg(picture, JPEG_QUALITY), caption(time_s, estimate, truth)))
     return stills
 
 
@@ -127,12 +128,6 @@ def rgb(hex_colour: str) -> tuple[int, int, int]:
     """A colour as OpenCV takes it for RGB pictures."""
     red, green, blue = (int(hex_colour[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue
-
-
-def jpeg(picture: Image) -> bytes:
-    """Encode an (H, W, 3) uint8 RGB picture."""
-    bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
 
 def _axis(

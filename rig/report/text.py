@@ -1,6 +1,7 @@
 """Numbers for people, written the same way on every page."""
 
 import math
+from datetime import datetime
 
 from rig.metrics import Mare
 
@@ -22,6 +23,11 @@ def mare_short(value: Mare | None) -> str:
 def interval_text(value: Mare | None) -> str:
     """The 95 % interval of a MARE, "" where it has none."""
     return "" if value is None or value.low_deg is None else f"[{value.low_deg:.2f}, {value.high_deg:.2f}]"
+
+
+def made_text(when: datetime) -> str:
+    """When a page was made. when: with its zone, UTC."""
+    return when.strftime("%Y-%m-%d %H:%M UTC")
 
 
 def angle_text(angle_deg: float | None) -> str:

@@ -14,9 +14,9 @@ from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
-from rig.report.session import UNREADABLE, Lift, Trial, curves_of
+from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
 from rig.report.strips import Still, strip
-from rig.report.text import interval_text, mare_short, mare_text
+from rig.report.text import interval_text, made_text, mare_short, mare_text
 from rig.report.trial_charts import (
     coverage_chart,
     error_against_angle,
@@ -51,7 +51,7 @@ def trial_page(trial: Trial, now: datetime | None = None) -> str:
         onsets=onset_table([lift.row for lift in trial.lifts]),
         states=state_table([lift.row for lift in trial.lifts]),
         calibrations=calibration_table(trial.manifest, now),
-        made=now.strftime("%Y-%m-%d %H:%M UTC"),
+        made=made_text(now),
     )
 
 
@@ -127,9 +127,8 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, Any]
     strips: dict[str, list[Still]] = {}
     problem: Notice | None = None
     for serial, sign in trial.manifest.get("signs", {}).items():
-        zero_ns = round(lift.row["phases_s"]["B"] * 1e9)
         try:
-            strips[serial] = strip(trial.folder / lift.row["recording"], curves, zero_ns, serial, sign)
+            strips[serial] = strip(trial.folder / lift.row["recording"], curves, lift.zero_ns, serial, sign)
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}
@@ -139,8 +138,7 @@ def _by_object(trial: Trial) -> list[dict[str, Any]]:
     groups: dict[str, list[Chart]] = {}
     for lift in trial.lifts:
         if lift.curves is not None:
-            title = f"{lift.row['object']} {lift.row['name']}"
-            groups.setdefault(title, []).append(lift_chart(lift.curves, _lift_caption(lift)))
+            groups.setdefault(object_label(lift.row), []).append(lift_chart(lift.curves, _lift_caption(lift)))
     return [{"title": title, "charts": charts} for title, charts in groups.items()]
 
 

@@ -11,6 +11,7 @@ from rig.records.files import write_file
 from rig.records.session import MANIFEST, read_manifest
 from rig.report.parts import Notice
 from rig.report.session import UNREADABLE
+from rig.report.text import made_text
 
 REPORT = "report.html"
 
@@ -83,7 +84,7 @@ def _broken_page(folder: Path, error: BaseException) -> str:
         notice=Notice("bad", "This session cannot be shown.", str(error)),
         files=rows,
         more=max(len(files) - len(rows), 0),
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        made=made_text(datetime.now(UTC)),
     )
 
 

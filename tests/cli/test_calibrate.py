@@ -107,9 +107,9 @@ def test_markers_at_rest(tmp_path: Path) -> None:
 
 
 def test_references_of_the_simulated_fingertips_are_compared_with_the_last(tmp_path: Path) -> None:
-    first = figures("tactile", "--bench", "fake", "--out", tmp_path)["references"]
+    first = figures("tactile", "--bench", "fake", "--out", tmp_path)["calibrations"]
     assert [r["verdict"] for r in first] == ["weak", "weak"]
-    again = figures("tactile", "--bench", "fake", "--seed", "1", "--out", tmp_path)["references"]
+    again = figures("tactile", "--bench", "fake", "--seed", "1", "--out", tmp_path)["calibrations"]
     assert [r["verdict"] for r in again] == ["good", "good"]
     serials = ("SIM-D0001", "SIM-D0002")
     pictures = [tmp_path / f"tactile-reference-{serial}.png" for serial in serials]

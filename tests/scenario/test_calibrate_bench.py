@@ -30,7 +30,7 @@ from rig.operators import ConsoleOperator
 
 
 def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:
-    return Station(bench, seed, folder, ConsoleOperator(lambda _: False, agreed), lambda _: None)
+    return Station(load_bench(bench), seed, folder, ConsoleOperator(lambda _: False, agreed), lambda _: None)
 
 
 def test_the_tip_is_found_where_it_was_clamped_and_again_from_the_files(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Exports and recordings, opened by the libraries of the tools they are for."""
+"""Exports, opened by the libraries of the tools they are for."""
 
 import json
 import shutil
@@ -8,15 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from drivers.errors import InputError, SessionError
 from protocols.grasps import find_grasp_file
-from rig.attempt import TrialSettings
 from rig.cli.main import app
 from rig.config import load_bench
 from rig.export.formats import export_session
@@ -26,15 +21,6 @@ from rig.records.reading import recorded_frames, recorded_values
 from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC
 from rig.records.session import TRUE_MASKS
 from rig.records.tables import read_csv
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
-
-
-@pytest.fixture(scope="module")
-def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("export") / "trial"
-    run_trial(folder, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -45,62 +31,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_recordings_carry_foxgloves_own_schemas(trial: Path) -> None:
-    """What a viewer reads is the schema inside the file, so that is what is compared."""
-    known = {"foxglove.CompressedImage": CompressedImage, "foxglove.PoseInFrame": PoseInFrame}
-    with (trial / "lifts/001.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    found: set[str] = set()
-    for schema in summary.schemas.values():
-        if schema.encoding == "jsonschema":
-            assert json.loads(schema.data)["type"] == "object"
-            continue
-        stored = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
-        expected = FileDescriptorProto()
-        known[schema.name].DESCRIPTOR.file.CopyToProto(expected)
-        assert stored[expected.name] == expected
-        assert set(expected.dependency) <= set(stored)
-        found.add(schema.name)
-    assert found == set(known)
-
-
-def test_messages_fit_the_json_schemas_beside_them(trial: Path) -> None:
-    kinds = {
-        "string": str,
-        "number": (int, float),
-        "integer": int,
-        "boolean": bool,
-        "array": list,
-        "null": type(None),
-    }
-    seen: set[str] = set()
-    with (trial / "lifts/001.mcap").open("rb") as stream:
-        for schema, _, message in make_reader(stream).iter_messages():
-            if schema is None or schema.encoding != "jsonschema":
-                continue
-            properties = json.loads(schema.data)["properties"]
-            for name, value in json.loads(message.data).items():
-                allowed = properties[name]["type"]
-                allowed = [allowed] if isinstance(allowed, str) else allowed
-                assert any(isinstance(value, kinds[kind]) for kind in allowed), (schema.name, name, value)
-            seen.add(schema.name)
-    assert seen == {"rig.Phase", "rig.Joints", "rig.Gripper", "rig.Angle"}
-
-
-def test_rerun_opens_a_recording_as_it_is(trial: Path) -> None:
-    pytest.importorskip("rerun", reason="the viewer's library is not installed: extra 'live'")
-    from rerun.chunk import McapReader
-
-    chunks = list(McapReader(trial / "lifts/001.mcap").stream().to_chunks())
-    paths = {chunk.entity_path for chunk in chunks}
-    assert {"/image/SIM-D0001", "/image/SIM-C0001", "/arm/tcp"} <= paths
-
-
-def test_csv_and_parquet_hold_the_same_tables(trial: Path, tmp_path: Path) -> None:
+def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    export_session(trial, "csv", tmp_path / "csv")
-    export_session(trial, "parquet", tmp_path / "parquet")
+    export_session(one_lift, "csv", tmp_path / "csv")
+    export_session(one_lift, "parquet", tmp_path / "parquet")
     names = {"lifts", "angles", "arm", "gripper", "frames"}
     assert {path.stem for path in (tmp_path / "csv").iterdir()} == names
     for name in names:
@@ -108,12 +42,12 @@ def test_csv_and_parquet_hold_the_same_tables(trial: Path, tmp_path: Path) -> No
         kinds = {"string": str, "int64": int, "double": float, "bool": bool}
         columns = {column.name: kinds[str(column.type)] for column in table.schema}
         assert read_csv(tmp_path / "csv" / f"{name}.csv", columns) == table.to_pylist()
-    row = read_lines(trial / "lifts.jsonl")[0]
+    row = read_lines(one_lift / "lifts.jsonl")[0]
     lift = parquet.read_table(tmp_path / "parquet/lifts.parquet").to_pylist()[0]
     assert (lift["re_mean_deg"], lift["object"]) == (row["re"]["mean_deg"], "t2")
     angles = parquet.read_table(tmp_path / "parquet/angles.parquet").to_pylist()
     for source, topic in (("fused", FUSED_TOPIC), ("markers", TRUTH_TOPIC)):
-        stored = recorded_values(trial / "lifts/001.mcap", topic)
+        stored = recorded_values(one_lift / "lifts/001.mcap", topic)
         lines = [line for line in angles if line["source"] == source]
         assert [line["angle_deg"] for line in lines] == [value["angle_deg"] for value in stored]
         assert {line["phase"] for line in lines} <= {"A", "B", "C", "lower"}
@@ -125,10 +59,10 @@ def test_csv_and_parquet_hold_the_same_tables(trial: Path, tmp_path: Path) -> No
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
 def test_coco_is_read_by_pycocotools_and_says_where_its_masks_come_from(
-    trial: Path, recording: Path, tmp_path: Path
+    one_lift: Path, recording: Path, tmp_path: Path
 ) -> None:
     coco_module = pytest.importorskip("pycocotools.coco")
-    for session, least in ((trial, 20), (recording, 4)):
+    for session, least in ((one_lift, 20), (recording, 4)):
         out = tmp_path / session.name
         exported = export_session(session, "coco", out)
         coco = coco_module.COCO(str(out / "annotations.json"))
@@ -196,10 +130,10 @@ def test_labelmes_own_loader_reads_its_files(recording: Path, tmp_path: Path) ->
         assert loaded.shapes[0]["label"] == "contact"
 
 
-def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(trial: Path, tmp_path: Path) -> None:
+def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "out"
-    export_session(trial, "lerobot", out)
+    export_session(one_lift, "lerobot", out)
     info = json.loads((out / "meta/info.json").read_text())
     data = parquet.read_table(out / info["data_path"].format(chunk_index=0, file_index=0))
     assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 30, 1)
@@ -208,11 +142,11 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(trial: Path, tmp
     np.testing.assert_allclose(np.diff(data["timestamp"].to_numpy()), 1 / 30, atol=1e-5)
     assert data["observation.state"][0].as_py() == pytest.approx(data["action"][0].as_py(), abs=0.05)
     assert data["observation.state"][1].as_py() == data["action"][0].as_py()
-    stored = {frame.jpeg for frame in recorded_frames(trial / "lifts/001.mcap", "SIM-D0001")}
+    stored = {frame.jpeg for frame in recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001")}
     kept = [image["bytes"] for image in data["observation.images.SIM-D0001"].to_pylist()]
     assert set(kept) <= stored
     assert len(set(kept)) == len(kept)
-    row = read_lines(trial / "lifts.jsonl")[0]
+    row = read_lines(one_lift / "lifts.jsonl")[0]
     assert data["angle.truth_deg"][-1].as_py() == pytest.approx(row["final_truth_deg"], abs=1.0)
     episode = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()[0]
     assert (episode["dataset_from_index"], episode["dataset_to_index"]) == (0, len(data))
@@ -224,19 +158,19 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(trial: Path, tmp
     assert "SIMULATED" in (out / "README.md").read_text()
 
 
-def test_lerobots_own_loader_reads_the_data_set(trial: Path, tmp_path: Path) -> None:
+def test_lerobots_own_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) -> None:
     module: Any = pytest.importorskip(
         "lerobot.datasets.lerobot_dataset", reason="lerobot (with torch) is not installed"
     )
-    export_session(trial, "lerobot", tmp_path / "out")
+    export_session(one_lift, "lerobot", tmp_path / "out")
     data = module.LeRobotDataset("rig/lifts", root=tmp_path / "out")
     assert data.num_episodes == 1
     assert tuple(data[0]["observation.images.camera"].shape) == (3, 480, 640)
 
 
-def test_an_export_is_whole_or_not_there(trial: Path, recording: Path, tmp_path: Path) -> None:
+def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
-    shutil.copytree(trial, broken)
+    shutil.copytree(one_lift, broken)
     file = broken / "lifts/001.mcap"
     file.write_bytes(file.read_bytes()[:200_000])
     for to in ("csv", "coco"):
@@ -245,17 +179,17 @@ def test_an_export_is_whole_or_not_there(trial: Path, recording: Path, tmp_path:
     with pytest.raises(InputError, match="no episodes"):
         export_session(recording, "lerobot", tmp_path / "out")
     with pytest.raises(InputError, match="choose one of csv"):
-        export_session(trial, "excel", tmp_path / "out")
+        export_session(one_lift, "excel", tmp_path / "out")
     with pytest.raises(InputError, match="no such session"):
         export_session(tmp_path / "nothing", "csv", tmp_path / "out")
     assert {path.name for path in tmp_path.iterdir()} == {"broken"}
     with pytest.raises(InputError, match="exists already"):
-        export_session(trial, "csv", tmp_path / "broken")
+        export_session(one_lift, "csv", tmp_path / "broken")
 
 
-def test_the_command_says_what_it_wrote_and_where(trial: Path, tmp_path: Path) -> None:
+def test_the_command_says_what_it_wrote_and_where(one_lift: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(
-        app, ["export", str(trial), "--to", "csv", "--out", str(tmp_path / "x"), "--json"]
+        app, ["export", str(one_lift), "--to", "csv", "--out", str(tmp_path / "x"), "--json"]
     )
     assert done.exit_code == 0, done.output
     figures = json.loads(done.stdout)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from calibration.camera_files import camera_info, read_camera
 from calibration.camera_model import CameraModel
-from calibration.store import CalibrationFile, load, plain, save
+from calibration.store import CalibrationFile, age_days, load, plain, save
 from calibration.verdict import Judgement, Rejected, Verdict, floor, limit
 from drivers.errors import CalibrationError, RecordingError
 
@@ -39,6 +39,10 @@ def test_a_file_comes_back_as_it_was(tmp_path: Path) -> None:
     read = read_camera(tmp_path / "camera.yaml", "C1")
     assert np.array_equal(read.matrix, CAMERA.matrix)
     assert np.array_equal(read.distortion, CAMERA.distortion)
+
+
+def test_a_time_without_a_zone_is_utc() -> None:
+    assert age_days(NOW.replace(tzinfo=None).isoformat(), NOW + timedelta(days=3)) == pytest.approx(3.0)
 
 
 def test_another_serial_is_refused(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def score_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> LiftScores:
     cv2.setNumThreads(1)
     lift = open_lift(folder, tips, row)
     passes = run_passes(lift)
-    truth = _truth(lift, passes[DEFAULT_ESTIMATOR])
+    truth = truth_at(lift, passes[DEFAULT_ESTIMATOR])
     scores = {
         (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
         for name in CONTENDERS
@@ -165,7 +165,7 @@ def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[
     return fused
 
 
-def _truth(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
+def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
     """Return the true angle in degrees at every tactile frame, None where there is no truth."""
     values = recorded_values(lift.recording, TRUTH_TOPIC)
     times, angles, sigmas = (

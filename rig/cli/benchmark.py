@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 from rig.cli.benchmark_calibration import calibration
 from rig.cli.benchmark_estimators import estimators
 from rig.cli.benchmark_segmentation import segmentation
+from rig.cli.benchmark_trials import trials
 from rig.cli.benchmark_wire import wire
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
 
@@ -36,6 +37,7 @@ benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
 benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
+benchmark.command("trials")(trials)
 
 
 @benchmark.command("faults")

@@ -59,7 +59,7 @@ def estimators(
     check_writable(folder, readme)
     settings = BenchmarkSettings(folder, session, seed, full, jobs or max(1, os.cpu_count() or 1))
     say(f"benchmark of estimators, seed {seed}, results in {folder}")
-    with _Parts() as parts:
+    with Parts() as parts:
         result = run_benchmark(settings, parts)
     write_results(folder, result, readme)
     _print(result, json)
@@ -73,7 +73,7 @@ def estimators(
         raise typer.Exit(Exit.LIMIT_MISSED)
 
 
-class _Parts:
+class Parts:
     """A progress bar per part of the run, one after the other."""
 
     def __init__(self) -> None:

@@ -7,12 +7,13 @@ names with `-published` answer as that script does (`rig.tactile.published`).
 """
 
 from dataclasses import replace
+from typing import Protocol
 
 import cv2
 
 from drivers.types import Image
 from rig.tactile.axis import Axis, AxisMethod
-from rig.tactile.contact import ContactFinder
+from rig.tactile.contact import Contact, ContactFinder
 from rig.tactile.fresh import FreshFrameEstimator
 from rig.tactile.published import ScriptAngle, ScriptError, ScriptFilter, stretched
 from rig.tactile.sample import SlipEstimator, SlipSample, State
@@ -22,6 +23,14 @@ from rig.tactile.stopwatch import Stopwatch
 # followed. On the nine real frames our masks of nearly round contacts differ from the human labels
 # by up to 0.3 in it: below that, the light may have drawn the axis.
 ELONGATION_ENTER, ELONGATION_LEAVE = 1.3, 1.15
+
+
+class FindsContact(Protocol):
+    """Where the axis methods get their contact from: plain image processing, or a network."""
+
+    def find(self, image: Image) -> Contact:
+        """Return the contact in an (H, W, 3) uint8 RGB frame."""
+        ...
 
 
 class AxisEstimator(FreshFrameEstimator):
@@ -35,7 +44,7 @@ class AxisEstimator(FreshFrameEstimator):
 
     stages = ("contact", "axis", "filter")
 
-    def __init__(self, finder: ContactFinder, method: AxisMethod) -> None:
+    def __init__(self, finder: FindsContact, method: AxisMethod) -> None:
         super().__init__()
         self._finder = finder
         self._method = method

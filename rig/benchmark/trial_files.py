@@ -1,0 +1,34 @@
+"""The files that `rig benchmark trials` leaves."""
+
+import json
+from pathlib import Path
+
+from rig.benchmark.estimators import machine
+from rig.benchmark.trial_tables import draw, notes, table_four, table_three
+from rig.benchmark.trials import TrialsResult, as_json
+from rig.pages.page import render
+
+RESULTS, PICTURE, PAGE = "results.json", "trials.png", "index.html"
+
+
+def write_trials(folder: Path, result: TrialsResult) -> None:
+    """Write results, picture and page into a folder that there is."""
+    picture = draw(result)
+    (folder / RESULTS).write_text(json.dumps(as_json(result), indent=1) + "\n", encoding="utf-8")
+    (folder / PICTURE).write_bytes(picture)
+    (folder / PAGE).write_text(page(result, picture), encoding="utf-8")
+
+
+def page(result: TrialsResult, picture: bytes) -> str:
+    """Return the HTML page, with the PNG picture inside."""
+    return render(
+        "rig.benchmark",
+        "trials.html",
+        lifts=result.lifts,
+        frames=result.frames,
+        seed=result.settings.seed,
+        of=machine(),
+        picture=picture,
+        tables=[table_three(result), table_four(result)],
+        notes=notes(result),
+    )

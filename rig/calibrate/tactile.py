@@ -38,7 +38,8 @@ def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float
     """background.png, and catalog.csv with its pictures: the gel's scale and colour map.
 
     mm_per_px: along x and y where it is known; else it is fitted to the known moves of the presses
-    (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt.
+    (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
+    out where there is a fitted scale to keep.
     """
     presses = _read(folder)
     still = Reference(
@@ -50,7 +51,8 @@ def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float
         result = calibrate_gel(presses.found, used)
     except CalibrationError as error:
         return _refused(presses, serial, str(error))
-    judged = result.judgement + judge_reference(still)
+    mapped = not (result.judgement.refusals and scale)
+    judged = (result.judgement if mapped else _without_map(result.judgement)) + judge_reference(still)
     if scale is not None:
         judged += scale.judgement
     elif mm_per_px is None:
@@ -60,7 +62,7 @@ def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float
     return Outcome(
         "tactile",
         {"tactile": serial},
-        _value(result, used, scale),
+        _value(result, used, scale, mapped),
         _quality(result, scale),
         judged,
         _numbers(result, used, scale),
@@ -122,17 +124,25 @@ def _refused(presses: _Presses, serial: str, reason: str) -> Outcome:
     )  # fmt: skip
 
 
-def _value(result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> Mapping[str, object]:
+def _without_map(judged: Judgement) -> Judgement:
+    """A scale from known moves stands without the colours: what is wrong with their map is a doubt."""
+    return Judgement(doubts=tuple(f"colour map left out: {reason}" for reason in judged.reasons))
+
+
+def _value(
+    result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, mapped: bool
+) -> Mapping[str, object]:
     rows, columns = result.map.shape
+    gradient_map = {
+        "features": "log colour change x place, calibration.gel.gradient_map",
+        "weights": result.map.weights,
+    }
     return {
         "image_height": rows,
         "image_width": columns,
         "mm_per_px": mm_per_px,
         **({} if scale is None else {"pixel_aspect": scale.pixel_aspect}),
-        "gradient_map": {
-            "features": "log colour change x place, calibration.gel.gradient_map",
-            "weights": result.map.weights,
-        },
+        **({"gradient_map": gradient_map} if mapped else {}),
     }
 
 

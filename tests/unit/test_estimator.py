@@ -10,7 +10,14 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.tactile.estimator import DEFAULT_ESTIMATOR, ESTIMATORS, KOLAMURI, MATCHERS, PUBLISHED, choose_estimator
+from rig.tactile.estimator import (
+    DEFAULT_ESTIMATOR,
+    ESTIMATORS,
+    KOLAMURI,
+    MATCHERS,
+    PUBLISHED,
+    choose_estimator,
+)
 from rig.tactile.sample import SlipEstimator, SlipSample, State
 
 Image = NDArray[np.uint8]

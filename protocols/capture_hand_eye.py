@@ -73,7 +73,7 @@ def wait_until_still(bench: Bench) -> None:
     while bench.clock.now_ns() < deadline:
         bench.clock.sleep_until(bench.clock.now_ns() + seconds(SETTLE_S))
         now = bench.arm.state().base_T_tcp
-        if _moved(before, now) == (False, False):
+        if not _moved(before, now):
             return
         before = now
     raise DeviceTimeoutError(
@@ -86,7 +86,7 @@ def _capture(bench: Bench, name: str) -> HandEyeCapture:
     before = bench.arm.state().base_T_tcp
     frame = _captured_since(bench, bench.clock.now_ns())
     after = bench.arm.state().base_T_tcp
-    if any(_moved(before, after)):
+    if _moved(before, after):
         raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is somebody guiding it?")
     return HandEyeCapture(name, after, frame)
 
@@ -106,6 +106,6 @@ def _captured_since(bench: Bench, time_ns: int) -> Frame:
     )
 
 
-def _moved(one: Pose, other: Pose) -> tuple[bool, bool]:
+def _moved(one: Pose, other: Pose) -> bool:
     step = one.inverse() @ other
-    return bool(np.linalg.norm(step.position_m) > _STILL_M), bool(step.rotation.magnitude() > _STILL_RAD)
+    return bool(np.linalg.norm(step.position_m) > _STILL_M or step.rotation.magnitude() > _STILL_RAD)

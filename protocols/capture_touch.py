@@ -17,9 +17,11 @@ from protocols.steps import (
     make_ready,
     make_safe,
     move,
+    start_watching,
     step_fingers,
+    tighten,
 )
-from protocols.watch import Operator, Phase, Watch
+from protocols.watch import Operator, Watch
 
 REFERENCE_S = 0.2
 SETTLE_S = 0.3
@@ -54,8 +56,7 @@ def capture_presses(
     """
 
     def press(pump: Pump, touch: Touch, contact_counts: int) -> None:
-        for counts in range(contact_counts + 1, contact_counts + touch.grip_counts + 1):
-            step_fingers(bench, pump, watch, counts)
+        tighten(bench, pump, watch, contact_counts, touch.grip_counts)
         pump.run_for(SETTLE_S)
         keep(touch)
 
@@ -79,9 +80,7 @@ def capture_openings(
 
     def measure(pump: Pump, touch: Touch, contact_counts: int) -> None:
         closed(touch, contact_counts - 0.5)
-        for counts in range(contact_counts + 1, contact_counts + PAST_CONTACT + 1):
-            step_fingers(bench, pump, watch, counts)
-        counts = contact_counts + PAST_CONTACT
+        counts = tighten(bench, pump, watch, contact_counts, PAST_CONTACT)
         for _ in range(MAX_STEPS):
             counts -= 1
             step_fingers(bench, pump, watch, counts)
@@ -112,11 +111,7 @@ def _each(
             else:
                 _beside(bench, touch)
             before = touch
-            pump = Pump(bench, watch)
-            pump.start()
-            watch.phase(Phase.REFERENCE, pump.seen_ns)
-            pump.run_for(REFERENCE_S)
-            watch.phase(Phase.GRASP, pump.seen_ns)
+            pump = start_watching(bench, watch, REFERENCE_S)
             touched(pump, touch, close_to_contact(bench, pump, watch))
         _leave(bench, before)
     except BaseException as error:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from protocols.capture_touch import REFERENCE_S, Touch
-from protocols.pump import Pump
 from protocols.steps import (
     MOTION_TIMEOUT_S,
     approach,
@@ -13,7 +12,8 @@ from protocols.steps import (
     lower_and_release,
     make_ready,
     make_safe,
-    step_fingers,
+    start_watching,
+    tighten,
 )
 from protocols.watch import Operator, Phase, Watch
 
@@ -41,14 +41,8 @@ def capture_wiggle(
     operator.place(touch.gauge, touch.name)
     try:
         approach(bench, touch.base_T_grasp, touch.width_m)
-        pump = Pump(bench, watch)
-        pump.start()
-        watch.phase(Phase.REFERENCE, pump.seen_ns)
-        pump.run_for(REFERENCE_S)
-        watch.phase(Phase.GRASP, pump.seen_ns)
-        contact = close_to_contact(bench, pump, watch)
-        for counts in range(contact + 1, contact + touch.grip_counts + 1):
-            step_fingers(bench, pump, watch, counts)
+        pump = start_watching(bench, watch, REFERENCE_S)
+        tighten(bench, pump, watch, close_to_contact(bench, pump, watch), touch.grip_counts)
         pump.run_for(SETTLE_S)
         watch.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:

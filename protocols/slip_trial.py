@@ -5,7 +5,15 @@ from dataclasses import dataclass
 from drivers.bench import Bench
 from drivers.types import Pose
 from protocols.pump import Pump
-from protocols.steps import approach, close_to_contact, lift, lower_and_release, make_safe, step_fingers
+from protocols.steps import (
+    approach,
+    close_to_contact,
+    lift,
+    lower_and_release,
+    make_safe,
+    start_watching,
+    tighten,
+)
 from protocols.watch import Phase, Watch
 
 REFERENCE_S = 0.25
@@ -41,12 +49,8 @@ def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
     everything until then.
     """
     try:
-        pump = Pump(bench, watch)
         approach(bench, plan.base_T_grasp, plan.width_m)
-        pump.start()
-        watch.phase(Phase.REFERENCE, pump.seen_ns)
-        pump.run_for(REFERENCE_S)
-        watch.phase(Phase.GRASP, pump.seen_ns)
+        pump = start_watching(bench, watch, REFERENCE_S)
         _grasp(bench, pump, watch, plan)
         watch.phase(Phase.LIFT, pump.seen_ns)
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
@@ -63,8 +67,6 @@ def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
 def _grasp(bench: Bench, pump: Pump, watch: Watch, plan: LiftPlan) -> None:
     """Close to first contact, a few counts further, and wait until phase A has lasted its time."""
     began_ns = bench.clock.now_ns()
-    contact_counts = close_to_contact(bench, pump, watch)
-    for counts in range(contact_counts + 1, contact_counts + plan.grip_counts + 1):
-        step_fingers(bench, pump, watch, counts)
+    tighten(bench, pump, watch, close_to_contact(bench, pump, watch), plan.grip_counts)
     spent_s = (bench.clock.now_ns() - began_ns) / 1e9
     pump.run_for(max(GRASP_S - spent_s, SETTLE_S))

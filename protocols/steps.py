@@ -5,7 +5,7 @@ from drivers.errors import DeviceError, GraspError, GripperFaultError, Protectiv
 from drivers.interfaces import Motion
 from drivers.types import Pose
 from protocols.pump import Pump
-from protocols.watch import Operator, Watch
+from protocols.watch import Operator, Phase, Watch
 
 TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10
@@ -62,6 +62,16 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa:
         move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
+def start_watching(bench: Bench, watch: Watch, reference_s: float) -> Pump:
+    """Begin to deliver frames: of the untouched gels for so long, then of the grasp."""
+    pump = Pump(bench, watch)
+    pump.start()
+    watch.phase(Phase.REFERENCE, pump.seen_ns)
+    pump.run_for(reference_s)
+    watch.phase(Phase.GRASP, pump.seen_ns)
+    return pump
+
+
 def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
     """Close in one-count steps until both fingertips touch; return the counts at that point.
 
@@ -79,6 +89,13 @@ def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
         f"gripper: no contact on both fingertips, closed step by step to {counts} counts; "
         "check that the object lies in its place and that its width in the object file is right"
     )
+
+
+def tighten(bench: Bench, pump: Pump, watch: Watch, from_counts: int, by_counts: int) -> int:
+    """Close by so many counts, one at a time; return the counts then."""
+    for counts in range(from_counts + 1, from_counts + by_counts + 1):
+        step_fingers(bench, pump, watch, counts)
+    return from_counts + by_counts
 
 
 def step_fingers(bench: Bench, pump: Pump, watch: Watch, counts: int) -> None:

@@ -15,7 +15,8 @@ from protocols.grasps import TRIAL_OBJECTS
 from rig.attempt import TrialSettings
 from rig.benchmark.endurance import Endurance, measure_endurance
 from rig.benchmark.lifts import LiftScores, Tips, score_lift, session_lifts
-from rig.benchmark.limits import Limit, closest_of_paper, judge
+from rig.benchmark.limits import closest_of_paper, judge
+from rig.benchmark.measured import Measured
 from rig.benchmark.precision import Precision, compare_precision
 from rig.benchmark.scores import Score, score_all
 from rig.benchmark.stress import CONTACTS, ClipScore, StressRow, run_stress, stress_rows, stress_tasks
@@ -71,7 +72,7 @@ class BenchmarkResult:
     precision: Precision
     endurance: Endurance | None
     stress: list[StressRow]
-    limits: list[Limit]
+    limits: list[Measured]
     wall_s: float
 
     @property

@@ -1,10 +1,10 @@
 """The limits that the estimator has to keep, and whether a run of the benchmark kept them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from rig.benchmark.contenders import PAPER
 from rig.benchmark.endurance import Endurance
+from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.benchmark.scores import Score
 from rig.benchmark.stress import StressRow
 from rig.benchmark.timing import TimingReport
@@ -24,16 +24,6 @@ FRAME_SIZE_PX = (240, 320)
 Scores = Mapping[tuple[str, int], Score]
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A limit: what was measured (None: nothing to measure it on), what was asked, whether it holds."""
-
-    name: str
-    value: float | None
-    asked: str
-    met: bool
-
-
 def judge(
     scores: Scores,
     timing: TimingReport,
@@ -41,7 +31,7 @@ def judge(
     skip_apart: int,
     stress: Sequence[StressRow],
     endurance: Endurance | None = None,
-) -> list[Limit]:
+) -> list[Measured]:
     """Return all limits in the order of the table; the hour's only where it was run."""
     ours = scores[DEFAULT_ESTIMATOR, 1]
     return [
@@ -68,7 +58,7 @@ def closest_of_paper(scores: Scores) -> tuple[str, int] | None:
     return min(known, key=lambda key: known[key]) if known else None
 
 
-def _accuracy(ours: Score, scores: Scores) -> list[Limit]:
+def _accuracy(ours: Score, scores: Scores) -> list[Measured]:
     mare = ours.mare.mean_deg if ours.mare else None
     long = ours.mare_elongated.mean_deg if ours.mare_elongated else None
     theirs = scores[PAPER_BEST].mare
@@ -80,22 +70,19 @@ def _accuracy(ours: Score, scores: Scores) -> list[Limit]:
         _most("MARE over elongated objects, deg", long, ELONGATED_DEG),
         _most("mean error of the worst lift, deg", ours.worst_deg, WORST_DEG),
         _least("share of frames answered", ours.answered, ANSWERED),
-        Limit(
-            "share of errors within two sigma",
-            within,
-            f"{WITHIN_LEAST:g} to {WITHIN_MOST:g}",
-            within is not None and WITHIN_LEAST <= within <= WITHIN_MOST,
-        ),
+        _unmeasured("share of errors within two sigma", f"{WITHIN_LEAST:g} to {WITHIN_MOST:g}")
+        if within is None
+        else between("share of errors within two sigma", within, WITHIN_LEAST, WITHIN_MOST),
         _least(f"times as accurate as the paper's best method ({named})", ratio, TIMES_MORE_ACCURATE),
     ]
 
 
-def _refused(stress: Sequence[StressRow]) -> Limit:
+def _refused(stress: Sequence[StressRow]) -> Measured:
     shares = [1.0 - r.score.answered for r in stress if r.refused and r.estimator == DEFAULT_ESTIMATOR]
     return _least("share of frames refused on smooth round contacts", min(shares, default=None), REFUSED)
 
 
-def _times(timing: TimingReport) -> list[Limit]:
+def _times(timing: TimingReport) -> list[Measured]:
     ours = timing.contenders[DEFAULT_ESTIMATOR].contact
     known = timing.size_px == FRAME_SIZE_PX and ours.count > 0
     ratio = timing.published.stage.p50_ms / ours.p50_ms if known else None
@@ -106,16 +93,21 @@ def _times(timing: TimingReport) -> list[Limit]:
     ]
 
 
-def _endured(hour: Endurance) -> list[Limit]:
+def _endured(hour: Endurance) -> list[Measured]:
     return [
         _most(f"{hour.frames} frames at rest: largest angle, deg", hour.wander_deg, WANDER_DEG),
         _most(f"{hour.frames} frames at rest: growth of memory, MB", hour.grown_mb, GROWN_MB),
     ]
 
 
-def _most(name: str, value: float | None, limit: float) -> Limit:
-    return Limit(name, value, f"at most {limit:g}", value is not None and value <= limit)
+def _most(name: str, value: float | None, limit: float) -> Measured:
+    return _unmeasured(name, f"at most {limit:g}") if value is None else at_most(name, value, limit)
 
 
-def _least(name: str, value: float | None, limit: float) -> Limit:
-    return Limit(name, value, f"at least {limit:g}", value is not None and value >= limit)
+def _least(name: str, value: float | None, limit: float) -> Measured:
+    return _unmeasured(name, f"at least {limit:g}") if value is None else at_least(name, value, limit)
+
+
+def _unmeasured(name: str, asked: str) -> Measured:
+    """A limit that nothing was there to measure on is not kept."""
+    return Measured(name, None, asked, False)

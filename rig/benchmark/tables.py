@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import InputError
 from rig.benchmark.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators import BenchmarkResult, machine
-from rig.benchmark.limits import Limit
+from rig.benchmark.measured import Measured
 from rig.benchmark.stress import NAMES, StressRow
 from rig.benchmark.timing import Spread
 from rig.metrics import Mare
@@ -67,7 +67,7 @@ def stress_table(result: BenchmarkResult) -> Table:
     return Table(title, ("group", "condition", *NAMES, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
 
 
-def limit_table(limits: Sequence[Limit]) -> Table:
+def limit_table(limits: Sequence[Measured]) -> Table:
     """Every limit, what was measured and whether it was kept."""
     rows = [
         (limit.name, NONE if limit.value is None else f"{limit.value:.3g}", limit.asked,

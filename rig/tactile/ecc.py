@@ -189,11 +189,7 @@ class ReferenceEstimator(FreshFrameEstimator):
     def _changed(self, region: Region) -> bool:
         """Follow a contact's growth; whether a new reference has to be taken of this frame."""
         last, self._level = self._level, region
-        changed = (
-            last is None
-            or abs(region.strength / last.strength - 1.0) > SETTLED_SHARE
-            or abs(region.area_px / last.area_px - 1.0) > SETTLED_SHARE
-        )
+        changed = region.changed(last, SETTLED_SHARE)
         self._steady = 0 if changed else self._steady + 1
         self._settled = self._steady >= SETTLED_FRAMES
         return changed or self._settled

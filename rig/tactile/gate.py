@@ -39,6 +39,13 @@ class Region:
     area_px: int
     strength: float
 
+    def changed(self, before: "Region | None", share: float) -> bool:
+        """Whether strength or area differ from an earlier contact's by more than a share; True with none."""
+        if before is None:
+            return True
+        strength = abs(self.strength / before.strength - 1.0)
+        return strength > share or abs(self.area_px / before.area_px - 1.0) > share
+
 
 class ContactGate:
     """Lets a contact begin later than end, so that it does not flicker."""

@@ -20,11 +20,11 @@ class Settling:
         """Take the next frame's contact; whether a keyframe has to be taken of it."""
         if self.settled:
             return False
-        if _changed(region, self._level, SETTLED_SHARE):
+        if region.changed(self._level, SETTLED_SHARE):
             self._level, self._steady = region, 0
         self._steady += 1
         self.settled = self._steady >= SETTLED_FRAMES
-        renewed = self.settled or _changed(region, self._renewed, RENEWED_SHARE)
+        renewed = self.settled or region.changed(self._renewed, RENEWED_SHARE)
         if renewed:
             self._renewed = region
         return renewed
@@ -32,10 +32,3 @@ class Settling:
     def renew(self) -> None:
         """Have a keyframe taken of the next frame."""
         self._renewed = None
-
-
-def _changed(region: Region, before: Region | None, share: float) -> bool:
-    if before is None:
-        return True
-    strength = abs(region.strength / before.strength - 1.0)
-    return strength > share or abs(region.area_px / before.area_px - 1.0) > share

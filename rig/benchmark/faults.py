@@ -171,9 +171,11 @@ def run_faults(
     folder: Path,
     cases: tuple[FaultCase, ...] = CASES,
     progress: Callable[[FaultResult], None] = lambda result: None,
+    bench: BenchConfig | None = None,
 ) -> list[FaultResult]:
     """Run the cases as a trial of as many lifts, kept in `folder`; return what came of each.
 
+    bench: the bench behind wires, by default `wire`.
     Raises `DeviceError` unless each case's lift is on disk in the end.
     """
     results = [FaultResult(case) for case in cases]
@@ -188,7 +190,10 @@ def run_faults(
         elif result.injected_ns:
             result.faults.append(row["fault"])
 
-    with started_fakes(load_bench("wire")) as config, closing(FaultyBench(config, results)) as benches:
+    with (
+        started_fakes(bench or load_bench("wire")) as config,
+        closing(FaultyBench(config, results)) as benches,
+    ):
         settings = TrialSettings(config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         _run_to_the_end(run, attempts)

@@ -95,13 +95,19 @@ class WireReport:
         return not any(stream.missing for stream in self.streams)
 
 
-def measure_wire(folder: Path, object_id: str, seeds: int = 20, live: LiveFeed = NOBODY) -> WireReport:
+def measure_wire(
+    folder: Path,
+    object_id: str,
+    seeds: int = 20,
+    live: LiveFeed = NOBODY,
+    bench: BenchConfig | None = None,
+) -> WireReport:
     """Do one lift behind wires, kept as a session in `folder`, and the seeds' lifts in this process.
 
-    live: who looks on at the lift behind wires.
+    live: who looks on at the lift behind wires. bench: that bench, by default `wire`.
     """
     choice = choose_estimator()
-    with started_fakes(load_bench("wire")) as config:
+    with started_fakes(bench or load_bench("wire")) as config:
         benches = _Counted(config)
         began = time.perf_counter()
         try:

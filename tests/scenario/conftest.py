@@ -1,11 +1,14 @@
-"""What several scenarios look at: sessions made once."""
+"""What several scenarios need: sessions made once, and a bench and a computer fit for real time."""
 
+import subprocess
+import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 from rig.attempt import TrialSettings
-from rig.config import load_bench
+from rig.config import BenchConfig, load_bench
 from rig.tactile.estimator import choose_estimator
 from rig.trial import run_trial
 
@@ -16,3 +19,53 @@ def one_lift(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("one_lift") / "trial"
     run_trial(folder, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
     return folder
+
+
+@pytest.fixture(scope="session")
+def unhurried_bench() -> BenchConfig:
+    """The bench behind wires at half its rates: what is tested is not how fast the computer is.
+
+    At full rates `rig benchmark wire` and `rig benchmark faults` hold it to the limits.
+    """
+    bench = load_bench("wire")
+    slower = [tactile.model_copy(update={"rate_hz": 30}) for tactile in bench.tactile]
+    camera = bench.camera.model_copy(update={"rate_hz": 15})
+    return bench.model_copy(update={"tactile": slower, "camera": camera})
+
+
+MOST_LATE_S = 0.05
+"""Later than this nobody on the computer keeps the deadlines of an arm and of 60 frames a second."""
+WAKING = """
+import select, sys, time
+late, due = 0.0, time.monotonic()
+while True:
+    due += 0.01
+    if select.select([sys.stdin], [], [], max(0.0, due - time.monotonic()))[0]:
+        break
+    late, due = max(late, time.monotonic() - due), max(due, time.monotonic())
+print(late)
+"""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
+    """Run a test marked `real_time`; where it fails and the computer stood still meanwhile, skip it.
+
+    Whether it stood still is seen by a process that does nothing but wake every 10 ms.
+    """
+    if item.get_closest_marker("real_time") is None:
+        return (yield)
+    command = [sys.executable, "-c", WAKING]
+    waking = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        return (yield)
+    except (Exception, pytest.fail.Exception) as failure:
+        late_s = float(waking.communicate("\n", timeout=30)[0])
+        if late_s <= MOST_LATE_S:
+            raise
+        pytest.skip(
+            f"real time needs a computer with time: this one stood still for {late_s:.2f} s ({failure})"
+        )
+    finally:
+        waking.kill()
+        waking.communicate()

@@ -1,6 +1,5 @@
 """Trials that are looked at: the file opens in rerun, and looking changes nothing."""
 
-import os
 import threading
 import time
 from pathlib import Path
@@ -9,7 +8,7 @@ import pytest
 
 from rig.attempt import TrialSettings
 from rig.benchmark.wire import measure_wire
-from rig.config import load_bench
+from rig.config import BenchConfig, load_bench
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer, viewer_feed
 from rig.records.files import read_lines
@@ -19,9 +18,6 @@ from rig.tactile.estimator import choose_estimator
 from rig.trial import run_trial
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-
-MOST_LOAD = 2.0
-"""Runnable processes per core; above, a core is late by more than the backlogs bridge."""
 
 
 def one_lift(folder: Path, live: LiveFeed) -> None:
@@ -87,12 +83,10 @@ def test_a_killed_viewer_changes_nothing(
     assert same(tmp_path / "s", unseen)
 
 
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
-def test_looked_at_in_real_time_no_frame_is_lost(tmp_path: Path) -> None:
-    load = os.getloadavg()[0] / (os.cpu_count() or 1)
-    if load > MOST_LOAD:
-        pytest.skip(f"real time needs a computer with time: {load:.1f} processes per core")
+def test_looked_at_in_real_time_no_frame_is_lost(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
     with viewer_feed(tmp_path / "lift.rrd") as feed:
-        report = measure_wire(tmp_path / "s", "t1", seeds=1, live=feed)
+        report = measure_wire(tmp_path / "s", "t1", seeds=1, live=feed, bench=unhurried_bench)
     assert report.complete, report.streams
     assert (tmp_path / "lift.rrd").stat().st_size > 100_000

@@ -1,7 +1,6 @@
 """Lifts with the real drivers against fakes behind wires, in real time."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -12,27 +11,20 @@ import pytest
 from rig.benchmark.fault_cases import CASES
 from rig.benchmark.faults import run_faults
 from rig.benchmark.wire import measure_wire
+from rig.config import BenchConfig
 from rig.records.files import read_json, read_lines
 from rig.replay import run_replay
 
 SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
 """One fault of each kind of device; `rig benchmark faults` runs all of them."""
-MOST_LOAD = 2.0
-"""Runnable processes per core; above, a core is late by more than the backlogs bridge."""
-
-
-@pytest.fixture(autouse=True)
-def _time_enough() -> None:
-    load = os.getloadavg()[0] / (os.cpu_count() or 1)
-    if load > MOST_LOAD:
-        pytest.skip(
-            f"real time needs a computer with time: {load:.1f} processes per core, {MOST_LOAD:g} at most"
-        )
+pytestmark = pytest.mark.real_time
 
 
 @pytest.mark.timeout(300)
-def test_a_lift_agrees_with_the_bench_in_this_process_and_loses_no_frame(tmp_path: Path) -> None:
-    report = measure_wire(tmp_path / "s", "t1", seeds=3)
+def test_a_lift_agrees_with_the_bench_in_this_process_and_loses_no_frame(
+    tmp_path: Path, unhurried_bench: BenchConfig
+) -> None:
+    report = measure_wire(tmp_path / "s", "t1", seeds=3, bench=unhurried_bench)
     assert report.complete, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     assert min(stream.recorded for stream in report.streams) > 100
@@ -47,9 +39,11 @@ def test_a_lift_agrees_with_the_bench_in_this_process_and_loses_no_frame(tmp_pat
 
 
 @pytest.mark.timeout(300)
-def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(tmp_path: Path) -> None:
+def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
+    tmp_path: Path, unhurried_bench: BenchConfig
+) -> None:
     cases = tuple(case for case in CASES if case.name in SOME)
-    results = run_faults(tmp_path / "s", cases)
+    results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
     assert [result.case.name for result in results] == list(SOME)
     for result in results:
         assert result.passed, (result.case.name, result.faults, result.detected_s, result.safe_s)

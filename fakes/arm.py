@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from drivers.clock import Clock
 from drivers.errors import (
     DeviceError,
@@ -17,9 +15,9 @@ from fakes import kinematics
 from fakes.faults import FaultScript
 from fakes.handle import FakeMotion
 from fakes.motion import ToolPath, distance
-from fakes.slip import GRAVITY
 from fakes.travel import Travel
 from fakes.world import World
+from fakes.wrist import FlangeSensor, carried_wrench
 
 TOOL_LENGTH_M = 0.28
 """Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
@@ -44,6 +42,7 @@ class FakeArm(Arm):
         self._joints: Vector6 = kinematics.ELBOW_UP
         self._pose: Pose | None = None
         self._released = False
+        self._sensor = FlangeSensor(world.seed)
 
     @property
     def limits(self) -> ArmLimits:
@@ -72,7 +71,7 @@ class FakeArm(Arm):
             now,
             pose,
             self._joints,
-            self._wrench(now),
+            self._feel(now),
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 
@@ -146,12 +145,8 @@ class FakeArm(Arm):
             raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
         return joints
 
-    def _wrench(self, time_ns: int) -> Vector6:
-        """Force at the TCP, base axes: the weight of what hangs in the fingers, with sensor noise."""
-        moment = self._world.moment_at(time_ns)
-        mass = self._world.model.mass_kg if self._world.model and moment.held else 0.0
-        noise = np.random.default_rng((self._world.seed, time_ns)).normal(0.0, 1.0, 6)
-        force = noise[:3] * 0.3 + (0.0, 0.0, -mass * GRAVITY * moment.loaded)
-        fx, fy, fz = (float(v) for v in force)
-        tx, ty, tz = (float(v) for v in noise[3:] * 0.02)
-        return fx, fy, fz, tx, ty, tz
+    def _feel(self, time_ns: int) -> Vector6:
+        """Force and torque at the TCP, base axes, as its sensor shows them."""
+        return self._sensor.shown(
+            self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns), time_ns
+        )

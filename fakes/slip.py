@@ -35,15 +35,24 @@ class GripLoad:
     lever_m: float
     reach_m: float
 
+    @property
+    def sliding_limit_n(self) -> float:
+        """The most that the two pads carry by friction."""
+        return 2.0 * self.friction * self.force_n
+
+    @property
+    def turning_limit_nm(self) -> float:
+        """The most that the two pads turn by friction: discs of uniform pressure."""
+        return self.sliding_limit_n * (2.0 / 3.0) * self.patch_radius_m
+
     def holds_turn(self) -> bool:
-        """Whether friction carries the weight's torque: two pads, disc of uniform pressure."""
-        torque = 2.0 * self.friction * self.force_n * (2.0 / 3.0) * self.patch_radius_m
-        return torque >= self.weight_n * abs(self.lever_m)
+        """Whether friction carries the weight's torque."""
+        return self.turning_limit_nm >= self.weight_n * abs(self.lever_m)
 
     def holds_weight(self) -> bool:
         """Whether the pads carry the share of the weight that the support does not."""
         share = 1.0 if self.holds_turn() else 1.0 - min(abs(self.lever_m) / self.reach_m, 1.0)
-        return 2.0 * self.friction * self.force_n >= share * self.weight_n
+        return self.sliding_limit_n >= share * self.weight_n
 
 
 @dataclass(slots=True)

@@ -107,6 +107,14 @@ class World:
         with self._lock:
             return self._moment_at(time_ns)
 
+    def grip_at(self, time_ns: int) -> tuple[Moment, GripLoad] | None:
+        """The moment at `time_ns` and what acts on the grip then; None while nothing is held."""
+        with self._lock:
+            moment = self._moment_at(time_ns)
+            if not moment.held or self.model is None or self.site is None:
+                return None
+            return moment, self._load(self.model, self.site, moment.force_n)
+
     def object_pose_at(self, time_ns: int) -> Pose:
         """`base_T_object`: origin at the centre of mass, x along the object, z up."""
         with self._lock:

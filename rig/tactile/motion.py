@@ -1,13 +1,27 @@
-"""Angle and rate over time from noisy angles: a constant-rate Kalman filter at the frames' own times."""
+"""Angle and rate over time from noisy angles: a constant-rate Kalman filter at the frames' own times.
+
+At rest it averages a frame's noise away; when the angles say that the object moves otherwise than
+expected it opens up and follows at once (a filter with manoeuvre detection, as in Bar-Shalom, Li and
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, chapter 11).
+"""
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 
-# Spectral density of the angular acceleration, rad^2/s^3: stick and slip changes the rate by some
-# 30 degrees/s within a frame or two, and the filter must not hold the angle back.
-ACCELERATION_DENSITY = 4.0
-# What an alignment's noise does not tell of a measured angle: about this much is seen at rest.
-LEAST_NOISE_RAD = math.radians(0.03)
+Covariance = tuple[float, float, float]
+"""Of angle and angle, angle and rate, rate and rate."""
+
+# Spectral density of the angular acceleration, rad^2/s^3. Moving: stick and slip changes the rate by
+# some 30 degrees/s within a frame or two, and the filter must not hold the angle back. At rest: creep.
+MOVING_DENSITY, REST_DENSITY = 4.0, 4e-4
+# The one passes into the other over this time.
+CALMING_S = 0.025
+# The object moves otherwise when the last surprises, each in its own standard deviations, add up to
+# this many standard deviations of so many: by chance less than once in an hour at 60 Hz.
+MOVES_SIGMAS, MOST_SURPRISES = 5.3, 4
+# An alignment's noise is told as if pixels erred by themselves; neighbours err together.
+NOISE_RATIO, LEAST_NOISE_RAD = 1.6, math.radians(0.01)
 FIRST_RATE_RAD_S = 0.5
 # A rate says nothing of what an object does after so long.
 HORIZON_S = 0.1
@@ -20,12 +34,13 @@ class RateFilter:
     time_s: float | None = None
     angle_rad: float = 0.0
     rate_rad_s: float = 0.0
-    _covariance: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of angle and angle, angle and rate, rate and rate."""
+    _covariance: Covariance = (0.0, 0.0, 0.0)
+    _density: float = MOVING_DENSITY
+    _surprises: tuple[float, ...] = ()
 
     def restart(self) -> None:
         """Forget everything."""
-        self.time_s = None
+        self.time_s, self._density, self._surprises = None, MOVING_DENSITY, ()
 
     def predicted(self, time_s: float) -> float:
         """Return the angle expected at a time, rad."""
@@ -34,31 +49,42 @@ class RateFilter:
         return self.angle_rad + self.rate_rad_s * min(time_s - self.time_s, HORIZON_S)
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
-        """Take an angle measured at a time; return the filtered one, rad."""
-        noise = sigma_rad**2 + LEAST_NOISE_RAD**2
+        """Take an angle measured at a time, with its alignment's noise; return the filtered one, rad."""
+        noise = (NOISE_RATIO * sigma_rad) ** 2 + LEAST_NOISE_RAD**2
         if self.time_s is None:
             self.angle_rad, self.rate_rad_s = angle_rad, 0.0
             self._covariance = (noise, 0.0, FIRST_RATE_RAD_S**2)
         else:
-            self._predict(time_s - self.time_s)
-            self._correct(angle_rad, noise)
+            elapsed_s = time_s - self.time_s
+            self._density = max(REST_DENSITY, self._density * math.exp(-elapsed_s / CALMING_S))
+            predicted, covariance = self._ahead(elapsed_s)
+            if self._moves((angle_rad - predicted) / math.sqrt(covariance[0] + noise)):
+                self._density, self._surprises = MOVING_DENSITY, ()
+                predicted, covariance = self._ahead(elapsed_s)
+            self._correct(predicted, covariance, angle_rad, noise)
         self.time_s = time_s
         return self.angle_rad
 
-    def _predict(self, dt: float) -> None:
+    def _moves(self, surprise: float) -> bool:
+        """Take a surprise in standard deviations; return whether the newest few are too many by chance."""
+        self._surprises = (*self._surprises, surprise)[-MOST_SURPRISES:]
+        newest_first = accumulate(reversed(self._surprises))
+        return any(abs(s) > MOVES_SIGMAS * math.sqrt(n) for n, s in enumerate(newest_first, 1))
+
+    def _ahead(self, dt: float) -> tuple[float, Covariance]:
+        """Return the angle, and the covariance, that are expected after a time."""
         aa, ar, rr = self._covariance
-        self.angle_rad += self.rate_rad_s * dt
         # White acceleration in continuous time: were it constant from frame to frame, each angle would
         # be explained by one acceleration and the rate would swing to and fro around the true one.
-        self._covariance = (
-            aa + dt * (2.0 * ar + dt * rr) + ACCELERATION_DENSITY * dt**3 / 3.0,
-            ar + dt * rr + ACCELERATION_DENSITY * dt**2 / 2.0,
-            rr + ACCELERATION_DENSITY * dt,
+        return self.angle_rad + self.rate_rad_s * dt, (
+            aa + dt * (2.0 * ar + dt * rr) + self._density * dt**3 / 3.0,
+            ar + dt * rr + self._density * dt**2 / 2.0,
+            rr + self._density * dt,
         )
 
-    def _correct(self, angle_rad: float, noise: float) -> None:
-        aa, ar, rr = self._covariance
-        surprise, spread = angle_rad - self.angle_rad, aa + noise
-        self.angle_rad += aa / spread * surprise
+    def _correct(self, predicted: float, covariance: Covariance, angle_rad: float, noise: float) -> None:
+        aa, ar, rr = covariance
+        surprise, spread = angle_rad - predicted, aa + noise
+        self.angle_rad = predicted + aa / spread * surprise
         self.rate_rad_s += ar / spread * surprise
         self._covariance = (aa * noise / spread, ar * noise / spread, rr - ar * ar / spread)

@@ -16,9 +16,10 @@ from drivers.types import Image
 
 # Added to the background before dividing: in the dark corners a grey level of noise is no contact.
 DARK_OFFSET = 20.0
-# The gain looks at every sixth pixel each way and trusts the two fifths that fit it best, as a
-# wide contact can cover more than half of a fingertip.
-GAIN_STEP, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
+# The gain looks at the means of blocks of so many pixels a side (single pixels would put their noise
+# into every gradient at once) and trusts the two fifths of them that fit it best, as a wide contact
+# can cover more than half of a fingertip.
+GAIN_BLOCK_PX, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
 # Stray light adds to a frame; how far a fit of gain and offset is pulled to one without offset.
 OFFSET_RIDGE = 0.01
 # Keeps a black background from dividing by zero, grey levels squared.
@@ -92,8 +93,10 @@ def _even(image: Image) -> bool:
 
 
 def _sample(work: NDArray[Any]) -> NDArray[np.float32]:
-    """Return every so-manieth pixel's channels, (3, N) float32."""
-    return np.ascontiguousarray(work[::GAIN_STEP, ::GAIN_STEP].reshape(-1, 3).T, np.float32)
+    """Return the means of blocks of pixels, (3, N) float32."""
+    size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
+    blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T)
 
 
 def _line(light: NDArray[np.float32], seen: NDArray[np.float32]) -> tuple[Any, Any]:

@@ -5,7 +5,8 @@ from hashlib import sha256
 from typing import Any
 
 from drivers.errors import InputError
-from rig.tactile.network import MODELS, SHIPPED
+from rig.tactile.model_files import MODELS
+from rig.tactile.network import SHIPPED
 
 
 def shipped_cards() -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ difference and the frame.
 
 import json
 from dataclasses import dataclass
-from importlib.resources import as_file, files
+from importlib.resources import as_file
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
+from rig.tactile.model_files import MODELS, open_session
 from rig.tactile.network_input import NetworkInput
 
-MODELS = files("rig") / "models"
 SHIPPED = ("ours", "ours-full", "pspnet")
+HOW = "rig train or rig model import"
 METADATA_KEY = "rig"
 PAPER_THRESHOLD = 0.7
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
@@ -72,23 +73,7 @@ def load_network(name: str | Path, threads: int = 1) -> Network:
             raise InputError(
                 f"{name}: there is no such network: give {' or '.join(SHIPPED)}, or the path of an ONNX file"
             )
-        return Network(_session(path, threads), str(name))
-
-
-def _session(path: Path, threads: int) -> onnxruntime.InferenceSession:
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    # errors are raised; its own lines on stderr would say them twice
-    options.log_severity_level = 4
-    try:
-        return onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # its exceptions share no base class of their own
-        reason = str(error).splitlines()[0][:120]
-        raise InputError(
-            f"{path}: is no complete ONNX network ({reason}): copy it anew, or make one with rig train "
-            "or rig model import"
-        ) from error
+        return Network(open_session(path, threads, HOW), str(name))
 
 
 def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:

@@ -17,7 +17,8 @@ from rig.labels.scores import agreement
 from rig.model_cards import shipped_cards
 from rig.segmentation import SegmentChoice, make_segmenter
 from rig.tactile.contact import Contact
-from rig.tactile.network import MODELS, SHIPPED, load_network
+from rig.tactile.model_files import MODELS
+from rig.tactile.network import SHIPPED, load_network
 from rig.tactile.segmenter import FrameState, Segmenter, moved_outline
 
 Image = NDArray[np.uint8]

@@ -46,23 +46,8 @@ def export_onnx(
     size: (height, width). The recipe goes into the file's metadata, so that the file is enough to run
     it. Raises `RigError` where the two disagree by more than `MOST_DIFFERENCE`.
     """
-    network.eval()
     planes = torch.rand(1, channels, *size, generator=torch.Generator().manual_seed(0))
-    with warnings.catch_warnings():
-        # the exporter warns of its own insides
-        warnings.simplefilter("ignore")
-        program = torch.onnx.export(
-            network,
-            (planes,),
-            dynamo=True,
-            verbose=False,
-            opset_version=OPSET,
-            input_names=[INPUT],
-            output_names=[OUTPUT],
-        )
-    if program is None:
-        raise RigError("the network could not be exported")
-    model = program.model_proto
+    model = onnx_model(network, {INPUT: planes}, [OUTPUT])
     _describe(model, recipe)
     onnx.save(model, path)
     with torch.inference_mode():
@@ -73,6 +58,26 @@ def export_onnx(
             f"{path}: its logits differ from the library's by {worst:.2g}, more than {MOST_DIFFERENCE:g}"
         )
     return worst
+
+
+def onnx_model(network: nn.Module, inputs: dict[str, torch.Tensor], outputs: list[str]) -> onnx.ModelProto:
+    """Return a network as ONNX, for inputs of just these shapes. Raises `RigError`."""
+    network.eval()
+    with warnings.catch_warnings():
+        # the exporter warns of its own insides
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            network,
+            tuple(inputs.values()),
+            dynamo=True,
+            verbose=False,
+            opset_version=OPSET,
+            input_names=list(inputs),
+            output_names=outputs,
+        )
+    if program is None:
+        raise RigError("the network could not be exported")
+    return program.model_proto
 
 
 def export_half(full: Path, path: Path) -> None:

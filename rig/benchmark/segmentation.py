@@ -1,6 +1,6 @@
 """`rig benchmark segmentation`: how well and how fast contacts are found, and the limits that has to keep."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -13,7 +13,7 @@ from rig.benchmark.measured import Measured, at_least, at_most, not_there
 from rig.benchmark.segmentation_panels import Panels, read_panels
 from rig.labels.scores import agreement
 from rig.segmentation import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
-from rig.tactile.network import SHIPPED, load_network
+from rig.tactile.network import SHIPPED, Network, load_network
 from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.relative import RelativeDifference
 from rig.training.examples import Examples
@@ -22,7 +22,6 @@ from rig.training.simulated import simulated_examples
 HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 """The test objects of fold D_s3, and the trial objects: no shipped network was trained on them."""
 FRAME_SIZE = (240, 320)
-METHODS = (*SHIPPED, CLASSICAL)
 LEAST_DICE, LEAST_IOU, LEAST_REAL_DICE = 0.97, 0.94, 0.90
 MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES = 200, 20
@@ -45,9 +44,13 @@ class MethodScore:
 
 @dataclass(frozen=True, slots=True)
 class MethodTime:
-    """Median and 99th percentile, ms, of frame in to mask out, and the median of the network alone."""
+    """Median and 99th percentile, ms, of frame in to mask out, and the median of the network alone.
+
+    size_px: (width, height) at which a network looks.
+    """
 
     method: str
+    size_px: tuple[int, int] | None
     frame_ms: float
     frame_p99_ms: float
     network_ms: float | None
@@ -70,32 +73,44 @@ class SegmentationReport:
 
 
 def run_segmentation(
-    frames: int, seed: int, data: Path | None, say: Callable[[str], None]
+    frames: int, seed: int, data: Path | None, models: Mapping[str, Path], say: Callable[[str], None]
 ) -> SegmentationReport:
-    """Measure the shipped networks and the classical mask. data: folder of real recordings, or None."""
+    """Measure the shipped networks, others, and the classical mask.
+
+    data: folder of real recordings, or None. models: files of networks by name, beside the shipped
+    ones or instead of them.
+    """
+    methods = {
+        **{name: name for name in SHIPPED},
+        **{name: str(file) for name, file in models.items()},
+        CLASSICAL: CLASSICAL,
+    }
     cv2.setNumThreads(1)
     say(f"rendering {frames} SIMULATED frames of objects never trained on")
     randomised = simulated_examples(HELD_OUT, frames, seed + 1, FRAME_SIZE)
     family = simulated_examples(HELD_OUT, frames // 2, seed + 2, FRAME_SIZE, family=True)
     scores, masks = [], {}
     panels = None if data is None else read_panels(data)
-    for method in METHODS:
+    for method, model in methods.items():
         say(f"measuring: {method}")
-        scores.append(score_examples(method, RANDOMISED, randomised))
-        scores.append(score_examples(method, FAMILY, family))
+        scores.append(score_examples(method, model, RANDOMISED, randomised))
+        scores.append(score_examples(method, model, FAMILY, family))
         if panels is not None:
-            segmenter = make_segmenter(SegmentChoice(method), panels.background)
+            segmenter = make_segmenter(SegmentChoice(model), panels.background)
             masks[method] = [_mask(segmenter, frame) for frame in panels.frames]
             scores.append(_scored(method, REAL, masks[method], panels.labels))
     say("measuring: run time, methods turn about, one thread")
-    times = measure_times(randomised)
-    limits = (*_limits(scores, times), _threads_agree(randomised))
+    times = measure_times(methods, randomised)
+    limits = (*_limits(scores, times), _threads_agree(methods["ours"], randomised))
     return SegmentationReport(tuple(scores), tuple(times), limits, panels, masks)
 
 
-def score_examples(method: str, title: str, examples: Examples) -> MethodScore:
-    """Segment every frame with its own background, and compare with its label."""
-    make = segmenter_maker(SegmentChoice(method))
+def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
+    """Segment every frame with its own background, and compare with its label.
+
+    method, title: names of the network and of the frames. model: as in `SegmentChoice`.
+    """
+    make = segmenter_maker(SegmentChoice(model))
     masks = [
         _mask(make(background), frame)
         for frame, background in zip(examples.frames, examples.backgrounds, strict=True)
@@ -103,22 +118,26 @@ def score_examples(method: str, title: str, examples: Examples) -> MethodScore:
     return _scored(method, title, masks, [np.where(label > 127, 255, 0) for label in examples.labels])
 
 
-def measure_times(examples: Examples) -> list[MethodTime]:
-    """Time the methods turn about on the same frames, each on one thread."""
+def measure_times(methods: Mapping[str, str], examples: Examples) -> list[MethodTime]:
+    """Time the methods turn about on the same frames, each on one thread. methods: models by name."""
     background = examples.backgrounds[0]
-    segmenters = {method: make_segmenter(SegmentChoice(method), background) for method in METHODS}
-    networks = {name: _network_call(name, background) for name in SHIPPED}
-    frame_s: dict[str, list[float]] = {method: [] for method in METHODS}
-    network_s: dict[str, list[float]] = {name: [] for name in SHIPPED}
+    segmenters = {
+        method: make_segmenter(SegmentChoice(model), background) for method, model in methods.items()
+    }
+    networks = {method: load_network(model) for method, model in methods.items() if model != CLASSICAL}
+    calls = {method: _network_call(network, background) for method, network in networks.items()}
+    frame_s: dict[str, list[float]] = {method: [] for method in methods}
+    network_s: dict[str, list[float]] = {method: [] for method in networks}
     for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
         frame = examples.frames[number % len(examples)]
         for method, segmenter in segmenters.items():
             frame_s[method].append(_cost_s(lambda s=segmenter, f=frame: s.segment(f)))
-        for name, call in networks.items():
-            network_s[name].append(call(frame))
+        for method, call in calls.items():
+            network_s[method].append(call(frame))
     return [
         MethodTime(
             method,
+            networks[method].size if method in networks else None,
             1e3 * float(np.median(costs[WARM_UP_FRAMES:])),
             1e3 * float(np.percentile(costs[WARM_UP_FRAMES:], 99)),
             1e3 * float(np.median(network_s[method][WARM_UP_FRAMES:])) if method in network_s else None,
@@ -127,9 +146,8 @@ def measure_times(examples: Examples) -> list[MethodTime]:
     ]
 
 
-def _network_call(name: str, background: Image) -> Callable[[Image], float]:
+def _network_call(network: Network, background: Image) -> Callable[[Image], float]:
     """Return what gives the cost of the network alone, in s, for a frame."""
-    network = load_network(name)
     compare = network.recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE
     reference = RelativeDifference(background, network.size)
 
@@ -175,10 +193,10 @@ def _limits(scores: list[MethodScore], times: list[MethodTime]) -> list[Measured
     ]
 
 
-def _threads_agree(examples: Examples) -> Measured:
+def _threads_agree(model: str, examples: Examples) -> Measured:
     """Pixels in which masks made with one and with two threads differ."""
     apart = 0
-    makers = [segmenter_maker(SegmentChoice("ours", threads=count)) for count in (1, 2)]
+    makers = [segmenter_maker(SegmentChoice(model, threads=count)) for count in (1, 2)]
     for frame, background in list(zip(examples.frames, examples.backgrounds, strict=True))[:30]:
         one, two = (_mask(make(background), frame) for make in makers)
         apart += int(np.count_nonzero(one != two))

@@ -13,6 +13,14 @@ if TYPE_CHECKING:
 
 
 def segmentation(
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            help="NAME=FILE: a network of rig train or rig model import beside the shipped ones, or instead "
+            "(pspnet, deeplabv3plus, unetplusplus, ours); repeat for more.",
+        ),
+    ] = None,
     frames: Annotated[int, typer.Option("--frames", min=24, help="Simulated frames to score on.")] = 360,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for results.json and the picture of the real frames.")
@@ -30,18 +38,22 @@ def segmentation(
 
       rig benchmark segmentation --frames 1000 --out segmentation --json
 
+      rig benchmark segmentation --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
+
     """
     from dataclasses import asdict
 
     from rig.benchmark.calibration import data_folder
     from rig.benchmark.segmentation import run_segmentation
     from rig.benchmark.segmentation_tables import trained_models
+    from rig.benchmark.trials import parse_models
     from rig.records.files import write_json
     from rig.segmentation import make_folder
 
+    models = parse_models(model or [])
     if out is not None:
         make_folder(out)
-    report = run_segmentation(frames, seed, data_folder(), say)
+    report = run_segmentation(frames, seed, data_folder(), models, say)
     figures = {
         "passed": report.passed,
         "scores": [asdict(row) for row in report.scores],

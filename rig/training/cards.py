@@ -10,6 +10,7 @@ from rig.tactile.network import load_network
 from rig.training.examples import Examples
 from rig.training.export import ExportedFile
 from rig.training.loop import Training
+from rig.training.networks import Architecture
 from rig.training.scoring import Score, score
 from rig.training.settings import SIMULATED, TrainSettings
 
@@ -37,6 +38,7 @@ def model_card(
         "name": architecture.name,
         "title": architecture.title,
         "encoder": settings.encoder if architecture.family else None,
+        "encoder_weights": _first_weights(settings, architecture),
         "parameters": sum(p.numel() for p in training.network.parameters()),
         "inputs": architecture.inputs.value,
         "size_px": [width, height],
@@ -50,7 +52,13 @@ def model_card(
         "fold": {"name": fold.name, "train": fold.train, "validation": fold.validation, "test": fold.test},
         "seed": settings.seed,
         "schedule": asdict(training.schedule),
-        "epochs": [{"loss": e.loss, "validation_dice": e.validation_dice} for e in training.history],
+        "epochs": [asdict(epoch) for epoch in training.history],
+        "training": {
+            "arithmetic": str(training.arithmetic).removeprefix("torch."),
+            "threads": torch.get_num_threads(),
+            "wall_s": sum(epoch.wall_s for epoch in training.history),
+            "cpu_s": sum(epoch.cpu_s for epoch in training.history),
+        },
         "test": {"dice": full.dice, "dice_std": full.dice_std, "iou": full.iou, "iou_std": full.iou_std},
         "ms_per_frame": full.ms,
         "files": {
@@ -66,7 +74,16 @@ def model_card(
     }
 
 
+def _first_weights(settings: TrainSettings, architecture: Architecture) -> str | None:
+    if architecture.family is None:
+        return None
+    return settings.encoder_weights.name if settings.encoder_weights else "random"
+
+
 def table_row(card: dict[str, Any]) -> dict[str, Any]:
     """Return what a card adds to the table of networks and folds."""
-    kept = ("title", "ms_per_frame", "settings", "data", "units", "seed", "images")
-    return {"fold": card["fold"]["name"], **{key: card[key] for key in kept}, **card["test"]}
+    kept = (
+        "title", "ms_per_frame", "settings", "size_px", "data", "units", "seed", "images", "training",
+    )  # fmt: skip
+    row = {"fold": card["fold"]["name"], "epochs": len(card["epochs"]), **card["test"]}
+    return row | {key: card[key] for key in kept}

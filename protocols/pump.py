@@ -1,6 +1,7 @@
-"""Brings every sensor's frames to the watch, in the order they were captured."""
+"""Brings every sensor's frames to the watch: the fingertips' in the order they were captured."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
@@ -20,17 +21,21 @@ FROZEN_FRAMES = 20
 
 
 class Pump:
-    """Delivers the frames of all sources one by one, in the order in which they were captured.
+    """Delivers the frames of all sources one by one.
 
-    A frame is held back while another source may still bring an earlier one. A single reader
-    keeps the order, and with it every result, the same on each run; the sources' backlogs hold
-    what arrives meanwhile.
+    Those of the fingertips come in the order in which they were captured: one is held back while
+    the other fingertip may still bring an earlier one. The camera's come whenever no fingertip's is
+    there: nobody waits for the marker angle, and an angle from the fingertips must not wait for it.
+    A single reader keeps the order, and with it every result, the same on each run; the sources'
+    backlogs hold what arrives meanwhile.
     """
 
     def __init__(self, bench: Bench, watch: Watch) -> None:
         self._bench = bench
         self._watch = watch
-        self._streams = [_Stream(source) for source in bench.frame_sources]
+        self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
+        self._camera = _Stream(bench.camera)
+        self._streams = [*self._tips, self._camera]
 
     def start(self) -> None:
         """Skip what was captured before now."""
@@ -40,8 +45,8 @@ class Pump:
 
     @property
     def seen_ns(self) -> int:
-        """The time up to which everything captured has been delivered: not later than now."""
-        return min(self._bench.clock.now_ns(), *(stream.next_ns for stream in self._streams))
+        """The time up to which all that the fingertips captured has been delivered: not later than now."""
+        return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
     def run_for(self, duration_s: float) -> None:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered."""
@@ -57,11 +62,17 @@ class Pump:
             self._deliver(*self._next())
 
     def _next(self) -> tuple[FrameSource, Frame]:
-        """Take the earliest frame there is."""
+        """Take the fingertips' earliest frame, or the camera's while that is not there yet."""
         while True:
-            first = min(self._streams, key=lambda stream: stream.next_ns)
+            for tip in self._tips:
+                tip.look()
+            first = min(self._tips, key=lambda tip: tip.next_ns)
             if first.waiting is not None:
                 return first.source, first.take()
+            self._camera.look()
+            if self._camera.waiting is not None:
+                return self._camera.source, self._camera.take()
+            self._camera.check_alive(self._bench.clock.now_ns())
             first.fetch()
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
@@ -92,9 +103,21 @@ class _Stream:
         self.waiting = None
         self._accept(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S))
 
-    def fetch(self) -> None:
+    def look(self) -> None:
+        """Fetch the next frame if it is there. Raises `StaleFrameError` when it froze."""
+        if self.waiting is None:
+            with suppress(DeviceTimeoutError):
+                self.fetch(0.0)
+
+    def check_alive(self, now_ns: int) -> None:
+        """Raise `StaleFrameError` where nothing has come for too long."""
+        if now_ns - self._earliest_ns > seconds(FRAME_TIMEOUT_S):
+            self._accept(self.source.newest_frame(FRAME_TIMEOUT_S))
+            self.waiting = self._last
+
+    def fetch(self, timeout_s: float = FRAME_TIMEOUT_S) -> None:
         """Wait for the next frame. Raises `DeviceTimeoutError`, `StaleFrameError` when it froze."""
-        frame = self.source.next_frame(FRAME_TIMEOUT_S)
+        frame = self.source.next_frame(timeout_s)
         self._accept(frame)
         self.waiting = frame
 

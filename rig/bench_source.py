@@ -9,6 +9,7 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.errors import InputError
+from drivers.punctual import punctual
 from protocols.watch import Operator
 from rig.assembly import build_bench, build_real_bench
 from rig.config import BenchConfig
@@ -94,17 +95,21 @@ class StandingBench(BenchSource):
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Give the one bench; whatever goes wrong in a lift, the next one connects anew."""
+        """Give the one bench; whatever goes wrong in a lift, the next one connects anew.
+
+        While it lasts, the lift goes before other programs of the computer, where it may.
+        """
         bench = self._bench or self._open()
-        if not self._connected:
-            self._connection.enter_context(bench.connected())
-            self._connected = True
-        try:
-            yield bench, self._operator(seed)
-        except BaseException:
-            self._after_fault = True
-            self._let_go()
-            raise
+        with punctual():
+            if not self._connected:
+                self._connection.enter_context(bench.connected())
+                self._connected = True
+            try:
+                yield bench, self._operator(seed)
+            except BaseException:
+                self._after_fault = True
+                self._let_go()
+                raise
         self._after_fault = False
 
     def displaced(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import DeviceError, InputError, RigError
+from drivers.punctual import punctual
 from fakes.wire.control import Control
 from fakes.wire.host import Addresses, FakesHost, WirePlan
 from fakes.wire.loopback import free_address, require_free
@@ -28,6 +29,7 @@ def hosted_fakes(
 ) -> Iterator[tuple[BenchConfig, FakesHost]]:
     """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
 
+    They stand for hardware, so they are not late because the computer is busy, where that is granted.
     host: a loopback address; None takes the first that is free. polyscope: the version that the
     controller announces. Raises `InputError` for a bench file without [fakes], an address that is
     taken, and a version that is none.
@@ -36,7 +38,7 @@ def hosted_fakes(
         raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
     host = host or free_address()
     require_free(host)
-    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder:
+    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, punctual():
         gripper = config.gripper
         rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
         wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)

@@ -121,6 +121,9 @@ class LiftMeasurement:
             self._make_estimators()
         elif phase is Phase.LIFT:
             self._set_zero(time_ns)
+        elif phase is Phase.LOWER:
+            # Not before: it takes as long as a frame, and an angle from the fingertips would come late.
+            self.truth.measure_zero()
 
     def arm(self, state: ArmState) -> None:
         """Take the arm's state: the wrist's turn is not the object's."""

@@ -54,7 +54,6 @@ class _Zero:
     axis: NDArray[np.float64]
     angle_deg: float
     sigma_deg: float
-    from_ns: int
 
 
 class MarkerTruth:
@@ -81,6 +80,8 @@ class MarkerTruth:
         self._unseen: list[tuple[int, Refusal]] = []
         self._late = 0
         self._newest_ns: int | None = None
+        self._still: list[_Sighting] = []
+        self._zero_from_ns = self._seen_before = 0
         self._zero: _Zero | None = None
         self._angles = _Angles()
         self._before: list[_Sighting] = []
@@ -110,26 +111,37 @@ class MarkerTruth:
 
         Contract: the last frames of phase A, before the lift. All frames so far are measured
         (again) against it. Raises `CalibrationError` with what was seen when fewer than 10
-        frames show both markers, when they move, or when no plane fits.
+        frames show both markers. The zero is worked out when an angle is asked for, as frames go on
+        coming: see `measure_zero`.
         """
         still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns]
         if len(still) < FEWEST_FRAMES:
             raise CalibrationError(self._too_few(len(still), from_ns, to_ns))
+        self._still, self._zero_from_ns, self._zero = still, from_ns, None
+        self._seen_before = len(self._sightings) - 1
+
+    def measure_zero(self) -> None:
+        """Work the zero out, unless it is. Raises `CalibrationError`: the markers move, or fit no plane."""
+        if self._zero is not None or not self._still:
+            return
+        still = self._still
         plane = fit_plane(np.array([s.seen.corners_px for s in still]), self._intrinsics)
         wrist = Rotation.concatenate([s.camera_R_tcp for s in still]).mean()
         # a camera's z axis points away from it; a turn that it sees as counter-clockwise is about -z
         axis = np.array([0.0, 0.0, -1.0]) if plane.normal_camera is None else plane.normal_camera
-        raw = _Zero(plane, wrist, np.asarray(axis, np.float64), 0.0, 0.0, from_ns)
+        raw = _Zero(plane, wrist, np.asarray(axis, np.float64), 0.0, 0.0)
         angles = np.array([_measure(s, raw)[0] for s in still])
         sigma = float(angles.std(ddof=1) / np.sqrt(len(angles)))
-        self._zero = _Zero(plane, wrist, raw.axis, float(angles.mean()), sigma, from_ns)
-        # Frames go on coming: all but the newest are measured when somebody asks for the series.
-        *self._before, newest = self._sightings
+        self._zero = _Zero(plane, wrist, raw.axis, float(angles.mean()), sigma)
+        # What was seen before it was set is measured when somebody asks for the series.
+        self._before = self._sightings[: self._seen_before]
         self._angles = _Angles()
-        self._angles.add(newest, self._zero)
+        for sighting in self._sightings[self._seen_before :]:
+            self._angles.add(sighting, self._zero)
 
     def latest_angle_deg(self) -> float | None:
         """The newest angle, for display; None before the zero and 50 ms after the last answer."""
+        self.measure_zero()
         if not self._angles.time_ns or self._newest_ns is None:
             return None
         stale = self._newest_ns - self._angles.time_ns[-1] > LONGEST_GAP_NS
@@ -141,7 +153,8 @@ class MarkerTruth:
         return newest.seen.corners_px if newest and newest.time_ns == self._newest_ns else None
 
     def series(self) -> TruthSeries:
-        """All angles so far. Raises `CalibrationError` before `set_zero`."""
+        """All angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero` does."""
+        self.measure_zero()
         if self._zero is None:
             raise CalibrationError("markers: the angle has no zero yet; it is set at the end of phase A")
         before = _Angles()
@@ -161,9 +174,9 @@ class MarkerTruth:
         )
 
     def series_since_zero(self) -> TruthSeries:
-        """The angles from the first frame of the zero on. Raises `CalibrationError` before `set_zero`."""
-        whole, zero = self.series(), self._zero
-        first = 0 if zero is None else int(np.searchsorted(whole.time_ns, zero.from_ns))
+        """The angles from the first frame of the zero on. Raises what `series` raises."""
+        whole = self.series()
+        first = int(np.searchsorted(whole.time_ns, self._zero_from_ns))
         return replace(
             whole,
             time_ns=whole.time_ns[first:],

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import DeviceError, RigError
+from drivers.punctual import be_punctual
 from drivers.types import Image
 from fakes.camera import FakeCamera
 from fakes.clock import SharedClock
@@ -87,6 +88,7 @@ def _render(
 ) -> None:
     """Run the process: until the parent closes the pipes, or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which stops this process
+    be_punctual()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
     clock = SharedClock(start_ns)

@@ -18,6 +18,7 @@ from rig.tactile.keyframe import Keyframe, make_keyframe
 from rig.tactile.registration import align
 from rig.tactile.relative import RelativeDifference
 from rig.tactile.relief import Gradient
+from rig.tactile.sampling import GradientField
 
 SIZE_PX = (60, 80)
 BLUR_PX = 0.7
@@ -61,8 +62,8 @@ def _gaps(single: Keyframe, double: Keyframe, fields: Sequence[tuple[Gradient, n
     angle, shift = 0.0, 0j
     gaps = []
     for gradient, mask in fields:
-        a = align(single, gradient, mask, angle, shift)
-        b = align(double, gradient, mask, angle, shift)
+        field = GradientField(gradient, mask)
+        a, b = align(single, field, angle, shift), align(double, field, angle, shift)
         gaps.append(float(np.degrees(abs(a.angle_rad - b.angle_rad))))
         angle, shift = a.angle_rad, a.shift_px
     return gaps

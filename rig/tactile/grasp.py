@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.types import Image
 from rig.tactile.keyframe import Keyframe
 from rig.tactile.registration import Alignment, align, similarity, turning
-from rig.tactile.relief import Gradient
+from rig.tactile.sampling import GradientField
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
-GOOD_MISFIT, GOOD_OVERLAP = 0.25, 0.7
+GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
 # Beyond these it is no alignment at all.
-WORST_MISFIT, WORST_OVERLAP = 0.6, 0.4
+WORST_MISFIT, WORST_OVERLAP = 0.75, 0.4
 # From where it is expected, an object turns at most so far between two frames.
 MAX_JUMP_RAD = math.radians(20.0)
 # An older keyframe is taken up again within this of its own angle.
@@ -79,26 +78,23 @@ class GraspTracker:
         self._pose = self._key.pose
         self._weights: NDArray[np.float32] | None = None
 
-    def track(self, gradient: Gradient, mask: Image, expected_rad: float) -> Tracked | None:
-        """Return the pose in a frame, None where no keyframe fits.
-
-        gradient: (h, w). mask: (h, w) uint8. expected_rad: the angle to start from.
-        """
+    def track(self, field: GradientField, expected_rad: float) -> Tracked | None:
+        """Return the pose in a frame, None where no keyframe fits. expected_rad: where to start from."""
         for key in self._candidates(expected_rad):
-            found = self._aligned(key, gradient, mask, Pose(expected_rad, self._pose.point_px))
+            found = self._aligned(key, field, Pose(expected_rad, self._pose.point_px))
             if found is not None and abs(found.pose.angle_rad - expected_rad) <= MAX_JUMP_RAD:
                 return self._accept(found)
         return None
 
-    def search(self, gradient: Gradient, mask: Image) -> Tracked | None:
+    def search(self, field: GradientField) -> Tracked | None:
         """Look for a lost contact over a wide range of turns; None where nothing fits."""
-        rows, columns = np.nonzero(mask)
+        rows, columns = np.nonzero(field.mask)
         middle = complex(columns.mean(), rows.mean())
         guesses = [Pose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
-        scores = [similarity(self._key.frame, gradient, mask, *self._start(self._key, g)) for g in guesses]
+        scores = [similarity(self._key.frame, field, *self._start(self._key, g)) for g in guesses]
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
         weights, self._weights = self._weights, None
-        found = [self._aligned(self._key, gradient, mask, guesses[i]) for i in best]
+        found = [self._aligned(self._key, field, guesses[i]) for i in best]
         self._weights = weights
         fitting = [f for f in found if f is not None and f.good]
         return self._accept(min(fitting, key=lambda f: f.alignment.misfit)) if fitting else None
@@ -120,10 +116,10 @@ class GraspTracker:
         yield self._key
         yield from (k for k in near if k not in surer[:1])
 
-    def _aligned(self, key: Key, gradient: Gradient, mask: Image, expected: Pose) -> Tracked | None:
+    def _aligned(self, key: Key, field: GradientField, expected: Pose) -> Tracked | None:
         weights = self._weights if key is self._key else None
         angle, shift = self._start(key, expected)
-        alignment = align(key.frame, gradient, mask, angle, shift, weights, self._to_the_end)
+        alignment = align(key.frame, field, angle, shift, weights, self._to_the_end)
         if not (alignment.misfit <= WORST_MISFIT and alignment.overlap >= WORST_OVERLAP):
             return None
         lever = key.pose.point_px - key.frame.center_px

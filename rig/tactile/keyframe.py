@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.relief import Gradient, relief
+from rig.tactile.sampling import sharpened
 
 # The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
 # around it depend on more than the object.
@@ -27,11 +28,13 @@ PARAMETERS = 6
 class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
-    center_px: where points_px, (N,) complex64, are counted from. template: (N,) complex64 gradients.
+    center_px: where points_px, (N,) complex64, are counted from. template: (N,) complex64 gradients,
+    sharpened.
     squares: (N,) of their lengths. weights: (N,), lower where steep.
     jacobian: (6, 2N) for rotation (rad), x, y (px), gain, slope along x and y; x and y of each point
-    in turn. contrast: the share of the template's energy that a rotation by 1 rad changes beyond what
-    translation, gain and slope can imitate: 0 for a smooth ball, about 1 and more for an edge.
+    in turn. contrast: the share of the energy of the gradients, as they are, that a rotation by 1 rad
+    changes beyond what translation, gain and slope can imitate: 0 for a smooth ball, about 1 and more
+    for an edge.
     clipped: whether the contact reaches the image's edge.
     """
 
@@ -54,15 +57,13 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
     if len(rows) > MAX_POINTS:
         chosen = np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)
         rows, columns = rows[chosen], columns[chosen]
-    template = gradient[rows, columns]
-    squares = squared_lengths(template)
-    energy = float(squares.mean()) / 2.0
-    if not energy > 0.0:
-        return None
     center = complex(columns.mean(), rows.mean())
     points = (columns + 1j * rows - center).astype(np.complex64)
-    slopes = [slope[rows, columns] for slope in _slopes(gradient)]
-    jacobian = _jacobian(points, template, *slopes)
+    template, squares, jacobian = _linearised(sharpened(gradient), points, rows, columns)
+    energy = _energy(squares)
+    _, plain_squares, plain_jacobian = _linearised(gradient, points, rows, columns)
+    if not energy > 0.0:
+        return None
     return Keyframe(
         center_px=center,
         points_px=points,
@@ -71,7 +72,7 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
         weights=_plainness(squares, energy),
         jacobian=jacobian,
         energy=energy,
-        contrast=_contrast(jacobian, energy),
+        contrast=_contrast(plain_jacobian, _energy(plain_squares)),
         clipped=_clipped(mask),
     )
 
@@ -79,6 +80,20 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
 def squared_lengths(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
     """Return the squared lengths of complex vectors, (N,)."""
     return vectors.real**2 + vectors.imag**2
+
+
+def _linearised(
+    gradient: Gradient, points: NDArray[np.complex64], rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> tuple[NDArray[np.complex64], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the gradients at points (N,), the squares of their lengths, and their jacobian."""
+    values = gradient[rows, columns]
+    along = [slope[rows, columns] for slope in _slopes(gradient)]
+    return values, squared_lengths(values), _jacobian(points, values, *along)
+
+
+def _energy(squares: NDArray[np.float32]) -> float:
+    """Return the mean square of a component."""
+    return float(squares.mean()) / 2.0
 
 
 def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:

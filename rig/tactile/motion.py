@@ -14,14 +14,14 @@ Covariance = tuple[float, float, float]
 
 # Spectral density of the angular acceleration, rad^2/s^3. Moving: stick and slip changes the rate by
 # some 30 degrees/s within a frame or two, and the filter must not hold the angle back. At rest: creep.
-MOVING_DENSITY, REST_DENSITY = 4.0, 4e-4
+MOVING_DENSITY, REST_DENSITY = 4.0, 0.04
 # The one passes into the other over this time.
 CALMING_S = 0.025
 # The object moves otherwise when the last surprises, each in its own standard deviations, add up to
 # this many standard deviations of so many: by chance less than once in an hour at 60 Hz.
 MOVES_SIGMAS, MOST_SURPRISES = 5.3, 4
-# An alignment's noise is told as if pixels erred by themselves; neighbours err together.
-NOISE_RATIO, LEAST_NOISE_RAD = 1.6, math.radians(0.01)
+# An alignment's noise is told as if pixels erred by themselves; neighbours err a little together.
+NOISE_RATIO, LEAST_NOISE_RAD = 1.2, math.radians(0.01)
 FIRST_RATE_RAD_S = 0.5
 # A rate says nothing of what an object does after so long.
 HORIZON_S = 0.1

@@ -16,10 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.types import Image
 from rig.tactile.keyframe import PARAMETERS, Keyframe, normal_matrix, squared_lengths
 from rig.tactile.relative import upper_median
-from rig.tactile.relief import Gradient
 from rig.tactile.sampling import GradientField
 
 # Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
@@ -53,8 +51,7 @@ class Alignment:
 
 def align(
     key: Keyframe,
-    gradient: Gradient,
-    mask: Image,
+    field: GradientField,
     angle_rad: float,
     shift_px: complex,
     weights: NDArray[np.float32] | None = None,
@@ -62,10 +59,9 @@ def align(
 ) -> Alignment:
     """Align a frame with a keyframe, starting from a guess of angle and shift.
 
-    gradient: (h, w). mask: (h, w) uint8, 1 in the contact; points that fall outside do not count.
-    to_the_end: iterate on when nothing changes any more.
+    Points that fall outside the contact do not count. to_the_end: iterate on when nothing changes
+    any more.
     """
-    field = GradientField(gradient, mask)
     weights = key.weights if weights is None else weights * key.weights
     used, weighted, inverse = weights, key.jacobian, np.zeros((PARAMETERS, PARAMETERS))
     step, residual = np.zeros(PARAMETERS), key.template
@@ -81,7 +77,7 @@ def align(
         step = inverse @ (weighted @ _pairs(residual)).astype(np.float64)
         shift_px += turning(angle_rad) * complex(step[1], step[2])
         angle_rad += float(step[0])
-        if not math.isfinite(angle_rad) or abs(shift_px) > 2 * max(mask.shape):
+        if not math.isfinite(angle_rad) or abs(shift_px) > 2 * max(field.mask.shape):
             break
         done = done or (abs(step[0]) < DONE_RAD and max(abs(step[1]), abs(step[2])) < DONE_PX)
     remaining = _pairs(residual) - step.astype(key.jacobian.dtype) @ key.jacobian
@@ -101,9 +97,9 @@ def align(
     )
 
 
-def similarity(key: Keyframe, gradient: Gradient, mask: Image, angle_rad: float, shift_px: complex) -> float:
+def similarity(key: Keyframe, field: GradientField, angle_rad: float, shift_px: complex) -> float:
     """Return how like the keyframe a frame is at a trial pose, -1 to 1 (normalised correlation)."""
-    values, seen = _pulled_back(key, GradientField(gradient, mask), angle_rad, shift_px)
+    values, seen = _pulled_back(key, field, angle_rad, shift_px)
     values = values * seen
     size = math.sqrt(float(squared_lengths(values).sum()) * float(key.squares.sum()))
     return float(np.vdot(key.template, values).real) / size if size > 0.0 else -1.0

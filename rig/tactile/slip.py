@@ -25,12 +25,13 @@ from rig.tactile.registration import MAX_ITERATIONS
 from rig.tactile.relative import RelativeDifference, work_size
 from rig.tactile.relief import Field, Gradient
 from rig.tactile.sample import SlipSample, State
+from rig.tactile.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.settling import Settling
 from rig.tactile.stopwatch import Stopwatch
 from rig.tactile.uncertainty import angle_variance
 
 NOISE_BLUR_PX = 0.7
-BOX_MARGIN_PX = 3
+BOX_MARGIN_PX = BROAD_REACH_PX + 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
 # 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
 # the rest makes up a direction (real balls reach 0.6).
@@ -116,9 +117,10 @@ class SlipTracker(FreshFrameEstimator):
         gradient = self._map.apply(difference, _box(region.mask) if self._skip else None)
         watch.lap("gradient")
         expected = self._angle_rad if begun else self._filter.predicted(time_ns / NS_PER_S)
-        tracked = self._grasp.track(gradient, region.mask, expected)
+        field = GradientField(gradient, region.mask)
+        tracked = self._grasp.track(field, expected)
         if tracked is None or not tracked.good:
-            tracked = self._grasp.search(gradient, region.mask) or tracked
+            tracked = self._grasp.search(field) or tracked
         watch.lap("alignment")
         if tracked is None:
             self._lose(time_ns)
@@ -231,7 +233,7 @@ class SlipTracker(FreshFrameEstimator):
 
 
 def _box(mask: Image) -> Box:
-    """Return the box around a mask with room for interpolation and slopes at its edge."""
+    """Return the box around a mask with room for sharpening, interpolation and slopes at its edge."""
     left, top, width, height = cv2.boundingRect(mask)
     right, bottom = left + width + BOX_MARGIN_PX, top + height + BOX_MARGIN_PX
     left, top = max(left - BOX_MARGIN_PX, 0), max(top - BOX_MARGIN_PX, 0)

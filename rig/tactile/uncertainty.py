@@ -4,7 +4,7 @@ Noise is the smaller part: thousands of pixels average it away. What remains is 
 at the contact's edge, colours that saturate, a map learnt on one picture. Such errors grow with
 what the alignment leaves unexplained and shrink with what a turn changes, so their sigma is taken
 proportional to misfit over the root of contrast. The factor was fitted on simulated lifts of two
-renderers so that 94 % of errors lie within two sigma (half of the lifts are within half a sigma:
+renderers so that 95 % of errors or more lie within two sigma (half of the lifts are within half a sigma:
 it is a bound for the hard ones rather than a fit to the easy ones).
 """
 
@@ -12,7 +12,7 @@ import math
 
 from rig.tactile.grasp import Tracked
 
-SYSTEMATIC_RAD = math.radians(10.0)
+SYSTEMATIC_RAD = math.radians(8.0)
 FLOOR_RAD = math.radians(0.03)
 # Width over height of a pixel on the gel, one sigma: unknown, and from a calibration. Turned by d, a
 # long contact whose pixels are wider by the share a is seen up to a sin(d) off.

@@ -16,7 +16,7 @@ from rig.tactile.keyframe import make_keyframe
 from rig.tactile.motion import RateFilter
 from rig.tactile.registration import align, similarity
 from rig.tactile.relief import Gradient, relief
-from rig.tactile.sampling import GradientField
+from rig.tactile.sampling import BROAD_SHARE, GradientField, sharpened
 
 Field = NDArray[np.float32]
 ROWS, COLUMNS = 80, 60
@@ -105,7 +105,8 @@ def test_an_alignment_finds_turn_and_shift(
     key = make_keyframe(slopes(before), (before > 0.2).astype(np.uint8))
     assert key is not None
     tilted = gain * slopes(after) + complex(*slope)
-    found = align(key, tilted.astype(np.complex64), (after > 0.2).astype(np.uint8), 0.0, 0j)
+    field = GradientField(tilted.astype(np.complex64), (after > 0.2).astype(np.uint8))
+    found = align(key, field, 0.0, 0j)
     assert math.degrees(found.angle_rad) == pytest.approx(turn, abs=0.3)
     assert (found.shift_px.real, found.shift_px.imag) == pytest.approx(shift, abs=0.15)
     assert found.misfit < 0.2
@@ -128,27 +129,38 @@ def test_a_degenerate_contact_gives_numbers_or_nothing() -> None:
     line = np.full((80, 60), 1j, np.complex64)
     key = make_keyframe(line, np.ones((80, 60), np.uint8))
     if key is not None:
-        found = align(key, line, np.ones((80, 60), np.uint8), 0.0, 0j)
+        found = align(key, GradientField(line, np.ones((80, 60), np.uint8)), 0.0, 0j)
         assert math.isfinite(found.angle_rad)
         assert math.isfinite(key.contrast)
     edge = dent(0.0)
     key = make_keyframe(slopes(edge), (edge > 0.2).astype(np.uint8))
     assert key is not None
-    lost = align(key, slopes(edge), np.zeros((80, 60), np.uint8), 0.0, 0j)
+    lost = align(key, GradientField(slopes(edge), np.zeros((80, 60), np.uint8)), 0.0, 0j)
     assert lost.overlap == 0.0
     assert lost.misfit == math.inf
-    assert similarity(key, flat, np.ones((80, 60), np.uint8), 0.0, 0j) == -1.0
+    assert similarity(key, GradientField(flat, np.ones((80, 60), np.uint8)), 0.0, 0j) == -1.0
 
 
-@given(st.floats(2.0, 55.0), st.floats(2.0, 75.0))
+@given(st.floats(4.0, 54.0), st.floats(4.0, 74.0))
 def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
     rows, columns = np.mgrid[0:80, 0:60].astype(np.float32)
     gradient = columns + 2 * rows + 1j * columns * rows
     field = GradientField(gradient.astype(np.complex64), np.ones((80, 60), np.uint8))
     values, inside = field.at(np.array([x + 1j * y], np.complex64))
     assert inside.all()
-    assert values[0].real == pytest.approx(x + 2 * y, rel=1e-5)
-    assert values[0].imag == pytest.approx(x * y, rel=1e-5)
+    fine = 1.0 - BROAD_SHARE
+    assert values[0].real == pytest.approx(fine * (x + 2 * y), rel=1e-4)
+    assert values[0].imag == pytest.approx(fine * x * y, rel=1e-4)
+
+
+def test_sharpening_keeps_what_is_fine_and_turns_with_the_field() -> None:
+    line = np.zeros((80, 60), np.complex64)
+    line[40] = 1.0 + 2.0j
+    found = sharpened(line)
+    assert abs(found[40, 30]) > 0.8 * abs(line[40, 30])
+    assert abs(found[43, 30]) < 0.2 * abs(line[40, 30])
+    turned = (line * np.complex64(1j)).astype(np.complex64)
+    np.testing.assert_allclose(sharpened(turned), 1j * found, atol=1e-6)
 
 
 @pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])

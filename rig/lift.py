@@ -126,8 +126,11 @@ class LiftMeasurement:
             self.truth.measure_zero()
 
     def arm(self, state: ArmState) -> None:
-        """Take the arm's state: the wrist's turn is not the object's."""
+        """Take the arm's state: the wrist's turn is not the object's, and some estimators feel through it."""
         self._tcp = state.base_T_tcp
+        for tip in self.tips.values():
+            if tip.estimator is not None:
+                tip.estimator.arm(state)
         if self._recorder:
             self._recorder.arm(state)
 
@@ -203,7 +206,7 @@ class LiftMeasurement:
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
-            tip.estimator = self._estimator.make(background, self._aspects.get(serial))
+            tip.estimator = self._estimator.make(background, self._aspects.get(serial), tip.sign)
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:

@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 
 from rig.benchmark.estimators import machine
-from rig.benchmark.trial_tables import draw, notes, table_four, table_three
+from rig.benchmark.trial_picture import draw
+from rig.benchmark.trial_tables import notes, table_four, table_three
 from rig.benchmark.trials import TrialsResult, as_json
 from rig.pages.page import render
 
@@ -28,6 +29,7 @@ def page(result: TrialsResult, picture: bytes) -> str:
         frames=result.frames,
         seed=result.settings.seed,
         of=machine(),
+        minutes=f"{result.wall_s / 60.0:.1f}",
         picture=picture,
         tables=[table_three(result), table_four(result)],
         notes=notes(result),

@@ -3,6 +3,7 @@
 Networks look at each frame once for all angle methods, and windows are applied afterwards.
 """
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +13,16 @@ from typing import Any
 import cv2
 
 from drivers.clock import seconds
-from drivers.types import Frame, Image
+from drivers.types import ArmState, Frame, Image
 from protocols.watch import Phase
 from rig.benchmark.contenders import filtered
 from rig.benchmark.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.scores import SeriesScore, score_series
+from rig.benchmark.trial_systems import make_system
 from rig.lift import ZERO_S, Fingertip
+from rig.records.reading import recorded_arm_states
 from rig.tactile.axis import METHODS
 from rig.tactile.contact import Contact
-from rig.tactile.estimator import choose_estimator
 from rig.tactile.network import load_network
 from rig.tactile.paper import AxisEstimator
 from rig.tactile.sample import SlipEstimator, SlipSample
@@ -70,20 +72,22 @@ def pass_lift(
     folder: Path,
     tips: Tips,
     networks: Mapping[str, str],
-    estimators: Sequence[str],
+    systems: Sequence[str],
+    files: Mapping[str, Path],
     row: Mapping[str, Any],
 ) -> TrialPass:
-    """Run networks and estimators over one stored lift of the first fingertip.
+    """Run networks and systems over one stored lift of the first fingertip.
 
-    networks: shipped name or file by the title that stands in the table. Raises `InputError` for a
-    network that cannot be loaded, `SessionError` for a damaged recording.
+    networks: shipped name or file by the title that stands in the table. files: of systems, see
+    `make_system`. Raises `InputError` for a network that cannot be loaded, `SessionError` for a damaged
+    recording.
     """
     cv2.setNumThreads(1)
     serial = next(iter(tips))
     lift = open_lift(folder, tips, row)
     background, frames = lift.backgrounds[serial], list(thinned(_until_hold(lift, serial)))
-    aspect = tips[serial].pixel_aspect
-    passes = {n: _timed(choose_estimator(n, 1).make(background, aspect), frames) for n in estimators}
+    states = [s for s in recorded_arm_states(lift.recording) if s.time_ns >= lift.phases[Phase.GRASP]]
+    passes = {n: _timed(make_system(n, files, background, tips[serial]), frames, states) for n in systems}
     late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - seconds(ZERO_S)]
     for title, file in networks.items():
         passes |= _network_passes(title, Segmenter(load_network(file), background), late)
@@ -110,10 +114,15 @@ def _until_hold(lift: RecordedLift, serial: str) -> Iterator[Frame]:
     return (f for f in lift.frames(serial) if f.time_ns < lift.phases[Phase.HOLD])
 
 
-def _timed(estimator: SlipEstimator, frames: Sequence[Frame]) -> tuple[list[SlipSample], list[float]]:
-    samples, cost_s = [], []
+def _timed(
+    estimator: SlipEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
+) -> tuple[list[SlipSample], list[float]]:
+    """Give an estimator the frames, and before each the arm's states until then."""
+    samples, cost_s, waiting = [], [], deque(states)
     for frame in frames:
         began = perf_counter()
+        while waiting and waiting[0].time_ns <= frame.time_ns:
+            estimator.arm(waiting.popleft())
         samples.append(estimator.update(frame.image, frame.time_ns))
         cost_s.append(perf_counter() - began)
     return samples, cost_s

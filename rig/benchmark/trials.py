@@ -16,10 +16,10 @@ from rig.benchmark.estimators import Progress, machine
 from rig.benchmark.lifts import session_lifts
 from rig.benchmark.scores import Score, score_all
 from rig.benchmark.trial_passes import TrialPass, pass_lift
+from rig.benchmark.trial_systems import ANGLENET_ON_TEST, PEER_FILES, PLAIN
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.records.session import MANIFEST
-from rig.tactile.axis import METHODS
 from rig.tactile.estimator import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
 from rig.trial import run_trial
 
@@ -28,8 +28,7 @@ LIFTS = 5
 NETWORKS = {"deeplabv3plus": "DeepLabV3+", "unetplusplus": "UNet++", "pspnet": "PSPNet"}
 """The paper's networks by their names of `rig train`, in its order."""
 OURS = "ours"
-PLAIN = (DEFAULT_ESTIMATOR, *METHODS)
-"""Estimators that run on the lifts of the plain gel, beside the networks."""
+PLAIN_SESSION, MARKED_SESSION = "session", "session-markers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +51,10 @@ class TrialsSettings:
         known = {"pspnet": "pspnet", OURS: OURS, **{name: str(file) for name, file in self.models.items()}}
         titles = {**NETWORKS, OURS: OURS}
         return {title: known[name] for name, title in titles.items() if name in known}
+
+    def systems(self) -> tuple[str, ...]:
+        """Return the systems that run on the plain gel's lifts."""
+        return (*PLAIN, *((ANGLENET_ON_TEST,) if ANGLENET_ON_TEST in self.models else ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +79,8 @@ def parse_models(texts: Sequence[str]) -> dict[str, Path]:
     models = {}
     for text in texts:
         name, _, file = text.partition("=")
-        if name not in (*NETWORKS, OURS) or not file:
-            names = ", ".join((*NETWORKS, OURS))
+        if name not in (*NETWORKS, OURS, *PEER_FILES) or not file:
+            names = ", ".join((*NETWORKS, OURS, *PEER_FILES))
             raise InputError(f"--model {text}: give NAME=FILE, NAME being one of {names}")
         if not Path(file).is_file():
             raise InputError(f"--model {text}: there is no file {file}")
@@ -92,10 +95,10 @@ def run_trials(settings: TrialsSettings, progress: Progress = lambda *_: None) -
     """
     began = time.perf_counter()
     bench = load_bench("fake")
-    plain = _recorded(settings, bench, DEFAULT_ESTIMATOR, "session", progress)
-    marked = _recorded(settings, with_markers(bench), KOLAMURI, "session-markers", progress)
-    passes = _passes(plain, settings.networks(), PLAIN, partial(progress, "passes"))
-    marker_passes = _passes(marked, {}, (KOLAMURI,), partial(progress, "markers"))
+    plain = _recorded(settings, bench, DEFAULT_ESTIMATOR, PLAIN_SESSION, progress)
+    marked = _recorded(settings, with_markers(bench), KOLAMURI, MARKED_SESSION, progress)
+    passes = _passes(plain, settings, settings.networks(), settings.systems(), partial(progress, "passes"))
+    marker_passes = _passes(marked, settings, {}, (KOLAMURI,), partial(progress, "markers"))
     together = [passes, marker_passes]
     return TrialsResult(
         settings=settings,
@@ -147,12 +150,17 @@ def _recorded(
 
 
 def _passes(
-    folder: Path, networks: Mapping[str, str], estimators: Sequence[str], show: Any
+    folder: Path,
+    settings: TrialsSettings,
+    networks: Mapping[str, str],
+    systems: Sequence[str],
+    show: Any,
 ) -> list[TrialPass]:
     tips, rows = session_lifts(folder)
+    files = {name: file for name, file in settings.models.items() if name in PEER_FILES}
     passes = []
     for row in rows:
-        passes.append(pass_lift(folder, tips, networks, estimators, row))
+        passes.append(pass_lift(folder, tips, networks, systems, files, row))
         show(len(passes), len(rows), f"{row['object']}/{row['lift']}")
     return passes
 

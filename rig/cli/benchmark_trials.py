@@ -17,8 +17,8 @@ def trials(
         list[str] | None,
         typer.Option(
             "--model",
-            help="NAME=FILE: a network of rig train beside the shipped ones (pspnet, deeplabv3plus, "
-            "unetplusplus, ours); repeat for more.",
+            help="NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
+            "train-angle (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
         ),
     ] = None,
     lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Lifts of each object.")] = 5,
@@ -35,10 +35,11 @@ def trials(
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:
-    """Run networks, angle methods, windows and rival estimators over the same SIMULATED lifts.
+    """Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.
 
     One fingertip at 30 frames per second over phase B, as the paper compares. A network that was not
     trained yet says so, with the command that trains it. A run that was interrupted goes on with --out.
+    At most 20 minutes on 2 cores with all nine objects and five lifts of each.
 
     Examples:
       rig benchmark trials --out trials
@@ -46,6 +47,8 @@ def trials(
       rig benchmark trials --lifts 1 --object t3 --out quick --json
 
       rig benchmark trials --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
+
+      rig benchmark trials --out trials --model anglenet-on-test=runs/anglenet-on-test/model.onnx
 
     """
     from rig.benchmark.files import check_writable
@@ -82,3 +85,4 @@ def _print(result: "TrialsResult", to_stderr: bool) -> None:
         console.print(shown)
     for note in notes(result):
         console.print(note, highlight=False)
+    console.print(f"{result.wall_s / 60.0:.1f} minutes", highlight=False)

@@ -44,7 +44,8 @@ def estimate(
         str | None,
         typer.Option(
             help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
-            "kolamuri (for a gel with printed markers). Default: slip."
+            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts). "
+            "Default: slip."
         ),
     ] = None,
     window: Annotated[
@@ -102,8 +103,13 @@ class _Run:
     ) -> None:
         from drivers.errors import InputError
         from rig.frame_times import parse_time
-        from rig.tactile.estimator import PUBLISHED
+        from rig.tactile.estimator import PUBLISHED, TOSKOV
 
+        if choice.name == TOSKOV:
+            raise InputError(
+                f"the estimator '{TOSKOV}' feels at the arm's wrist and frames do not tell that: use it in "
+                f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
+            )
         self.background, self.choice, self.aspect = background, choice, aspect
         self.published = choice.name.endswith(PUBLISHED)
         self.reference = None if reference_time is None else parse_time(reference_time)

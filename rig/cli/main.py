@@ -24,6 +24,7 @@ from rig.cli.results import results
 from rig.cli.segment import segment
 from rig.cli.sessions import sessions
 from rig.cli.train import train
+from rig.cli.train_angle import train_angle
 from rig.cli.trial import trial
 
 app = typer.Typer(
@@ -37,7 +38,7 @@ app = typer.Typer(
 )
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, segment, label, train, doctor):
+for command in (estimate, segment, label, train, train_angle, doctor):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")

@@ -92,7 +92,7 @@ def train(
         units=checked_units(units),
     )
     say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {seed}, into {out}")
-    with _Shown() as shown:
+    with TrainingView() as shown:
         cards = train_all(out, settings, resume, shown)
     _print(cards, json)
     if json:
@@ -117,7 +117,7 @@ def require_training() -> None:
         )
 
 
-class _Shown:
+class TrainingView:
     """A progress bar at a terminal, a line per epoch elsewhere."""
 
     def __init__(self) -> None:

@@ -28,7 +28,14 @@ def trial(
         list[str] | None,
         typer.Option("--object", help="Object id or name; repeat for more. Default: the trial's nine."),
     ] = None,
-    estimator: Annotated[str | None, typer.Option("--estimator", help="Angle method, default slip.")] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator",
+            help="slip (default), skeleton, ellipse, pca; these three also with -published; ecc, polar, "
+            "kolamuri, anglenet, toskov.",
+        ),
+    ] = None,
     window: Annotated[
         int | None,
         typer.Option(

@@ -40,6 +40,16 @@ def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
         yield _frame(data, time_ns, sequence)
 
 
+def recorded_arm_states(path: Path) -> Iterator[ArmState]:
+    """Yield the arm's states in order. Raises `SessionError`."""
+    pose = b""
+    for topic, time_ns, _, data in recorded_messages(path, ARM_TOPIC, JOINTS_TOPIC):
+        if topic == ARM_TOPIC:
+            pose = data
+        else:
+            yield _arm_state(pose, json.loads(data), time_ns)
+
+
 def phase_times(path: Path) -> dict[Phase, int]:
     """Return when each phase of a recorded lift began, ns. Raises `SessionError`."""
     return {Phase(value["phase"]): value["time_ns"] for value in recorded_values(path, PHASE_TOPIC)}

@@ -9,6 +9,7 @@ from rig.tactile.contact import ContactFinder
 from rig.tactile.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
 from rig.tactile.kolamuri import KolamuriEstimator
 from rig.tactile.paper import AxisEstimator, PublishedEstimator
+from rig.tactile.peers import AngleNetEstimator, ToskovEstimator
 from rig.tactile.published import ANGLES
 from rig.tactile.sample import SlipEstimator
 from rig.tactile.slip import SlipTracker
@@ -19,7 +20,10 @@ PUBLISHED = "-published"
 MATCHERS = {"ecc": EccMatcher, "polar": PolarMatcher}
 KOLAMURI = "kolamuri"
 """Needs a gel with printed markers; without them it refuses every frame with contact."""
-ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, KOLAMURI)
+ANGLENET, TOSKOV = "anglenet", "toskov"
+"""Networks trained on simulated lifts. `toskov` needs the arm's states beside the frames."""
+PEERS = (KOLAMURI, TOSKOV)
+ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, *PEERS)
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 
 
@@ -35,11 +39,12 @@ class EstimatorChoice:
     window: int
     skip: bool = True
 
-    def make(self, background: Image, aspect: float | None = None) -> SlipEstimator:
+    def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> SlipEstimator:
         """Build the estimator of one sensor.
 
         background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
-        pixel on the gel where known (`slip` only; the paper's methods take pixels as square).
+        pixel on the gel where known (`slip` only; the paper's methods take pixels as square). sign: of
+        the fingertip (`toskov` only, whose angle is the object's).
         """
         if self.name.endswith(PUBLISHED):
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
@@ -50,6 +55,10 @@ class EstimatorChoice:
             estimator = ReferenceEstimator(background, MATCHERS[self.name])
         elif self.name == KOLAMURI:
             estimator = KolamuriEstimator(background)
+        elif self.name == ANGLENET:
+            estimator = AngleNetEstimator(background)
+        elif self.name == TOSKOV:
+            estimator = ToskovEstimator(background, sign)
         else:
             estimator = AxisEstimator(ContactFinder(background), METHODS[self.name])
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
@@ -65,7 +74,7 @@ def choose_estimator(
     name = name or DEFAULT_ESTIMATOR
     if name not in ESTIMATORS:
         raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS, KOLAMURI) else PAPER_WINDOW
+    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS, *PEERS) else PAPER_WINDOW
     window = usual if window is None else window
     if not 1 <= window <= MAX_WINDOW:
         raise InputError(f"window {window} is out of range: choose 1 to {MAX_WINDOW}")

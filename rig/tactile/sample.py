@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from drivers.types import Image
+from drivers.types import ArmState, Image
 
 
 class State(StrEnum):
@@ -59,3 +59,6 @@ class SlipEstimator(Protocol):
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB captured at `time_ns`; causal, never raises on content."""
         ...
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state, sampled before the next frames; most estimators look at frames alone."""

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import replace
 
-from drivers.types import Image
+from drivers.types import ArmState, Image
 from rig.tactile.sample import SlipEstimator, SlipSample
 
 
@@ -17,6 +17,10 @@ class WindowMean(SlipEstimator):
         self._estimator = estimator
         self._angles: deque[float] = deque(maxlen=window)
         self._last: SlipSample | None = None
+
+    def arm(self, state: ArmState) -> None:
+        """Pass the arm's state on."""
+        self._estimator.arm(state)
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""

@@ -9,6 +9,7 @@ from drivers.errors import InputError
 from drivers.types import Frame
 from rig.benchmark.trial_files import PAGE, PICTURE, RESULTS, write_trials
 from rig.benchmark.trial_passes import NetworkContact, combination, thinned
+from rig.benchmark.trial_systems import title
 from rig.benchmark.trial_tables import table_four, table_three
 from rig.benchmark.trials import (
     NETWORKS,
@@ -76,7 +77,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> TrialsResult:
 def test_every_system_is_scored_on_the_same_frames(result: TrialsResult) -> None:
     assert result.missing == ("deeplabv3plus", "unetplusplus")
     assert 30 <= result.frames <= 90
-    expected = {"slip", "kolamuri", *METHODS}
+    expected = {"slip", "kolamuri", "toskov", "still", *METHODS}
     expected |= {combination(title, m) for title in ("PSPNet", "ours") for m in METHODS}
     assert {name for name, _ in result.scores} == expected
     best = result.scores["slip", 1]
@@ -84,6 +85,9 @@ def test_every_system_is_scored_on_the_same_frames(result: TrialsResult) -> None
     assert best.mare.mean_deg < 2.0
     assert best.answered == 1.0
     assert all(ms > 0.0 for ms in result.ms.values())
+    still = result.scores["still", 1].mare
+    assert still is not None
+    assert still.mean_deg > 4.0 * best.mare.mean_deg
 
 
 def test_the_tables_say_what_is_simulated_and_what_was_not_trained(result: TrialsResult) -> None:
@@ -92,7 +96,7 @@ def test_the_tables_say_what_is_simulated_and_what_was_not_trained(result: Trial
     assert all(len(row) == len(table.columns) for table in (three, four) for row in table.rows)
     untrained = [row for row in three.rows if "rig train --arch" in row[1]]
     assert [row[0] for row in untrained] == ["DeepLabV3+", "UNet++"]
-    assert {row[0] for row in four.rows} >= {"slip", "kolamuri", "AngleNet", "Toskov et al."}
+    assert {row[0] for row in four.rows} >= {"slip", *map(title, ("kolamuri", "toskov"))}
     assert set(NETWORKS.values()) <= {row[0] for row in three.rows}
 
 
@@ -101,5 +105,7 @@ def test_the_files_are_written(result: TrialsResult, tmp_path: Path) -> None:
     kept = read_json(tmp_path / RESULTS)
     assert kept["simulated"] is True
     assert len(kept["systems"]) == len(result.scores)
+    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert "SIMULATED" in page
+    assert "Toskov et al." in page
     assert (tmp_path / PICTURE).read_bytes().startswith(b"\x89PNG")
-    assert "SIMULATED" in (tmp_path / PAGE).read_text(encoding="utf-8")

@@ -13,8 +13,8 @@ from drivers.errors import InputError
 from rig.tactile.estimator import (
     DEFAULT_ESTIMATOR,
     ESTIMATORS,
-    KOLAMURI,
     MATCHERS,
+    PEERS,
     PUBLISHED,
     choose_estimator,
 )
@@ -42,7 +42,7 @@ def angles(samples: Iterable[SlipSample]) -> list[float]:
 def test_the_names_are_the_contracts() -> None:
     assert set(ESTIMATORS) == {
         "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published",
-        "ecc", "polar", "kolamuri",
+        "ecc", "polar", "kolamuri", "toskov",
     }  # fmt: skip
     assert DEFAULT_ESTIMATOR == "slip"
 
@@ -161,7 +161,7 @@ def test_the_published_scripts_answer_anything(press: Draw, blank: Image, name: 
     assert samples[0].angle_deg == samples[4].angle_deg == 0.0
 
 
-@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", *MATCHERS, KOLAMURI)])
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", *MATCHERS, *PEERS)])
 def test_the_cost_of_each_stage_is_told(press: Draw, blank: Image, name: str) -> None:
     bare, touched = run(choose_estimator(name, 1).make(blank), [press(None), press(10)])
     assert set(touched.stage_s) == {"contact", "axis", "filter"}

@@ -1,0 +1,95 @@
+"""AngleNet: a small ConvNeXt that tells the angle of the object from one tactile image.
+
+The smallest ConvNeXt of timm (zepto, 1.9 M parameters) on reduced frames stands for the network that the
+paper compares with (section IV-D).
+"""
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from drivers.types import Image
+from rig.tactile.network_input import frame_planes
+from rig.training.lifts import GelViews
+from rig.training.regression import Plan, Tell, fit
+from rig.training.torchvision_operators import declare_missing_operators
+
+BACKBONE = "convnext_zepto_rms"
+SIZE = (72, 96)
+"""(width, height) in px at which it looks."""
+BATCH, RATE = 32, 2e-3
+_ANGLE_DEG = 20.0
+_GREY, _CONTRAST = 0.4, 0.2
+"""Roughly mean and spread of a DIGIT's frame on a scale of 0 to 1."""
+_TURN_DEG, _SHIFT, _LIGHT, _NOISE = 15.0, 0.06, 0.1, 2.0
+
+
+class AngleNet(nn.Module):
+    """Frames (N, 3, h, w), 0 to 1, to image angles (N,) in degrees."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        declare_missing_operators()
+        import timm
+
+        self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, drop_path_rate=0.1)
+
+    def forward(self, planes: torch.Tensor) -> torch.Tensor:
+        """Return angles."""
+        return _ANGLE_DEG * self.backbone((planes - _GREY) / _CONTRAST)[:, 0]
+
+
+def train_angle_net(
+    train: GelViews, validation: GelViews, epochs: int, seed: int, augment: bool, tell: Tell
+) -> tuple[AngleNet, list[float]]:
+    """Train; return the network of the epoch best on the validation frames, and each epoch's error there.
+
+    augment: whether frames are turned, shifted and relit each time they are seen.
+    """
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    # brain floats gain nothing here: most of the time goes into convolutions of one plane each
+    network = AngleNet().to(memory_format=torch.channels_last)
+
+    def loss(at: torch.Tensor) -> torch.Tensor:
+        seen = [_augmented(train.images[i], float(train.angle_deg[i]), rng, augment) for i in at.tolist()]
+        found = network(_planes([image for image, _ in seen]))
+        return functional.l1_loss(found, torch.tensor([angle for _, angle in seen]))
+
+    plan = Plan(epochs, BATCH, RATE)
+    errors = fit(network, plan, len(train), loss, lambda: error_deg(network, validation), tell)
+    return network, errors
+
+
+def error_deg(network: AngleNet, views: GelViews) -> float:
+    """Return the mean absolute error of frames by themselves, without any zero."""
+    found = []
+    with torch.inference_mode():
+        for start in range(0, len(views), BATCH):
+            found.append(network(_planes(views.images[start : start + BATCH])).numpy())
+    return float(np.abs(np.concatenate(found) - views.angle_deg).mean())
+
+
+def _planes(images: Sequence[Image] | Image) -> torch.Tensor:
+    planes = torch.from_numpy(np.stack([frame_planes(image, SIZE) for image in images]))
+    return planes.contiguous(memory_format=torch.channels_last)
+
+
+def _augmented(
+    image: Image, angle_deg: float, rng: np.random.Generator, augment: bool
+) -> tuple[Image, float]:
+    if not augment:
+        return image, angle_deg
+    turn = float(rng.uniform(-_TURN_DEG, _TURN_DEG))
+    height, width = image.shape[:2]
+    change = cv2.getRotationMatrix2D((width / 2.0, height / 2.0), turn, 1.0)
+    change[:, 2] += rng.uniform(-_SHIFT, _SHIFT, 2) * (width, height)
+    moved = cv2.warpAffine(image, change, (width, height), borderMode=cv2.BORDER_REFLECT)
+    light = np.exp(rng.normal(0.0, _LIGHT, 3)) * math.exp(float(rng.normal(0.0, _LIGHT)))
+    lit = moved * light + rng.normal(0.0, _NOISE, moved.shape)
+    return np.clip(lit, 0.0, 255.0).astype(np.uint8), angle_deg + turn

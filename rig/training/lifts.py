@@ -1,0 +1,173 @@
+"""Lifts to learn from: what the wrist felt, what a gel showed, and how the object truly turned."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import seconds
+from drivers.errors import InputError
+from drivers.types import ArmState, Frame, Image, Pose
+from protocols.watch import Phase
+from rig.lift import ZERO_S
+from rig.records.files import read_lines
+from rig.records.reading import phase_times, recorded_arm_states, recorded_frames, recorded_values
+from rig.records.recorder import TRUTH_TOPIC
+from rig.records.session import read_manifest
+from rig.training.examples import sized
+from rig.trial import RESULTS
+from rig.truth import TruthSeries, interpolate
+
+SIGHT_HZ = 10.0
+"""Rate at which frames are learnt from: neighbouring ones teach the same."""
+Turn = Callable[[int], float | None]
+"""The object's true turn in the hand at a time in ns since the lift began: deg, counter-clockwise as the
+camera sees it, None where unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WristSeries:
+    """What the arm reported during one lift, from the grasp to the end of phase C.
+
+    states: N samples. turn_deg: (N,) the true turn at each, 0 before the lift, NaN where unknown.
+    rising: (N,) bool, phases B and C.
+    """
+
+    object_id: str
+    states: tuple[ArmState, ...]
+    turn_deg: NDArray[np.float64]
+    rising: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GelViews:
+    """Tactile frames of many lifts, and where the object points in them.
+
+    images: (N, h, w, 3) uint8 RGB. angle_deg: (N,) image angle of the object, counter-clockwise as seen,
+    0 where the hand is not turned against it. objects: the object's id of each.
+    """
+
+    images: Image
+    angle_deg: NDArray[np.float64]
+    objects: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def of(self, objects: Sequence[str]) -> "GelViews":
+        """Return the frames of some objects."""
+        at = np.flatnonzero(np.isin(self.objects, list(objects)))
+        return GelViews(self.images[at], self.angle_deg[at], tuple(self.objects[i] for i in at))
+
+
+def wrist_series(
+    object_id: str, states: Sequence[ArmState], phases: dict[Phase, int], turn: Turn
+) -> WristSeries:
+    """Put one lift's samples together with the truth."""
+    lift_ns = phases[Phase.LIFT]
+    kept = tuple(s for s in states if phases[Phase.GRASP] <= s.time_ns < phases[Phase.LOWER])
+    rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
+    turns = [_or_nan(turn(s.time_ns)) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
+    return WristSeries(object_id, kept, np.array(turns, np.float64), rising)
+
+
+def labelled_views(
+    frames: Iterator[Frame], sign: int, hand_turn_deg: float, phases: dict[Phase, int], turn: Turn
+) -> Iterator[tuple[Frame, float]]:
+    """Yield one fingertip's frames from just before the lift to the end of phase C, with their angle.
+
+    hand_turn_deg: of the hand when it grasped, see `hand_turn_deg`.
+    """
+    for frame in frames:
+        if not phases[Phase.LIFT] - seconds(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
+            continue
+        turned = turn(frame.time_ns) if frame.time_ns >= phases[Phase.LIFT] else 0.0
+        if turned is not None:
+            yield frame, sign * (turned - hand_turn_deg)
+
+
+def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
+    """Put views (object, image, angle) of one size together. Raises `InputError` for none."""
+    if not views:
+        raise InputError(
+            f"{where}: no tactile frame with a true angle: were the markers in the camera's view?"
+        )
+    return GelViews(
+        np.stack([image for _, image, _ in views]),
+        np.array([angle for *_, angle in views], np.float64),
+        tuple(name for name, *_ in views),
+    )
+
+
+def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
+    """Turn of a downward hand about the closing axis (base's -y), counter-clockwise as the camera sees it."""
+    x_axis = base_T_tcp.rotation.apply([1.0, 0.0, 0.0])
+    return math.degrees(math.atan2(float(x_axis[2]), float(x_axis[0])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredLift:
+    """One accepted lift of a trial session, opened for learning. signs: of the fingertips by serial."""
+
+    object_id: str
+    recording: Path
+    signs: dict[str, int]
+    phases: dict[Phase, int]
+    turn: Turn
+
+    def wrist(self) -> WristSeries:
+        """Return what the wrist felt. Raises `SessionError` for a damaged recording."""
+        return wrist_series(self.object_id, list(recorded_arm_states(self.recording)), self.phases, self.turn)
+
+    def views(self, size: tuple[int, int]) -> Iterator[tuple[str, Image, float]]:
+        """Yield object, frame of (width, height) `size` and angle, both fingertips. Raises `SessionError`."""
+        grasped = next(
+            s for s in recorded_arm_states(self.recording) if s.time_ns >= self.phases[Phase.GRASP]
+        )
+        hand = hand_turn_deg(grasped.base_T_tcp)
+        for serial, sign in self.signs.items():
+            frames = _now_and_then(recorded_frames(self.recording, serial))
+            for frame, angle in labelled_views(frames, sign, hand, self.phases, self.turn):
+                yield self.object_id, sized(frame.image, size), angle
+
+
+def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
+    """Open the accepted lifts of trial sessions. Raises `InputError` or `SessionError`."""
+    lifts = []
+    for folder in folders:
+        manifest = read_manifest(folder)
+        if manifest.get("kind") != "trial":
+            raise InputError(
+                f"{folder}: is a '{manifest.get('kind')}' session: angles are learnt from lifts, so give "
+                "sessions of rig trial"
+            )
+        rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
+        lifts += [_opened(folder / r["recording"], r["object"], manifest["signs"]) for r in rows]
+    if not lifts:
+        raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
+    return lifts
+
+
+def _opened(recording: Path, object_id: str, signs: dict[str, int]) -> StoredLift:
+    values = recorded_values(recording, TRUTH_TOPIC)
+    times = np.array([v["time_ns"] for v in values], np.int64)
+    angles, sigmas = (np.array([v[key] for v in values], float) for key in ("angle_deg", "sigma_deg"))
+    series = TruthSeries(times, angles, sigmas, 0.0, None, {})
+    return StoredLift(
+        object_id, recording, signs, phase_times(recording), lambda time_ns: interpolate(series, time_ns)
+    )
+
+
+def _now_and_then(frames: Iterator[Frame]) -> Iterator[Frame]:
+    due_ns = 0
+    for frame in frames:
+        if frame.time_ns >= due_ns:
+            due_ns = frame.time_ns + seconds(1.0 / SIGHT_HZ)
+            yield frame
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -31,6 +31,7 @@ from fakes.wire.ur_controller import URController
 from fakes.world import Layout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
 
 DOWN = Rotation.from_euler("x", 180, degrees=True)
 HOME = Pose.from_rotation((0.45, 0.0, 0.3), DOWN)

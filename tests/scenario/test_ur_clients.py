@@ -20,6 +20,7 @@ from fakes.wire.ur_controller import URController
 from fakes.world import Layout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
 
 PREAMBLE = """
 import json, sys, time

@@ -38,7 +38,8 @@ def table_two() -> Table:
             cells = (NOT_RUN, "", "", "") if row is None else _kept_cells(row)
             rows.append((title, fold, *cells, *PAPER.get((title, fold), ("", ""))))
     return Table(
-        "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real",
+        "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
+        "ms: frame in to mask out, in the training's run",
         ("network", "fold", "Dice", "IoU", "ms", "trained", "paper's Dice", "paper's IoU"),
         rows,
     )

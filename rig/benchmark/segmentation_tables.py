@@ -40,7 +40,7 @@ def table_two() -> Table:
     return Table(
         "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
         "ms: frame in to mask out, in the training's run",
-        ("network", "fold", "Dice", "IoU", "ms", "trained", "paper's Dice", "paper's IoU"),
+        ("network", "fold", "Dice", "IoU", "ms", "trained (images x epochs)", "paper's Dice", "paper's IoU"),
         rows,
     )
 
@@ -88,4 +88,4 @@ def _kept_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:
 def _settings(row: dict[str, Any]) -> str:
     """Say how a network was trained: settings, size at which it looks, images, epochs."""
     width, height = row["size_px"]
-    return f"{row['settings']}: {width}x{height} px, {row['images']['train']} images, {row['epochs']} epochs"
+    return f"{row['settings']}: {width}x{height} px, {row['images']['train']} x {row['epochs']}"

@@ -12,4 +12,4 @@ def test_table_two_has_a_row_per_network_and_fold_and_says_how_each_was_trained(
         row = rows[kept["title"], kept["fold"]]
         width, height = kept["size_px"]
         assert row[2].startswith(f"{kept['dice']:.3f}")
-        assert f"{width}x{height} px, {kept['images']['train']} images, {kept['epochs']} epochs" in row[5]
+        assert f"{width}x{height} px, {kept['images']['train']} x {kept['epochs']}" in row[5]

@@ -15,7 +15,7 @@ ANGLENET_ON_TEST = "anglenet-on-test"
 """AngleNet as the paper trained it: on the lifts that it is then tested with."""
 STILL = "still"
 """Says 0 all the time: what a system has to be better than."""
-PLAIN = (DEFAULT_ESTIMATOR, *METHODS, TOSKOV, STILL)
+PLAIN = (DEFAULT_ESTIMATOR, *METHODS, ANGLENET, TOSKOV, STILL)
 """Systems that run on the lifts of the plain gel, beside the networks."""
 PEER_FILES = (ANGLENET, ANGLENET_ON_TEST, TOSKOV)
 """Systems whose network may be given as a file."""

@@ -22,7 +22,7 @@ KOLAMURI = "kolamuri"
 """Needs a gel with printed markers; without them it refuses every frame with contact."""
 ANGLENET, TOSKOV = "anglenet", "toskov"
 """Networks trained on simulated lifts. `toskov` needs the arm's states beside the frames."""
-PEERS = (KOLAMURI, TOSKOV)
+PEERS = (KOLAMURI, ANGLENET, TOSKOV)
 ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, *PEERS)
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 

@@ -37,7 +37,8 @@ class AngleNet(nn.Module):
         declare_missing_operators()
         import timm
 
-        self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, drop_path_rate=0.1)
+        # without the scale that blocks begin with near zero: short trainings would end before they count
+        self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, ls_init_value=None)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
         """Return angles."""

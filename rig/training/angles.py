@@ -11,6 +11,7 @@ import torch
 from drivers.errors import InputError
 from protocols.grasps import TRIAL_OBJECTS, load_grasp_files
 from rig.records.files import write_json
+from rig.records.session import read_manifest
 from rig.tactile.estimator import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
@@ -73,7 +74,7 @@ def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
         "name": settings.name,
         "title": TITLES[settings.name],
         "data": [str(s) for s in settings.sessions] or "simulated lifts",
-        "simulated": not settings.sessions,
+        "simulated": all(read_manifest(s).get("simulated", False) for s in settings.sessions),
         "trained_on_test_lifts": settings.on_test_lifts,
         "seed": settings.seed,
         "epochs": settings.epochs,

@@ -42,7 +42,7 @@ def angles(samples: Iterable[SlipSample]) -> list[float]:
 def test_the_names_are_the_contracts() -> None:
     assert set(ESTIMATORS) == {
         "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published",
-        "ecc", "polar", "kolamuri", "toskov",
+        "ecc", "polar", "kolamuri", "anglenet", "toskov",
     }  # fmt: skip
     assert DEFAULT_ESTIMATOR == "slip"
 

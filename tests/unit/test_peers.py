@@ -1,6 +1,8 @@
 """The peers' networks: the wrist's wrench in even steps, angles from files, and what is no such file."""
 
+import json
 from collections.abc import Callable
+from hashlib import sha256
 from importlib.resources import as_file
 from pathlib import Path
 
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 from drivers.clock import seconds
 from drivers.errors import InputError
 from drivers.types import ArmMode, ArmState, Pose
-from rig.tactile.estimator import TOSKOV, choose_estimator
+from protocols.grasps import TRIAL_OBJECTS
+from rig.tactile.estimator import ANGLENET, TOSKOV, choose_estimator
 from rig.tactile.model_files import MODELS
 from rig.tactile.peer_networks import load_image_network, load_wrench_network
 from rig.tactile.sample import State
@@ -62,14 +65,38 @@ def test_toskov_needs_the_wrist_and_turns_its_answer_to_the_fingertip(press: Dra
     assert left.update(press(None), seconds(2.2)).state is State.NO_CONTACT
 
 
+def test_angle_net_answers_every_contact(press: Draw, blank: Image) -> None:
+    estimator = choose_estimator(ANGLENET).make(blank)
+    touched, bare = estimator.update(press(10), 0), estimator.update(press(None), 1)
+    assert touched.state is State.TRACKING
+    assert touched.angle_deg is not None
+    assert abs(touched.angle_deg) < 90.0
+    assert set(touched.stage_s) == {"contact", "network"}
+    assert bare.state is State.NO_CONTACT
+
+
+@pytest.mark.parametrize(("name", "precision"), [(ANGLENET, "fp16"), (TOSKOV, "fp32")])
+def test_cards_are_of_the_files_beside_them(name: str, precision: str) -> None:
+    card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
+    assert card["files"][precision]["sha256"] == sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+    assert card["simulated"]
+    assert not card["trained_on_test_lifts"]
+    assert not set(card["objects"]["train"]) & set(TRIAL_OBJECTS)
+
+
 def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:
-    with as_file(MODELS / "toskov.onnx") as wrist, as_file(MODELS / "ours.onnx") as mask:
+    with (
+        as_file(MODELS / "toskov.onnx") as wrist,
+        as_file(MODELS / "anglenet.onnx") as angle,
+        as_file(MODELS / "ours.onnx") as mask,
+    ):
         for file in (wrist, mask):
             with pytest.raises(InputError, match="train-angle anglenet"):
                 load_image_network(file)
-        with pytest.raises(InputError, match="train-angle toskov"):
-            load_wrench_network(mask)
-        (tmp_path / "cut.onnx").write_bytes(wrist.read_bytes()[:1000])
+        for file in (angle, mask):
+            with pytest.raises(InputError, match="train-angle toskov"):
+                load_wrench_network(file)
+        (tmp_path / "cut.onnx").write_bytes(angle.read_bytes()[:1000])
     for load in (load_image_network, load_wrench_network):
         with pytest.raises(InputError, match="no complete ONNX"):
             load(tmp_path / "cut.onnx")

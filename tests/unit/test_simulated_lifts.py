@@ -1,0 +1,27 @@
+"""Simulated lifts to learn from: the protocol's own, the same again, seen from both sides."""
+
+import numpy as np
+import pytest
+
+from rig.training.simulated_lifts import simulated_views, simulated_wrists
+
+SIZE = (36, 48)
+
+
+def test_simulated_lifts_are_those_of_the_protocol_and_the_same_again() -> None:
+    first, second = (simulated_wrists(["7"], 1, 5, lambda *_: None)[0] for _ in range(2))
+    assert first.states == second.states
+    assert (first.turn_deg == second.turn_deg).all()
+    assert first.rising.sum() == pytest.approx((1.5 + 1.2) * 30, abs=3)
+    assert not first.turn_deg[~first.rising].any()
+    assert 5.0 < abs(first.turn_deg[-1]) < 30.0
+    pulled = np.array([s.wrench[2] for s in first.states])
+    assert pulled[-20:].mean() < pulled[: -len(pulled) // 2].mean() - 0.1
+
+
+def test_both_fingertips_see_the_object_turn_from_opposite_sides() -> None:
+    views = list(simulated_views(["7"], 1, 5, SIZE, lambda *_: None))
+    angles = np.array([angle for *_, angle in views]).reshape(2, -1)
+    assert angles[0] == pytest.approx(-angles[1], abs=1.5)
+    assert np.ptp(angles[0]) > 5.0
+    assert views[0][1].shape == (48, 36, 3)

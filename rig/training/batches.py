@@ -28,7 +28,7 @@ def training_batches(
     order = rng.permutation(len(examples))
     count = min(count, len(order))
     for start in range(0, len(order) - count + 1, count):
-        samples = [_augmented(examples, int(place), rng) for place in order[start : start + count]]
+        samples = [_augmented(examples, int(place), inputs, rng) for place in order[start : start + count]]
         yield _batch(samples, inputs, size)
 
 
@@ -41,10 +41,11 @@ def plain_batches(
         yield _batch(samples, inputs, size)
 
 
-def _augmented(examples: Examples, place: int, rng: np.random.Generator) -> Sample:
+def _augmented(examples: Examples, place: int, inputs: NetworkInput, rng: np.random.Generator) -> Sample:
     first = place // GHOST_REACH * GHOST_REACH
     ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
-    return augmented(_sample(examples, place), examples.frames[ghost], rng)
+    varied = inputs is NetworkInput.FRAME_AND_DIFFERENCE
+    return augmented(_sample(examples, place), examples.frames[ghost], varied, rng)
 
 
 def _sample(examples: Examples, place: int) -> Sample:

@@ -22,6 +22,7 @@ from rig.training.export import export_eight_bit, export_half, export_onnx
 from rig.training.imported import import_checkpoint
 from rig.training.loop import Schedule, Training, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
+from rig.training.precision import arithmetic_of
 from rig.training.run import train_all
 from rig.training.settings import TrainSettings
 from rig.training.simulated import simulated_examples
@@ -65,6 +66,17 @@ def test_a_training_continued_after_a_stop_ends_as_one_that_was_not_stopped(exam
     assert [e.number for e in second.history] == [1, 2]
     for name, weight in whole.network.state_dict().items():
         torch.testing.assert_close(second.network.state_dict()[name], weight)
+
+
+@pytest.mark.parametrize(
+    ("capabilities", "expected"),
+    [({"avx512_bf16": True}, torch.bfloat16), ({"bf16": True}, torch.bfloat16), ({}, torch.float32)],
+)
+def test_brain_floats_are_used_where_the_processor_multiplies_them(
+    capabilities: dict[str, bool], expected: torch.dtype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities, raising=False)
+    assert arithmetic_of(torch.device("cpu")) is expected
 
 
 def test_the_focal_loss_is_the_cross_entropy_weighed_by_what_is_not_known() -> None:
@@ -168,7 +180,7 @@ def test_augmentation_keeps_colours_in_order_and_mirrors_nothing() -> None:
     label = np.zeros((80, 64), np.uint8)
     label[10:30, 8:24] = 255
     for seed in range(20):
-        sample = augmented(Sample(frame, frame // 2, label), frame, np.random.default_rng(seed))
+        sample = augmented(Sample(frame, frame // 2, label), frame, True, np.random.default_rng(seed))
         red, green, blue = sample.frame.reshape(-1, 3).mean(axis=0)
         assert red > green > blue
         rows, columns = np.nonzero(sample.label > 127)
@@ -186,6 +198,7 @@ def test_a_run_writes_networks_and_cards_and_is_not_done_twice(tmp_path: Path) -
         "model.int8.onnx",
     }
     assert cards[0]["images"]["test"] == 24
+    assert cards[0]["training"]["cpu_s"] > 0.0
     stamp = (folder / "model.onnx").stat().st_mtime_ns
     assert train_all(tmp_path / "run", settings, True, lambda text, share: None) == cards
     assert (folder / "model.onnx").stat().st_mtime_ns == stamp

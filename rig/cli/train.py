@@ -65,7 +65,7 @@ def train(
     Needs the extra `train`.
 
     Examples:
-      rig train --arch ours --images 9000 --epochs 16 --out runs/ours
+      rig train --arch ours --images 9000 --epochs 10 --out runs/ours
 
       rig train --arch pspnet --fold D_s3 --data VISTASE --out runs/vistase --resume
 

@@ -15,7 +15,7 @@ from rig.benchmark.trials import NETWORKS, OURS, TrialsResult
 from rig.tactile.axis import METHODS
 from rig.tactile.estimator import DEFAULT_ESTIMATOR
 
-_LABEL_GAP = 0.044
+_LABEL_GAP = 0.034
 _DPI = 130
 # of Okabe and Ito, told apart with any colour vision; shapes differ too
 _OURS, _NETWORKS, _OTHERS = ("#0072B2", "o"), ("#B07800", "s"), ("#009E73", "^")
@@ -76,6 +76,9 @@ def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
     for (name, ms, error), place in zip(shown, spread_labels(at, _LABEL_GAP), strict=True):
         axes.annotate(
             title(name), xy=(ms, error), xytext=(1.03, place), textcoords="axes fraction", va="center",
-            fontsize=9.5, color="0.15",
-            arrowprops={"arrowstyle": "-", "color": _look(name)[0], "linewidth": 0.7, "alpha": 0.6},
+            fontsize=9, color="0.15",
+            arrowprops={
+                "arrowstyle": "-", "color": _look(name)[0], "linewidth": 0.7, "alpha": 0.6,
+                "relpos": (0.0, 0.5),
+            },
         )  # fmt: skip

@@ -63,10 +63,10 @@ class Split:
 def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, Any]:
     """Train one network; write model and card into the folder, and return the card.
 
-    Raises `InputError` for a folder that holds something, or sessions that cannot be split.
+    Raises `InputError` for a folder that holds something or cannot be made, or sessions that cannot be
+    split.
     """
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"{out} is not empty: give another --out")
+    _claim(out)
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     result = (_train_wrist if settings.name == TOSKOV else _train_angle_net)(out, settings, tell)
@@ -107,11 +107,21 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
     return split
 
 
+def _claim(out: Path) -> None:
+    """Make the folder before anything is learnt for it."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        taken = any(out.iterdir())
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): give another --out") from error
+    if taken:
+        raise InputError(f"{out} is not empty: give another --out")
+
+
 def _train_wrist(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, Any]:
     lifts, split = _wrists(settings, tell)
     parts = [sequences([x for x in lifts if x.object_id in ids]) for ids in _ids(split)]
     network, errors = train_wrist(parts[0], parts[1], settings.epochs, settings.seed, _shown(settings, tell))
-    out.mkdir(parents=True, exist_ok=True)
     export_wrist(network, out / MODEL)
     test = {"error_deg": error_deg(network, parts[2]), "saying_zero_deg": blind_error_deg(parts[2])}
     return {
@@ -130,7 +140,6 @@ def _train_angle_net(out: Path, settings: AngleSettings, tell: Tell) -> dict[str
     network, errors = train_angle_net(
         train, validation, settings.epochs, settings.seed, not settings.on_test_lifts, _shown(settings, tell)
     )
-    out.mkdir(parents=True, exist_ok=True)
     export_angle_net(network, out / MODEL, out / HALF)
     spread = float(np.abs(test.angle_deg).mean())
     return {

@@ -53,8 +53,12 @@ def fill_encoder(encoder: nn.Module, path: Path) -> None:
 
     Raises `InputError` for a file that lacks some of the encoder's, or has them of another shape.
     """
+    state = read_state(path)
+    # the library's encoders do not say themselves what is missing
+    counters = "num_batches_tracked"  # older files have none, and nothing needs them
+    lacking = [n for n in encoder.state_dict() if n not in state and not n.endswith(counters)]
     try:
-        lacking = encoder.load_state_dict(read_state(path), strict=False).missing_keys
+        encoder.load_state_dict(state, strict=False)
     except RuntimeError as error:
         first = str(error).splitlines()[-1].strip()
         raise InputError(f"{path}: does not fit the encoder ({first}): choose its own --encoder") from error

@@ -13,6 +13,8 @@ from rig.tactile.sampling import GradientField
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
 GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
+# One whose steps were still large may be on its way to anywhere: it has to fit better.
+UNSETTLED_MISFIT = 0.25
 # Beyond these it is no alignment at all.
 WORST_MISFIT, WORST_OVERLAP = 0.75, 0.4
 # From where it is expected, an object turns at most so far between two frames.
@@ -62,7 +64,9 @@ class Tracked:
     @property
     def good(self) -> bool:
         """Whether the keyframe still fits well."""
-        return self.alignment.misfit <= GOOD_MISFIT and self.alignment.overlap >= GOOD_OVERLAP
+        found = self.alignment
+        worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
+        return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
 
 
 class GraspTracker:

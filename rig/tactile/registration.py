@@ -35,8 +35,8 @@ class Alignment:
 
     angle_rad; shift_px: motion of the keyframe's center. misfit: residual over template, rms; inf
     where nothing fits. overlap: share of the keyframe's points seen. gain: of the gradients.
-    noise_rad: one standard deviation of the angle if residuals were independent. weights: (N,) for
-    the next frame.
+    noise_rad: one standard deviation of the angle if residuals were independent. settled: whether the
+    last step was as small as wanted. weights: (N,) for the next frame.
     """
 
     angle_rad: float
@@ -46,6 +46,7 @@ class Alignment:
     gain: float
     noise_rad: float
     iterations: int
+    settled: bool
     weights: NDArray[np.float32]
 
 
@@ -93,6 +94,7 @@ def align(
         gain=1.0 + float(step[3]),
         noise_rad=math.sqrt(max(inverse[0, 0] * variance, 0.0)),
         iterations=iteration,
+        settled=done,
         weights=_robust(squares, used > 0.0),
     )
 

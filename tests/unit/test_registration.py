@@ -180,3 +180,15 @@ def test_the_filter_follows_a_steady_turn_without_lag(rate: float) -> None:
     assert angle == pytest.approx(rate * 39 / 60, abs=1e-3)
     assert motion.rate_rad_s == pytest.approx(rate, abs=0.02)
     assert motion.predicted(40 / 60) == pytest.approx(rate * 40 / 60, abs=2e-3)
+
+
+def test_an_alignment_on_its_way_to_anywhere_is_not_settled() -> None:
+    height = dent(10.0, (22.0, 4.0))
+    key = make_keyframe(slopes(height), (height > 0.2).astype(np.uint8))
+    assert key is not None
+    rubbish = (
+        np.random.default_rng(1).normal(0, 0.1, (80, 60, 2)).astype(np.float32).view(np.complex64)[..., 0]
+    )
+    mask = np.ones((80, 60), np.uint8)
+    assert align(key, GradientField(slopes(height), mask), 0.05, 0.5 + 0j).settled
+    assert not align(key, GradientField(rubbish, mask), 0.0, 0j).settled

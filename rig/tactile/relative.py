@@ -96,7 +96,7 @@ def _sample(work: NDArray[Any]) -> NDArray[np.float32]:
     """Return the means of blocks of pixels, (3, N) float32."""
     size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
     blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T)
+    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T, np.float32)
 
 
 def _line(light: NDArray[np.float32], seen: NDArray[np.float32]) -> tuple[Any, Any]:

@@ -77,7 +77,10 @@ def onnx_model(network: nn.Module, inputs: dict[str, torch.Tensor], outputs: lis
         )
     if program is None:
         raise RigError("the network could not be exported")
-    return program.model_proto
+    model = program.model_proto
+    for node in model.graph.node:
+        del node.metadata_props[:]  # where each operation stood in the files of whoever trains
+    return model
 
 
 def export_half(full: Path, path: Path) -> None:

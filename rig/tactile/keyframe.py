@@ -29,8 +29,7 @@ class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
     center_px: where points_px, (N,) complex64, are counted from. template: (N,) complex64 gradients,
-    sharpened.
-    squares: (N,) of their lengths. weights: (N,), lower where steep.
+    sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
     jacobian: (6, 2N) for rotation (rad), x, y (px), gain, slope along x and y; x and y of each point
     in turn. contrast: the share of the energy of the gradients, as they are, that a rotation by 1 rad
     changes beyond what translation, gain and slope can imitate: 0 for a smooth ball, about 1 and more
@@ -61,9 +60,9 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
     points = (columns + 1j * rows - center).astype(np.complex64)
     template, squares, jacobian = _linearised(sharpened(gradient), points, rows, columns)
     energy = _energy(squares)
-    _, plain_squares, plain_jacobian = _linearised(gradient, points, rows, columns)
     if not energy > 0.0:
         return None
+    _, plain_squares, plain_jacobian = _linearised(gradient, points, rows, columns)
     return Keyframe(
         center_px=center,
         points_px=points,

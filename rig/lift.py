@@ -12,6 +12,7 @@ import numpy as np
 from drivers.clock import seconds
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.slip_trial import SETTLE_S
 from protocols.watch import Phase
 from rig.fusion import FusedSample, TipAnswer, fuse
 from rig.records.encoding import stored
@@ -23,7 +24,10 @@ from rig.tactile.sample import SlipEstimator, SlipSample, State
 from rig.truth import MarkerTruth, TruthSeries
 
 ZERO_S = 0.4
-"""How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed)."""
+"""How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed).
+
+Where a slow camera or a hidden marker leaves fewer, all the time at rest before the lift is looked at.
+"""
 FALLEN_S = 0.2
 TOUCH_FRAMES = 2
 """Contact counts when this many frames in a row show it, so that one noisy frame stops nothing."""
@@ -210,6 +214,6 @@ class LiftMeasurement:
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:
-        self.truth.set_zero(time_ns - seconds(ZERO_S), time_ns)
+        self.truth.set_zero(time_ns - seconds(ZERO_S), time_ns, earliest_ns=time_ns - seconds(SETTLE_S))
         for tip in self.tips.values():
             tip.set_zero(tip.samples, time_ns)

@@ -106,18 +106,22 @@ class MarkerTruth:
             self._angles.add(sighting, self._zero)
         return seen
 
-    def set_zero(self, from_ns: int, to_ns: int) -> None:
+    def set_zero(self, from_ns: int, to_ns: int, earliest_ns: int | None = None) -> None:
         """Make the mean of the frames from `from_ns` to `to_ns`, both included, the zero.
 
-        Contract: the last frames of phase A, before the lift. All frames so far are measured
-        (again) against it. Raises `CalibrationError` with what was seen when fewer than 10
-        frames show both markers. The zero is worked out when an angle is asked for, as frames go on
-        coming: see `measure_zero`.
+        Contract: the last frames of phase A, before the lift. earliest_ns: where fewer than 10 of
+        those show both markers, the last 10 from this time on are taken instead; without it none are.
+        All frames so far are measured (again) against the zero. Raises `CalibrationError` with what
+        was seen when fewer than 10 frames show both markers. The zero is worked out when an angle is
+        asked for, as frames go on coming: see `measure_zero`.
         """
         still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns]
+        if len(still) < FEWEST_FRAMES and earliest_ns is not None:
+            from_ns = min(from_ns, earliest_ns)
+            still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns][-FEWEST_FRAMES:]
         if len(still) < FEWEST_FRAMES:
             raise CalibrationError(self._too_few(len(still), from_ns, to_ns))
-        self._still, self._zero_from_ns, self._zero = still, from_ns, None
+        self._still, self._zero_from_ns, self._zero = still, still[0].time_ns, None
         self._seen_before = len(self._sightings) - 1
 
     def measure_zero(self) -> None:

@@ -15,6 +15,8 @@ from rig.config.models import (
 
 DIGIT_MODES = {(240, 320): (60.0, 30.0), (480, 640): (30.0, 15.0)}
 """Upright size in pixels, and the rates at which a DIGIT streams it (digit-interface's tables)."""
+SLOWEST_CAMERA_HZ = 24.0
+"""The true angle is taken between pictures at most 50 ms apart (contract); their times vary by a fifth."""
 Misfit = tuple[Loc, str]
 
 
@@ -66,6 +68,12 @@ def _tactile(tactile: TactileConfig, number: int) -> Iterator[Misfit]:
 def _camera(camera: CameraConfig) -> Iterator[Misfit]:
     import cv2
 
+    if camera.rate_hz < SLOWEST_CAMERA_HZ:
+        yield (
+            ("camera", "rate_hz"),
+            f"is too slow: the true angle is taken between pictures at most 50 ms apart, "
+            f"so give {SLOWEST_CAMERA_HZ:g} or more",
+        )
     number = getattr(cv2.aruco, camera.marker_dictionary, None)
     if not camera.marker_dictionary.startswith("DICT_") or number is None:
         yield ("camera", "marker_dictionary"), "is no ArUco dictionary, as DICT_4X4_50"

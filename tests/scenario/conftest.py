@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import CalibrationError, DeviceError
 from rig.attempt import TrialSettings
 from rig.config import BenchConfig, load_bench
 from rig.tactile.estimator import choose_estimator
@@ -23,18 +24,19 @@ def one_lift(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def unhurried_bench() -> BenchConfig:
-    """The bench behind wires at half its rates: what is tested is not how fast the computer is.
+    """The bench behind wires with its fingertips at half their rate: how fast the computer is, is not tested.
 
     At full rates `rig benchmark wire` and `rig benchmark faults` hold it to the limits.
     """
     bench = load_bench("wire")
-    slower = [tactile.model_copy(update={"rate_hz": 30}) for tactile in bench.tactile]
-    camera = bench.camera.model_copy(update={"rate_hz": 15})
-    return bench.model_copy(update={"tactile": slower, "camera": camera})
+    slower = tuple(tactile.model_copy(update={"rate_hz": 30.0}) for tactile in bench.tactile)
+    return bench.model_copy(update={"tactile": slower})
 
 
 MOST_LATE_S = 0.05
 """Later than this nobody on the computer keeps the deadlines of an arm and of 60 frames a second."""
+LATENESS = (DeviceError, AssertionError, pytest.fail.Exception)
+"""What a computer without time can cause: a device that was not heard, a count that falls short."""
 WAKING = """
 import select, sys, time
 late, due = 0.0, time.monotonic()
@@ -49,9 +51,10 @@ print(late)
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
-    """Run a test marked `real_time`; where it fails and the computer stood still meanwhile, skip it.
+    """Run a test marked `real_time`; where it is too late as the computer stood still, skip it.
 
-    Whether it stood still is seen by a process that does nothing but wake every 10 ms.
+    Whether it stood still is seen by a process that does nothing but wake every 10 ms. What no
+    standing still explains, as a calibration refused, fails all the same.
     """
     if item.get_closest_marker("real_time") is None:
         return (yield)
@@ -61,7 +64,8 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
         return (yield)
     except (Exception, pytest.fail.Exception) as failure:
         late_s = float(waking.communicate("\n", timeout=30)[0])
-        if late_s <= MOST_LATE_S:
+        of_lateness = isinstance(failure, LATENESS) and CalibrationError.__name__ not in str(failure)
+        if late_s <= MOST_LATE_S or not of_lateness:
             raise
         pytest.skip(
             f"real time needs a computer with time: this one stood still for {late_s:.2f} s ({failure})"

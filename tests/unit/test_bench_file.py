@@ -59,6 +59,7 @@ def test_the_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -
         ("home_m = [0.45, 0.0, 0.30]", "home_m = [4.5, 0.0, 0.30]", "outside the workspace"),
         ("workspace_max_m = [0.75,", "workspace_max_m = [0.05,", "not above workspace_min_m"),
         ('"DICT_4X4_50"', '"DICT_9X9"', "no ArUco dictionary"),
+        ("rate_hz = 30", "rate_hz = 15", "at most 50 ms apart"),
         ("look_at_m = [0.45, 0.0, 0.10]", "look_at_m = [0.45, -0.62, 0.0]", "straight above"),
         ("payload_kg = 2.5", "payload_kg = 5.5", "max_payload_kg"),
         ('driver = "camera"', 'driver = "fake"', "one or the other"),

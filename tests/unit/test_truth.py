@@ -165,6 +165,21 @@ def test_a_zero_with_too_few_frames_says_what_was_seen(scene):
         lift.truth.series()
 
 
+def test_a_slow_camera_takes_its_zero_from_further_back_but_not_from_the_grasp(scene):
+    lift = Lift(scene)
+    for k in range(8):
+        lift.see(2.0 * k)  # the fingers close
+    rest_ns = lift.time_ns
+    for _ in range(STILL_FRAMES):
+        lift.see(16.0)
+    lift.truth.set_zero(lift.time_ns - 5 * FRAME_NS, lift.time_ns, earliest_ns=rest_ns)
+    assert abs(lift.truth.series_since_zero().angle_deg.mean()) < 1e-9
+    assert len(lift.truth.series_since_zero().time_ns) == 10
+    late_ns = lift.time_ns - 5 * FRAME_NS
+    with pytest.raises(CalibrationError, match="5 frames"):
+        lift.truth.set_zero(late_ns, lift.time_ns, earliest_ns=late_ns)
+
+
 def test_a_moving_object_gives_no_zero(scene):
     lift = Lift(scene)
     for k in range(STILL_FRAMES):

@@ -75,7 +75,7 @@ class Gripper(Protocol):
         ...
 
     def disconnect(self) -> None:
-        """Let go of the connection; the fingers stay where they are. Safe to call twice."""
+        """Stop any motion and let go of the connection. Safe to call twice."""
         ...
 
     def activate(self) -> None:

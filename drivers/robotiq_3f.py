@@ -87,7 +87,8 @@ class Robotiq3F(Gripper):
         if line is None:
             return
         with suppress(DeviceError):  # where nobody hears us the fingers end where they were sent
-            if under_way(line.sample().status):
+            # a motion may have been sent that the status does not show yet
+            if self._sent is not None or under_way(line.sample().status):
                 self.stop()
         self._line = None
         self._forget()

@@ -81,7 +81,7 @@ class Sent:
     time_ns: int | None
 
     def awaited(self, status: Status, time_ns: int, name: str) -> bool:
-        """Whether a status of `time_ns` does not show the command yet.
+        """Whether a status asked for at `time_ns` does not show the command yet.
 
         Raises `DeviceTimeoutError` when the gripper `name` never took it up.
         """

@@ -27,7 +27,7 @@ Registers = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A status and the time its reply came, ns."""
+    """A status and the time it was asked for, ns: whatever delayed its reply, it is not older than that."""
 
     time_ns: int
     status: Status
@@ -135,12 +135,13 @@ class GripperLine:
             done.set_result(None)
 
     def _poll(self) -> None:
+        asked_ns = self._clock.now_ns()
         try:
             status = unpack_status(self._requests.read_status())
         except DeviceError as error:
             self._publish(self._newest, error)
         else:
-            self._publish(Sample(self._clock.now_ns(), status), None)
+            self._publish(Sample(asked_ns, status), None)
 
     def _publish(self, sample: Sample | None, error: DeviceError | None) -> None:
         with self._news:

@@ -55,11 +55,14 @@ class FakeGripper(Gripper):
         )
 
     def connect(self) -> None:
-        """Reach the gripper."""
+        """Reach the gripper, anew if it was connected."""
+        self.disconnect()
         self._connected = True
 
     def disconnect(self) -> None:
-        """Let go; the fingers stay."""
+        """Let go; the fingers stay where they are."""
+        if self._connected:
+            self.stop()
         self._connected = False
 
     def activate(self) -> None:

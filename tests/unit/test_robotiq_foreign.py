@@ -110,6 +110,23 @@ def test_a_slow_gripper_is_never_believed_too_early(foreign: tuple[SlowGripper, 
     gripper.disconnect()
 
 
+def test_letting_go_stops_a_motion_that_the_status_does_not_show_yet(
+    foreign: tuple[SlowGripper, int],
+) -> None:
+    simulated, port = foreign
+    gripper = Robotiq3F(tcp_link("127.0.0.1", port))
+    gripper.connect()
+    gripper.activate()
+    gripper.move_to(250)
+    gripper.disconnect()
+    assert not simulated.writes[-1][1][0] & 8, "the last word is not to go on"
+    gripper.connect()
+    time.sleep(3 * REFRESH_S)
+    assert not gripper.state().moving
+    assert gripper.state().position_counts < 100
+    gripper.disconnect()
+
+
 def test_a_gripper_of_the_other_edition_is_refused_with_what_to_try(foreign: tuple[SlowGripper, int]) -> None:
     gripper = Robotiq3F(tcp_link("127.0.0.1", foreign[1], preset="tcp-2014"))
     with pytest.raises(DeviceError, match="exception 2; check preset"):

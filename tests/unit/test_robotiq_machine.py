@@ -51,10 +51,13 @@ class GripperRun(RuleBasedStateMachine):
 
     @rule()
     def connect(self) -> None:
+        under_way = self.connected and self.motion is not None
         self.gripper.connect()
-        if not self.connected:
-            self.motion = None
-        self.connected = True
+        if under_way:  # letting go stops them, also where the status did not show yet that they move
+            state = self.gripper.state()
+            assert not state.moving
+            self.at = state.position_counts
+        self.connected, self.motion = True, None
 
     @rule()
     def disconnect(self) -> None:

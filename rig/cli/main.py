@@ -1,5 +1,6 @@
 """The `rig` command: registers the subcommands and turns errors into one line and an exit code."""
 
+import os
 import sys
 
 import typer
@@ -49,6 +50,9 @@ app.add_typer(calibrate, name="calibrate")
 
 def main() -> None:
     """Run the command line."""
+    # Matrices are small here: BLAS threads gain nothing and make a busy computer ten times slower. Read when
+    # numpy is imported, which no command is before it runs.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stop_on_signals()
     try:
         app()

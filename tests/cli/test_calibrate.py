@@ -61,7 +61,11 @@ def test_a_camera_from_photos(photos: Path, tmp_path: Path) -> None:
 
 
 def test_a_refused_camera_leaves_a_page_and_code_2(photos: Path, tmp_path: Path) -> None:
-    done = rig("camera", "--from", photos, "--target", "chessboard:9x6:25", "--out", tmp_path)
+    few = tmp_path / "few"
+    few.mkdir()
+    for name in ("00.png", "01.png"):
+        (few / name).write_bytes((photos / name).read_bytes())
+    done = rig("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr
     assert "Traceback" not in done.stderr

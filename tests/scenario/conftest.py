@@ -14,12 +14,15 @@ from rig.tactile.estimator import choose_estimator
 from rig.trial import run_trial
 
 
+def _with_half_the_frames(bench: BenchConfig) -> BenchConfig:
+    slower = tuple(tactile.model_copy(update={"rate_hz": 30.0}) for tactile in bench.tactile)
+    return bench.model_copy(update={"tactile": slower})
+
+
 @pytest.fixture(scope="session")
-def one_lift(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A trial of one simulated lift, to be read only."""
-    folder = tmp_path_factory.mktemp("one_lift") / "trial"
-    run_trial(folder, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
-    return folder
+def light_bench() -> BenchConfig:
+    """The simulated bench with its fingertips at half their rate: lifts are done in half the time."""
+    return _with_half_the_frames(load_bench("fake"))
 
 
 @pytest.fixture(scope="session")
@@ -28,9 +31,15 @@ def unhurried_bench() -> BenchConfig:
 
     At full rates `rig benchmark wire` and `rig benchmark faults` hold it to the limits.
     """
-    bench = load_bench("wire")
-    slower = tuple(tactile.model_copy(update={"rate_hz": 30.0}) for tactile in bench.tactile)
-    return bench.model_copy(update={"tactile": slower})
+    return _with_half_the_frames(load_bench("wire"))
+
+
+@pytest.fixture(scope="session")
+def one_lift(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
+    """A trial of one simulated lift, to be read only."""
+    folder = tmp_path_factory.mktemp("one_lift") / "trial"
+    run_trial(folder, TrialSettings(light_bench, 0, choose_estimator("pca")), ["t2"], lifts=1)
+    return folder
 
 
 MOST_LATE_S = 0.05

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from rig.benchmark.fault_cases import CASES
 from rig.benchmark.faults import run_faults
 from rig.benchmark.wire import measure_wire
 from rig.config import BenchConfig
+from rig.live.session import viewer_feed
 from rig.records.files import read_json, read_lines
 from rig.replay import run_replay
 
@@ -21,10 +23,13 @@ pytestmark = pytest.mark.real_time
 
 
 @pytest.mark.timeout(300)
-def test_a_lift_agrees_with_the_bench_in_this_process_and_loses_no_frame(
+def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig
 ) -> None:
-    report = measure_wire(tmp_path / "s", "t1", seeds=3, bench=unhurried_bench)
+    shown = tmp_path / "lift.rrd" if find_spec("rerun") else None
+    with viewer_feed(shown) as feed:
+        report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)
+    assert shown is None or shown.stat().st_size > 100_000
     assert report.complete, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     assert min(stream.recorded for stream in report.streams) > 100

@@ -16,6 +16,7 @@ from drivers.types import Image
 from rig.tactile.contact import NO_CONTACT, Contact
 from rig.tactile.network import Network
 from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.overlooked import overlooked_part
 from rig.tactile.relative import RelativeDifference, check_frame
 
 # Parts below this share of the largest one's area are specks.
@@ -77,10 +78,16 @@ class Segmenter:
         state = frame_exposure(image)
         if state is not None:
             return Segmentation(NO_CONTACT, state)
-        logits = self._network.logits(self._planes(image))
-        height, width = image.shape[:2]
-        fine = cv2.resize(logits, (width, height), interpolation=cv2.INTER_LINEAR)
-        mask = _large_parts(np.asarray(fine > self._level, np.uint8), self._network.recipe.convex)
+        planes = self._planes(image)
+        logits = self._network.logits(planes)
+        size = (image.shape[1], image.shape[0])
+        fine = cv2.resize(logits, size, interpolation=cv2.INTER_LINEAR)
+        inside = np.asarray(fine > self._level, np.uint8)
+        if self._reference is not None:
+            more = overlooked_part(np.asarray(logits > self._level, np.uint8), planes[:3])
+            if more is not None:
+                inside |= np.asarray(cv2.resize(more, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+        mask = _large_parts(inside, self._network.recipe.convex)
         if cv2.countNonZero(mask) < LEAST_SHARE * mask.size:
             return Segmentation(NO_CONTACT, FrameState.NO_CONTACT)
         return Segmentation(contact_of(moved_outline(mask, self._margin)), FrameState.CONTACT)

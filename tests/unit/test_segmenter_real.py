@@ -1,4 +1,4 @@
-"""The shipped network on nine real frames of one sensor, against human labels."""
+"""The shipped network on nine real frames of one sensor, against human labels; and on another make's."""
 
 from pathlib import Path
 
@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rig.benchmark.segmentation_panels import Panels, panels_picture, read_panels
+from rig.frames import read_image
 from rig.labels.scores import agreement
+from rig.tactile.contact import ContactFinder
 from rig.tactile.network import load_network
 from rig.tactile.segmenter import Segmenter, moved_outline
 
@@ -27,10 +29,25 @@ def dice(panels: Panels, margin: float = 0.0) -> list[float]:
 
 def test_masks_agree_with_the_labels(panels: Panels) -> None:
     scores = sorted(dice(panels))
-    assert np.mean(scores) >= 0.90
+    assert np.mean(scores) >= 0.93
     # an edge in a dark corner is the hardest of the nine; of the others none is missed by much
-    assert scores[0] > 0.6
+    assert scores[0] > 0.8
     assert scores[1] > 0.9
+
+
+def test_contacts_on_a_sensor_of_another_make_are_found(real_data: Path) -> None:
+    folder = real_data / "gelsight_ball"
+    if not folder.is_dir():
+        pytest.skip(f"no real balls in {real_data}")
+    background = read_image(folder / "background.png")
+    segmenter, classical = Segmenter(load_network("ours"), background), ContactFinder(background)
+    dice = []
+    for path in sorted(folder.glob("*mm_*.png")):
+        found, seen = segmenter.find(read_image(path)), classical.find(read_image(path))
+        assert found.mask is not None, f"{path.name}: a ball is pressed into the gel here"
+        dice.append(agreement(found.mask, seen.mask).dice)
+    assert len(dice) == 67
+    assert np.mean(dice) > 0.8
 
 
 def test_the_label_is_neither_looser_nor_tighter_than_a_persons(panels: Panels) -> None:

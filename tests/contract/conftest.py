@@ -31,8 +31,9 @@ class Station:
     tell: Callable[..., Any] | None
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def wire_station() -> Iterator[Station]:
+    """Real drivers on fakes behind wires; of a module, as what runs in real time takes most of a core."""
     with started_fakes(load_bench("wire")) as config:
         station = Station(build_real_bench(config), config, fakes_control(config).call)
         yield station

@@ -119,8 +119,10 @@ def score_examples(method: str, model: str, title: str, examples: Examples) -> M
 
 
 def measure_times(methods: Mapping[str, str], examples: Examples) -> list[MethodTime]:
-    """Time the methods turn about on the same frames, each on one thread. methods: models by name."""
+    """Time the methods turn about on the frames of one unit, each on one thread. methods: models by name."""
     background = examples.backgrounds[0]
+    pairs = zip(examples.frames, examples.backgrounds, strict=True)
+    frames = [frame for frame, its_own in pairs if np.array_equal(its_own, background)]
     segmenters = {
         method: make_segmenter(SegmentChoice(model), background) for method, model in methods.items()
     }
@@ -129,7 +131,7 @@ def measure_times(methods: Mapping[str, str], examples: Examples) -> list[Method
     frame_s: dict[str, list[float]] = {method: [] for method in methods}
     network_s: dict[str, list[float]] = {method: [] for method in networks}
     for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
-        frame = examples.frames[number % len(examples)]
+        frame = frames[number % len(frames)]
         for method, segmenter in segmenters.items():
             frame_s[method].append(_cost_s(lambda s=segmenter, f=frame: s.segment(f)))
         for method, call in calls.items():

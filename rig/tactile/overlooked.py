@@ -70,7 +70,8 @@ def _joined(found: Image, clear: Image) -> Image | None:
 
 def _apart(found: Image, clear: Image) -> Image | None:
     """Return the large clear regions that were overlooked."""
-    if cv2.countNonZero(clear) < APART_SHARE * found.size:
+    missing = (1.0 - OVERLOOKED_SHARE) * APART_SHARE * found.size
+    if cv2.countNonZero(clear & (1 - found)) < missing:
         return None
     parts, large = _large_parts(clear, APART_SHARE)
     missed = [part for part in large if found[parts == part].mean() < OVERLOOKED_SHARE]

@@ -81,7 +81,7 @@ class MarkerTruth:
         self._late = 0
         self._newest_ns: int | None = None
         self._still: list[_Sighting] = []
-        self._zero_from_ns = self._seen_before = 0
+        self._seen_before = 0
         self._zero: _Zero | None = None
         self._angles = _Angles()
         self._before: list[_Sighting] = []
@@ -121,7 +121,7 @@ class MarkerTruth:
             still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns][-FEWEST_FRAMES:]
         if len(still) < FEWEST_FRAMES:
             raise CalibrationError(self._too_few(len(still), from_ns, to_ns))
-        self._still, self._zero_from_ns, self._zero = still, still[0].time_ns, None
+        self._still, self._zero = still, None
         self._seen_before = len(self._sightings) - 1
 
     def measure_zero(self) -> None:
@@ -180,7 +180,7 @@ class MarkerTruth:
     def series_since_zero(self) -> TruthSeries:
         """The angles from the first frame of the zero on. Raises what `series` raises."""
         whole = self.series()
-        first = int(np.searchsorted(whole.time_ns, self._zero_from_ns))
+        first = int(np.searchsorted(whole.time_ns, self._still[0].time_ns))
         return replace(
             whole,
             time_ns=whole.time_ns[first:],

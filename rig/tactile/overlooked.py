@@ -62,7 +62,7 @@ def _joined(found: Image, clear: Image) -> Image | None:
     further = clear & (1 - foot)
     if cv2.countNonZero(further) < JOINED_SHARE * found.size or not found.any():
         return None
-    parts, large = _large_parts(further, JOINED_SHARE)
+    parts, large = _numbered_parts(further, JOINED_SHARE)
     beside = np.unique(parts[_grown(foot, 1) > 0])
     part = np.asarray(np.isin(parts, np.intersect1d(large, beside)), np.uint8)
     return part | (_grown(part, reach) & foot) if part.any() else None
@@ -73,12 +73,12 @@ def _apart(found: Image, clear: Image) -> Image | None:
     missing = (1.0 - OVERLOOKED_SHARE) * APART_SHARE * found.size
     if cv2.countNonZero(clear & (1 - found)) < missing:
         return None
-    parts, large = _large_parts(clear, APART_SHARE)
+    parts, large = _numbered_parts(clear, APART_SHARE)
     missed = [part for part in large if found[parts == part].mean() < OVERLOOKED_SHARE]
     return np.asarray(np.isin(parts, missed), np.uint8) if missed else None
 
 
-def _large_parts(mask: Image, share: float) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+def _numbered_parts(mask: Image, share: float) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     """Return the mask's connected parts, numbered, and the numbers of those larger than a share of it."""
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask)
     large = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= share * mask.size) + 1

@@ -118,7 +118,7 @@ def test_killed_at_random_moments_it_loses_only_what_was_in_progress(tmp_path: P
     folder = tmp_path / "killed"
     chance = random.Random(11)
     kept: list[int] = []
-    for _ in range(3):
+    for _ in range(5):
         _run_until(folder, chance.uniform(0.3, 5.0), signal.SIGKILL, jobs=chance.choice("12"))
         rows = read_lines(folder / "lifts.jsonl")
         numbers = [row["number"] for row in rows]

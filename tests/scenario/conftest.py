@@ -59,8 +59,19 @@ print(late)
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
+    """Connect in time, or skip."""
+    return (yield from _in_time(item))
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
-    """Run a test marked `real_time`; where it is too late as the computer stood still, skip it.
+    """Run in time, or skip."""
+    return (yield from _in_time(item))
+
+
+def _in_time(item: pytest.Item) -> Generator[None]:
+    """Go on with a test marked `real_time`; where it is too late as the computer stood still, skip it.
 
     Whether it stood still is seen by a process that does nothing but wake every 10 ms. What no
     standing still explains, as a calibration refused, fails all the same.

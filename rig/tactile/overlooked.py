@@ -31,7 +31,7 @@ JOINED_SHARE, APART_SHARE = 0.003, 0.01
 """Of the image: smaller parts are specks, joined to a contact or by themselves."""
 OVERLOOKED_SHARE = 0.25
 """A region of which less was found than this was overlooked."""
-_SMOOTH_PX = 1.0
+_SMOOTH_PX = (5, 5)
 
 
 def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | None:
@@ -42,23 +42,24 @@ def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | No
     one, two, three = np.abs(difference)
     low, high = cv2.min(one, two), cv2.max(one, two)
     least, middle = cv2.min(low, three), cv2.max(low, cv2.min(high, three))
-    joined, apart = _joined(found, _clear(found, least)), _apart(found, _clear(found, middle))
+    reach = max(1, round(FOOT_SHARE * found.shape[1]))
+    foot = _grown(found, reach)
+    joined = _joined(found, foot, reach, _clear(found, least))
+    apart = _apart(found, foot, _clear(found, middle))
     return joined if apart is None else apart if joined is None else joined | apart
 
 
 def _clear(found: Image, change: Any) -> Image:
     """Where a change (h, w) stands out from that of the surroundings, (h, w) uint8 0 or 1."""
-    smooth = np.asarray(cv2.GaussianBlur(change, (0, 0), _SMOOTH_PX), np.float32)
-    # a quarter of the pixels tells the median as well as all of them
-    around = smooth[::2, ::2][found[::2, ::2] == 0]
+    smooth = np.asarray(cv2.GaussianBlur(change, _SMOOTH_PX, 1.0), np.float32)
+    # an eighth of the pixels tells the median as well as all of them
+    around = smooth[::4, ::2][found[::4, ::2] == 0]
     usual = float(upper_median(around)) if around.size else np.inf
     return np.asarray(smooth > CLEARLY * max(usual, LEAST_CHANGE), np.uint8)
 
 
-def _joined(found: Image, clear: Image) -> Image | None:
+def _joined(found: Image, foot: Image, reach: int, clear: Image) -> Image | None:
     """Return the clear parts further out than the foot of what was found, with the foot between."""
-    reach = max(1, round(FOOT_SHARE * found.shape[1]))
-    foot = _grown(found, reach)
     further = clear & (1 - foot)
     if cv2.countNonZero(further) < JOINED_SHARE * found.size or not found.any():
         return None
@@ -68,10 +69,9 @@ def _joined(found: Image, clear: Image) -> Image | None:
     return part | (_grown(part, reach) & foot) if part.any() else None
 
 
-def _apart(found: Image, clear: Image) -> Image | None:
-    """Return the large clear regions that were overlooked."""
-    missing = (1.0 - OVERLOOKED_SHARE) * APART_SHARE * found.size
-    if cv2.countNonZero(clear & (1 - found)) < missing:
+def _apart(found: Image, foot: Image, clear: Image) -> Image | None:
+    """Return the large clear regions that were overlooked; most of one is no foot of what was found."""
+    if cv2.countNonZero(clear & (1 - foot)) < (1.0 - OVERLOOKED_SHARE) * APART_SHARE * found.size:
         return None
     parts, large = _numbered_parts(clear, APART_SHARE)
     missed = [part for part in large if found[parts == part].mean() < OVERLOOKED_SHARE]

@@ -16,6 +16,7 @@ needs no LED positions, no assumed colours and no press of a known ball. Its sca
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from drivers.types import Image
+from rig.tactile.relative import upper_median
 from rig.tactile.relief import Field, Gradient, padded, window
 
 # Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
@@ -75,30 +77,33 @@ def learn_map(difference: Field, mask: Image) -> GradientMap | None:
     scale = float(diagonal[:CHANNELS].sum() + diagonal[FEATURES : FEATURES + CHANNELS].sum())
     if not scale > 0.0:
         return None
-    weights = np.linalg.solve(curl + np.kron(np.eye(2), _penalty()) * scale / CHANNELS, volume)
+    weights = np.linalg.solve(curl + _RIDGE * (scale / CHANNELS), volume)
     if not float(volume @ weights) > 0.0:
         return None
     coefficients = weights.reshape(2, 3, CHANNELS)
     coefficients /= np.linalg.norm(coefficients[:, 0])
     across, down = _coordinates(mask.shape)
-    terms = np.stack(np.broadcast_arrays(np.float32(1.0), across, down))
     turned = (coefficients[0] + 1j * coefficients[1]).astype(np.complex64)
-    return GradientMap(np.tensordot(turned.T, terms, axes=1))
+    constant, along_x, along_y = turned[..., None, None]
+    return GradientMap(constant + along_x * across + along_y * down)
 
 
-def _penalty() -> NDArray[np.float64]:
-    """Return the ridge of one gradient component, (F, F)."""
+def _ridge() -> NDArray[np.float64]:
+    """Return the ridge of both gradient components, (2F, 2F), in units of the curl's scale."""
     ridge = np.repeat([RIDGE_CONSTANT, RIDGE_VARYING, RIDGE_VARYING], CHANNELS)
     grey = RIDGE_GREY * np.kron(np.eye(3), np.ones((CHANNELS, CHANNELS)))
-    return np.asarray(np.diag(ridge) + grey, np.float64)
+    return np.asarray(np.kron(np.eye(2), np.diag(ridge) + grey), np.float64)
+
+
+_RIDGE = _ridge()
 
 
 def _dent(difference: Field, mask: Image) -> Field:
     """Take the dent out of the frame: what lies around it is the light's drift, not slope."""
     reach = window(mask)
     around = (reach > 0.5) & (cv2.dilate(mask, np.ones((7, 7), np.uint8)) == 0)
-    drift = np.median(difference[around], axis=0) if around.sum() > FEWEST_AROUND else np.zeros(CHANNELS)
-    return (difference - drift.astype(np.float32)) * reach[..., None]
+    drift = upper_median(difference[around]) if around.sum() > FEWEST_AROUND else np.float32(0.0)
+    return (difference - drift) * reach[..., None]
 
 
 def _features(dent: Field) -> Field:
@@ -119,18 +124,27 @@ def _coordinates(shape: tuple[int, ...]) -> tuple[Field, Field]:
 def _curl_form(features: Field) -> NDArray[np.float64]:
     """Return the (2F, 2F) quadratic form of the solenoidal energy of `a.features, b.features`."""
     spread = padded(features, 0.25)
-    spectrum = np.asarray(fft.rfft2(spread), np.complex64)
-    ky = np.fft.fftfreq(spread.shape[1])[:, None]
-    kx = np.fft.rfftfreq(spread.shape[2])[None]
-    length = np.hypot(kx, ky)
-    used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
-    # Half of the plane stands for the other half, but for the column of zero frequency.
-    weight = np.broadcast_to(np.where(kx == 0.0, 1.0, math.sqrt(2.0)), used.shape)[used] / length[used]
-    along_x, along_y = (np.broadcast_to(k, used.shape)[used] * weight for k in (kx, ky))
-    chosen = spectrum[:, used]
+    used, along_x, along_y = _frequencies(spread.shape[1], spread.shape[2])
+    rows = np.asarray(fft.rfft(spread))[..., : used.shape[1]]
+    chosen = np.asarray(fft.fft(rows, axis=1, overwrite_x=True), np.complex64)[:, used]
     curl = np.concatenate([-chosen * along_y, chosen * along_x])
     parts = np.concatenate([curl.real, curl.imag], axis=1)
     return (parts @ parts.T).astype(np.float64)
+
+
+@lru_cache(maxsize=8)
+def _frequencies(height: int, width: int) -> tuple[NDArray[np.bool_], Field, Field]:
+    """Return which frequencies of a real transform are used, (height, columns), and their x and y.
+
+    Both are relative to a frequency's length; columns beyond the highest used one are left out. Half of
+    the plane stands for the other half, but for the column of zero frequency.
+    """
+    ky, kx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]
+    kx = kx[:, : np.searchsorted(kx[0], HIGHEST_FREQUENCY)]
+    length = np.hypot(kx, ky)
+    used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
+    weight = np.where(kx == 0.0, 1.0, math.sqrt(2.0)) / np.where(used, length, 1.0)
+    return used, (kx * weight)[used].astype(np.float32), (ky * weight)[used].astype(np.float32)
 
 
 def _volume_form(features: Field, mask: Image) -> NDArray[np.float64]:

@@ -10,10 +10,9 @@ from drivers.types import Image
 from rig.tactile.relief import Gradient, relief
 from rig.tactile.sampling import sharpened
 
-# The contact proper is where the dent is deeper than this share of its depth; the gel's skirts
-# around it depend on more than the object.
-DEPTH_SHARE = 0.25
-DEPTH_PERCENTILE = 95.0
+# The contact proper is where the dent is deeper than this share of its depth, which so much of it does
+# not reach; the gel's skirts around it depend on more than the object.
+DEPTH_SHARE, SHALLOWER_SHARE = 0.25, 0.95
 BORDER_PX = 2
 MIN_POINTS, MAX_POINTS = 24, 600
 # Prior spread of constant slope and gain, as weights in pixels and in template energy: they stay
@@ -125,7 +124,9 @@ def _contact_proper(gradient: Gradient, mask: Image) -> Image:
     """Narrow a contact region to where the gel is pressed in deep."""
     height = relief(gradient, mask)
     inside = mask > 0
-    depth = float(np.percentile(height[inside], DEPTH_PERCENTILE))
+    heights = height[inside]
+    deepest = int(SHALLOWER_SHARE * heights.size)
+    depth = float(np.partition(heights, deepest)[deepest])
     deep = ((height > DEPTH_SHARE * depth) & inside).astype(np.uint8)
     deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
     return deep

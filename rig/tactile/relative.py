@@ -56,6 +56,7 @@ class RelativeDifference:
         self._weight = 1.0 / (work + DARK_OFFSET)
         self._relative = work * self._weight
         self._sample = _sample(work)
+        self._sums = np.concatenate([self._sample, self._sample**2])
         self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * self._sample.shape[1]))
 
@@ -75,38 +76,42 @@ class RelativeDifference:
         light = cv2.subtract(light, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
         return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative), np.float32)
 
-    def _light_of(self, work: Image) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _light_of(self, work: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gain and offset per channel of a reduced copy against the background's light."""
         seen = _sample(work)
-        gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)[:, None]
-        offset = np.zeros((CHANNELS, 1), np.float32)
+        sums = np.concatenate([seen, seen * self._sample])
+        gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)
+        offset = np.zeros(CHANNELS)
         for _ in range(GAIN_ROUNDS):
-            misfit = np.abs(seen - gain * self._sample - offset)
-            misfit *= self._sample_weight
+            misfit = np.abs(seen - gain[:, None] * self._sample - offset[:, None]) * self._sample_weight
             best = np.argpartition(misfit[0] + misfit[1] + misfit[2], self._trusted - 1)[: self._trusted]
-            gain, offset = _line(self._sample[:, best], seen[:, best])
-        return np.maximum(gain, DARKEST_GAIN)[:, 0], offset[:, 0]
+            share = np.zeros(seen.shape[1])
+            share[best] = 1.0 / self._trusted
+            gain, offset = _line(self._sums @ share, sums @ share)
+        return np.maximum(gain, DARKEST_GAIN), offset
 
 
 def _even(image: Image) -> bool:
     return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
 
 
-def _sample(work: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the means of blocks of pixels, (3, N) float32."""
+def _sample(work: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the means of blocks of pixels, (3, N)."""
     size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
     blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T, np.float32)
+    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T, np.float64)
 
 
-def _line(light: NDArray[np.float32], seen: NDArray[np.float32]) -> tuple[Any, Any]:
-    """Fit seen = gain light + offset per row (3, N); a proportion where the light varies little."""
-    share = np.full(light.shape[1], 1.0 / light.shape[1], np.float32)
-    mean_light, mean_seen = (light @ share)[:, None], (seen @ share)[:, None]
-    spread = light - mean_light
+def _line(light: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Fit seen = gain light + offset per channel; a proportion where the light varies little.
+
+    light: (6,), the means of the light and of its square. seen: (6,), those of what is seen and of its
+    product with the light.
+    """
+    mean_light, mean_seen = light[:CHANNELS], seen[:CHANNELS]
     pull = OFFSET_RIDGE * mean_light
-    along = ((spread * seen) @ share)[:, None] + pull * mean_seen + NEGLIGIBLE
-    gain = along / (((spread * spread) @ share)[:, None] + pull * mean_light + NEGLIGIBLE)
+    together = seen[CHANNELS:] + (pull - mean_light) * mean_seen + NEGLIGIBLE
+    gain = together / (light[CHANNELS:] + (pull - mean_light) * mean_light + NEGLIGIBLE)
     return gain, mean_seen - gain * mean_light
 
 

@@ -1,5 +1,7 @@
 """The dent's relief, from its gradient."""
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +29,21 @@ def relief(gradient: Gradient, mask: Image) -> Field:
     dent = gradient * window(mask)
     spread = padded(np.stack([dent.real, dent.imag]), 0.5)
     spectrum = np.asarray(fft.rfft2(spread), np.complex64)
-    ky = 2.0 * np.pi * np.fft.fftfreq(spread.shape[1])[:, None]
-    kx = 2.0 * np.pi * np.fft.rfftfreq(spread.shape[2])[None]
-    squares = kx * kx + ky * ky
-    squares[0, 0] = 1.0
-    height = fft.irfft2(-1j * (kx * spectrum[0] + ky * spectrum[1]) / squares, s=spread.shape[1:])
+    across, down = _integrals(spread.shape[1], spread.shape[2])
+    height = fft.irfft2(across * spectrum[0] + down * spectrum[1], s=spread.shape[1:])
     inside = np.asarray(height, np.float32)[:rows, :columns]
     outside = mask == 0
     return inside - (inside[outside].mean() if outside.any() else inside.min())
+
+
+@lru_cache(maxsize=8)
+def _integrals(height: int, width: int) -> tuple[Gradient, Gradient]:
+    """Return what a real transform of the slopes along x and y is multiplied by to become the height's."""
+    ky = 2.0 * np.pi * np.fft.fftfreq(height)[:, None]
+    kx = 2.0 * np.pi * np.fft.rfftfreq(width)[None]
+    squares = kx * kx + ky * ky
+    squares[0, 0] = 1.0
+    return (-1j * kx / squares).astype(np.complex64), (-1j * ky / squares).astype(np.complex64)
 
 
 def window(mask: Image) -> Field:

@@ -124,12 +124,17 @@ def _contact_proper(gradient: Gradient, mask: Image) -> Image:
     """Narrow a contact region to where the gel is pressed in deep."""
     height = relief(gradient, mask)
     inside = mask > 0
-    heights = height[inside]
-    deepest = int(SHALLOWER_SHARE * heights.size)
-    depth = float(np.partition(heights, deepest)[deepest])
-    deep = ((height > DEPTH_SHARE * depth) & inside).astype(np.uint8)
+    deep = ((height > DEPTH_SHARE * _depth(height[inside])) & inside).astype(np.uint8)
     deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
     return deep
+
+
+def _depth(heights: NDArray[np.float32]) -> float:
+    """Return the height that most of a dent does not reach; np.percentile costs ten times as much."""
+    at = SHALLOWER_SHARE * (heights.size - 1)
+    lower, upper = int(at), min(int(at) + 1, heights.size - 1)
+    ordered = np.partition(heights, (lower, upper))
+    return float(ordered[lower] + (at - lower) * (ordered[upper] - ordered[lower]))
 
 
 def _jacobian(

@@ -25,7 +25,7 @@ from scipy import fft
 
 from drivers.types import Image
 from rig.tactile.relative import upper_median
-from rig.tactile.relief import Field, Gradient, padded, window
+from rig.tactile.relief import Box, Field, Gradient, padded, window
 
 # Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
@@ -38,8 +38,6 @@ RIDGE_GREY = 0.03
 CHANNELS = 3
 # 1, x and y times each channel.
 FEATURES = 3 * CHANNELS
-
-Box = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +53,7 @@ class GradientMap:
     def apply(self, difference: Field, box: Box | None = None) -> Gradient:
         """Return the gradient (h, w) of a relative difference (h, w, 3); its scale is arbitrary.
 
-        box: x, y, width and height in px; only there it is worked out, elsewhere it is 0.
+        box: only there it is worked out, elsewhere it is 0.
         """
         gradient = np.zeros(difference.shape[:2], np.complex64)
         left, top, width, height = box or (0, 0, difference.shape[1], difference.shape[0])

@@ -73,7 +73,7 @@ def align(
         residual = values - key.template
         if iteration in MATRIX_AT and not done:
             used = weights * seen
-            weighted = key.jacobian * np.repeat(used, 2)
+            weighted = _pairs(key.jacobian.view(key.template.dtype) * used)
             inverse = np.linalg.inv(normal_matrix(weighted, key.jacobian, key.energy))
         step = inverse @ (weighted @ _pairs(residual)).astype(np.float64)
         shift_px += turning(angle_rad) * complex(step[1], step[2])

@@ -14,6 +14,9 @@ Gradient = NDArray[np.complex64]
 """(h, w): a surface gradient per pixel, along x (right) as real and along y (down) as imaginary part,
 so that turning it counter-clockwise as seen by d multiplies it by exp(-i d)."""
 
+Box = tuple[int, int, int, int]
+"""x, y, width and height in work pixels."""
+
 # The dent reaches beyond the contact: the gel slopes off over some mm around it (work pixels).
 SKIRT_PX = 11
 WINDOW_BLUR_PX = 2.0

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.relief import Gradient
+from rig.tactile.relief import Box, Gradient
 
 # What is broad in a contact's slopes is less to be trusted than what is fine: the gel gives way around
 # the contact, the map is a little wrong, and an arc that slides along itself keeps its outline. So much
@@ -24,15 +24,20 @@ def sharpened(gradient: Gradient) -> Gradient:
 class GradientField:
     """A frame's sharpened gradients inside its contact, read between pixels (bilinear).
 
-    gradient: (h, w). mask: (h, w) uint8, 1 in the contact.
+    gradient: (h, w). mask: (h, w) uint8, 1 in the contact. box: where the gradient is not 0, all of it by
+    default; it has room for the sharpening's reach around the contact.
     cv2.remap rounds places to 1/32 pixel, which keeps an alignment from settling below 0.03 degrees.
     """
 
-    def __init__(self, gradient: Gradient, mask: Image) -> None:
+    def __init__(self, gradient: Gradient, mask: Image, box: Box | None = None) -> None:
         self.mask = mask
         rows, self._columns = gradient.shape
         self._cells = (self._columns - 1, rows - 1)
-        self._values = sharpened(gradient).reshape(-1)
+        left, top, width, height = box or (0, 0, self._columns, rows)
+        inside = np.s_[top : top + height, left : left + width]
+        values = np.zeros(gradient.shape, np.complex64)
+        values[inside] = sharpened(gradient[inside])
+        self._values = values.reshape(-1)
         self._inside = mask.reshape(-1)
 
     def at(self, places: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:

@@ -114,10 +114,11 @@ class SlipTracker(FreshFrameEstimator):
         if self._grasp is None or self._map is None:
             self._patience -= 1
             return State.UNOBSERVABLE, None
-        gradient = self._map.apply(difference, _box(region.mask) if self._skip else None)
+        box = _box(region.mask) if self._skip else None
+        gradient = self._map.apply(difference, box)
         watch.lap("gradient")
         expected = self._angle_rad if begun else self._filter.predicted(time_ns / NS_PER_S)
-        field = GradientField(gradient, region.mask)
+        field = GradientField(gradient, region.mask, box)
         tracked = self._grasp.track(field, expected)
         if tracked is None or not tracked.good:
             tracked = self._grasp.search(field) or tracked

@@ -62,7 +62,8 @@ class Fingertip:
         """Take the mean of what was answered in the last moments before a time as zero."""
         since = time_ns - seconds(ZERO_S)
         late = [s for s in samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
-        self.zero_deg = float(np.mean([s.angle_deg for s in late])) if late else None
+        angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
+        self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
         self.zero_sample = late[-1] if late else None
 
     def newest(self) -> TipAnswer:

@@ -32,7 +32,7 @@ HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 FRAME_SIZE = (240, 320)
 LEAST_DICE, LEAST_IOU, LEAST_REAL_DICE = 0.97, 0.94, 0.90
 MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
-TIMED_FRAMES, WARM_UP_FRAMES = 200, 20
+TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
 REAL = "nine real frames"
 
@@ -129,7 +129,8 @@ def score_examples(method: str, model: str, title: str, examples: Examples) -> M
 def measure_times(methods: Mapping[str, str], examples: Examples) -> list[MethodTime]:
     """Time the methods turn about on the frames of one unit, each on one thread. methods: models by name.
 
-    A method finds the caches as the others left them, and each network is loaded once, as in use.
+    A turn is a few frames: a rig runs one method on a stream of frames, so what the others leave in the
+    processor's caches is no cost of it.
     """
     background = examples.backgrounds[0]
     pairs = zip(examples.frames, examples.backgrounds, strict=True)
@@ -144,12 +145,12 @@ def measure_times(methods: Mapping[str, str], examples: Examples) -> list[Method
     calls = {method: _network_call(network, background) for method, network in networks.items()}
     frame_s: dict[str, list[float]] = {method: [] for method in methods}
     network_s: dict[str, list[float]] = {method: [] for method in networks}
-    for number in range(WARM_UP_FRAMES + TIMED_FRAMES):
-        frame = frames[number % len(frames)]
+    for first in range(0, WARM_UP_FRAMES + TIMED_FRAMES, TURN_FRAMES):
+        turn = [frames[number % len(frames)] for number in range(first, first + TURN_FRAMES)]
         for method, segmenter in segmenters.items():
-            frame_s[method].append(_cost_s(lambda s=segmenter, f=frame: s.segment(f)))
+            frame_s[method] += [_cost_s(lambda s=segmenter, f=frame: s.segment(f)) for frame in turn]
         for method, call in calls.items():
-            network_s[method].append(call(frame))
+            network_s[method] += [call(frame) for frame in turn]
     return [
         MethodTime(
             method,

@@ -31,7 +31,7 @@ JOINED_SHARE, APART_SHARE = 0.003, 0.01
 """Of the image: smaller parts are specks, joined to a contact or by themselves."""
 OVERLOOKED_SHARE = 0.25
 """A region of which less was found than this was overlooked."""
-_SMOOTH_PX = (5, 5)
+_SMOOTH_PX, _SMOOTH_SIDE_PX = 1.0, 5
 
 
 def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | None:
@@ -51,7 +51,7 @@ def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | No
 
 def _clear(found: Image, change: Any) -> Image:
     """Where a change (h, w) stands out from that of the surroundings, (h, w) uint8 0 or 1."""
-    smooth = np.asarray(cv2.GaussianBlur(change, _SMOOTH_PX, 1.0), np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(change, (_SMOOTH_SIDE_PX, _SMOOTH_SIDE_PX), _SMOOTH_PX), np.float32)
     # an eighth of the pixels tells the median as well as all of them
     around = smooth[::4, ::2][found[::4, ::2] == 0]
     usual = float(upper_median(around)) if around.size else np.inf

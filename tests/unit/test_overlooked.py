@@ -43,6 +43,13 @@ def test_the_foot_of_a_dent_is_no_part_of_it() -> None:
     assert overlooked_part(CONTACT, changed(drawn((48, 64), (41, 15)), (0.3, -0.4, 0.2))) is None
 
 
+@pytest.mark.parametrize(("share", "goes_on"), [(0.35, False), (0.8, True)])
+def test_a_slope_that_reaches_far_is_weaker_than_the_contact(share: float, goes_on: bool) -> None:
+    around = drawn((48, 64), (46, 28)) - CONTACT
+    seen = changed(CONTACT, (0.6, -0.8, 0.4)) + changed(around, (0.6 * share, -0.8 * share, 0.4 * share))
+    assert (overlooked_part(CONTACT, seen) is not None) == goes_on
+
+
 def test_a_contact_that_was_not_found_at_all_is_added_by_two_colours() -> None:
     nothing = np.zeros_like(CONTACT)
     part = overlooked_part(nothing, changed(CONTACT, (0.3, -0.4, 0.0)))

@@ -25,7 +25,7 @@ from scipy import fft
 
 from drivers.types import Image
 from rig.tactile.relative import upper_median
-from rig.tactile.relief import Box, Field, Gradient, padded, window
+from rig.tactile.relief import Box, Field, Gradient, padded, window, within
 
 # Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
@@ -56,8 +56,7 @@ class GradientMap:
         box: only there it is worked out, elsewhere it is 0.
         """
         gradient = np.zeros(difference.shape[:2], np.complex64)
-        left, top, width, height = box or (0, 0, difference.shape[1], difference.shape[0])
-        inside = np.s_[top : top + height, left : left + width]
+        inside = within(box, gradient.shape)
         red, green, blue = self.planes[:, *inside]
         seen = difference[inside]
         gradient[inside] = red * seen[..., 0] + green * seen[..., 1] + blue * seen[..., 2]

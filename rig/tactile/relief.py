@@ -22,6 +22,12 @@ SKIRT_PX = 11
 WINDOW_BLUR_PX = 2.0
 
 
+def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of a box, all of a shape's where there is none."""
+    left, top, width, height = box or (0, 0, shape[1], shape[0])
+    return slice(top, top + height), slice(left, left + width)
+
+
 def relief(gradient: Gradient, mask: Image) -> Field:
     """Integrate a gradient (h, w) to a height (h, w) float32, zero on average outside the contact.
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.relief import Box, Gradient
+from rig.tactile.relief import Box, Gradient, within
 
 # What is broad in a contact's slopes is less to be trusted than what is fine: the gel gives way around
 # the contact, the map is a little wrong, and an arc that slides along itself keeps its outline. So much
@@ -33,8 +33,7 @@ class GradientField:
         self.mask = mask
         rows, self._columns = gradient.shape
         self._cells = (self._columns - 1, rows - 1)
-        left, top, width, height = box or (0, 0, self._columns, rows)
-        inside = np.s_[top : top + height, left : left + width]
+        inside = within(box, gradient.shape)
         values = np.zeros(gradient.shape, np.complex64)
         values[inside] = sharpened(gradient[inside])
         self._values = values.reshape(-1)

@@ -35,8 +35,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_finish() -> None:
     """Leave what collecting made out of every later garbage collection.
 
-    All threads of this process, simulated devices among them, stand still while it runs: for 0.17 s
-    with the whole suite collected, long enough to miss what a device promises.
+    All threads of this process, simulated devices among them, stand still while it runs: for 0.15 s
+    and more with the whole suite collected, long enough to miss what a device promises.
     """
     gc.collect()
     gc.freeze()

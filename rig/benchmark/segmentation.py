@@ -12,18 +12,10 @@ from drivers.types import Image
 from rig.benchmark.measured import Measured, at_least, at_most, not_there
 from rig.benchmark.segmentation_panels import Panels, read_panels
 from rig.labels.scores import agreement
-from rig.segmentation import (
-    CLASSICAL,
-    ClassicalSegmenter,
-    FrameSegmenter,
-    SegmentChoice,
-    make_segmenter,
-    segmenter_maker,
-)
+from rig.segmentation import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.tactile.network import SHIPPED, Network, load_network
 from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.relative import RelativeDifference
-from rig.tactile.segmenter import Segmenter
 from rig.training.examples import Examples
 from rig.training.simulated import simulated_examples
 
@@ -135,13 +127,10 @@ def measure_times(methods: Mapping[str, str], examples: Examples) -> list[Method
     background = examples.backgrounds[0]
     pairs = zip(examples.frames, examples.backgrounds, strict=True)
     frames = [frame for frame, its_own in pairs if np.array_equal(its_own, background)]
-    networks = {method: load_network(model) for method, model in methods.items() if model != CLASSICAL}
-    segmenters: dict[str, FrameSegmenter] = {
-        method: Segmenter(networks[method], background)
-        if method in networks
-        else ClassicalSegmenter(background, margin=0.0)
-        for method in methods
+    segmenters = {
+        method: make_segmenter(SegmentChoice(model), background) for method, model in methods.items()
     }
+    networks = {method: load_network(model) for method, model in methods.items() if model != CLASSICAL}
     calls = {method: _network_call(network, background) for method, network in networks.items()}
     frame_s: dict[str, list[float]] = {method: [] for method in methods}
     network_s: dict[str, list[float]] = {method: [] for method in networks}

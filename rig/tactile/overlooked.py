@@ -9,7 +9,8 @@ all colours or two of them; a shadow takes away one, and the gel's own slope rou
   than half of it, the contact goes on; a slope that reaches far falls off.
 - A large region where two colours changed clearly, of which next to nothing was found, is a contact.
 
-On simulated sensors, which the networks know, both do nothing in any of 1,260 frames.
+On simulated sensors, which the networks know, both do nothing in any of 1,260 frames; of 400 others that
+show no contact, one gets one.
 """
 
 from typing import Any

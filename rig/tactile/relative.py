@@ -56,7 +56,7 @@ class RelativeDifference:
         self._weight = 1.0 / (work + DARK_OFFSET)
         self._relative = work * self._weight
         self._sample = _sample(work)
-        self._sums = np.concatenate([self._sample, self._sample**2])
+        self._light_terms = np.concatenate([self._sample, self._sample**2])
         self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * self._sample.shape[1]))
 
@@ -79,7 +79,7 @@ class RelativeDifference:
     def _light_of(self, work: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gain and offset per channel of a reduced copy against the background's light."""
         seen = _sample(work)
-        sums = np.concatenate([seen, seen * self._sample])
+        seen_terms = np.concatenate([seen, seen * self._sample])
         gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)
         offset = np.zeros(CHANNELS)
         for _ in range(GAIN_ROUNDS):
@@ -87,7 +87,7 @@ class RelativeDifference:
             best = np.argpartition(misfit[0] + misfit[1] + misfit[2], self._trusted - 1)[: self._trusted]
             share = np.zeros(seen.shape[1])
             share[best] = 1.0 / self._trusted
-            gain, offset = _line(self._sums @ share, sums @ share)
+            gain, offset = _line(self._light_terms @ share, seen_terms @ share)
         return np.maximum(gain, DARKEST_GAIN), offset
 
 

@@ -1,5 +1,5 @@
-"""What the bench's hardware can do: interfaces, values, errors and the clock.
+"""What the bench's hardware can do (interfaces, values, errors, the clock), and the real devices doing it.
 
-Everything above this package (protocols, fakes, calibration, rig) speaks in these terms.
-Concrete drivers, when installed here, are named by `rig.assembly` alone.
+Everything above speaks in the terms of this package's modules; the devices' packages (`ur5e`,
+`robotiq_3f`, `video`) are named by `rig.bench` alone. Imports nothing of the rig.
 """

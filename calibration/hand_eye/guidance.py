@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.camera_model import CameraModel
+from calibration.camera.model import CameraModel
 from calibration.hand_eye.observability import Observability
 from calibration.hand_eye.refine import linearised
 from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem
 from calibration.hand_eye.solve import HandEyeResult
-from calibration.views import View, coverage
+from calibration.targets.views import View, coverage
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 

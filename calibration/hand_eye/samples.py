@@ -7,10 +7,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.camera_model import CameraModel
+from calibration.camera.model import CameraModel
 from calibration.poses import pose_fault
+from calibration.targets.views import View
 from calibration.verdict import Rejected, sift
-from calibration.views import View
 from drivers.types import Pose
 
 Array = NDArray[np.floating]

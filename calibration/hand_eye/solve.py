@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera_model import CameraModel
+from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
 from calibration.hand_eye.observability import Observability, judge_motion, observability
 from calibration.hand_eye.refine import Refined, refine

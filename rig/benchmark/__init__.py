@@ -1,1 +1,4 @@
-"""Run time against error, with limits: what `rig benchmark` measures and prints."""
+"""What `rig benchmark` measures and prints, a package for each of its tables.
+
+May render its own scenes (`fakes.studio`); everything else it asks of `rig`.
+"""

@@ -8,18 +8,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.camera_files import read_camera
-from calibration.camera_model import CameraModel
+from calibration.camera.files import read_camera
+from calibration.camera.model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.watch import Operator, Phase
-from rig.assembly import TOOL_DOWN
-from rig.bench_source import session_bench
+from rig.bench.assembly import TOOL_DOWN
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import session_bench
 from rig.config import BenchConfig
-from rig.operators import ConsoleOperator
-from rig.tactile.background import mean_background
-from rig.tactile.contact import ContactFinder
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import ContactFinder
 
 TOUCH_FRAMES = 2
 """As in a lift: contact counts when two frames in a row show it."""

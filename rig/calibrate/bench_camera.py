@@ -1,6 +1,6 @@
 """Cameras on a bench: a board on the tool shown from many poses, and markers looked at at rest."""
 
-from calibration.boards import Target
+from calibration.targets.boards import Target
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.capture_still import capture_still
 from protocols.grasps import find_grasp_file

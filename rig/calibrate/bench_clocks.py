@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.markers import MarkerTracker
+from calibration.markers.pair import MarkerTracker
 from calibration.store import write_text
 from drivers.errors import CalibrationError, InputError
 from drivers.interfaces import Arm

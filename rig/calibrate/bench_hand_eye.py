@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.boards import Target
-from calibration.camera_model import CameraModel
+from calibration.camera.model import CameraModel
 from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import Sample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.store import write_text
+from calibration.targets.boards import Target
+from calibration.targets.views import View
 from calibration.verdict import Rejected
-from calibration.views import View
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
-from rig.assembly import TOOL_DOWN
+from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_outcome
 from rig.calibrate.outcome import Outcome

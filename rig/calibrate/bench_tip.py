@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.pivot import FEWEST, calibrate_pivot
+from calibration.tables.pivot import FEWEST, calibrate_pivot
 from drivers.types import Pose, Vector3
 from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
 from rig.calibrate.bench import Station

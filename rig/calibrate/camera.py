@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.boards import Target
-from calibration.camera_files import camera_info
-from calibration.intrinsics import CameraFit, calibrate_camera
-from calibration.intrinsics_checks import board_tilts_deg, judge_camera, tilt_spread_deg
-from calibration.projection_sigma import projection_sigma_px
+from calibration.camera.checks import board_tilts_deg, judge_camera, tilt_spread_deg
+from calibration.camera.files import camera_info
+from calibration.camera.intrinsics import CameraFit, calibrate_camera
+from calibration.camera.projection_sigma import projection_sigma_px
+from calibration.targets.boards import Target
+from calibration.targets.views import View, coverage
 from calibration.verdict import Judgement, Rejected
-from calibration.views import View, coverage
 from drivers.errors import CalibrationError
 from rig.calibrate import figures
 from rig.calibrate.outcome import Outcome, Picture, Thumbnail

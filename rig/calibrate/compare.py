@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera_files import camera_from, read_camera
+from calibration.camera.files import camera_from, read_camera
+from calibration.camera.projection_sigma import camera_difference_px
 from calibration.poses import pose_from_quaternion
-from calibration.projection_sigma import camera_difference_px
 from calibration.store import read_yaml
 from drivers.errors import CalibrationError
 from drivers.types import Pose

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.boards import Target
-from calibration.camera_model import CameraModel
+from calibration.camera.model import CameraModel
 from calibration.hand_eye.guidance import progress
 from calibration.hand_eye.samples import Sample, Setup
 from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
+from calibration.targets.boards import Target
+from calibration.targets.views import View
 from calibration.verdict import Rejected
-from calibration.views import View
 from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.outcome import Outcome, Picture, Thumbnail

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.marker_angle import MarkerAngle, assess_markers
-from calibration.planar import Intrinsics
+from calibration.markers.angle import MarkerAngle, assess_markers
+from calibration.markers.planar import Intrinsics
 from rig.calibrate import figures
 from rig.calibrate.outcome import Outcome, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey

@@ -11,6 +11,7 @@ from typing import Any
 from calibration.store import CalibrationFile, plain, save, write_text
 from calibration.verdict import Judgement, Rejected, Verdict
 from drivers.errors import CalibrationError
+from rig.pages.page import render
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +71,12 @@ class Filed:
 
 def file_outcome(outcome: Outcome, folder: Path) -> Filed:
     """Write file and page into a folder. Raises `CalibrationError` for a refused one, after writing both."""
-    from rig.calibrate.page import page_html
-
     part = [outcome.part] if outcome.part else []
     stem = "-".join([outcome.kind, *part, *outcome.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
     filed = _as_file(outcome)
     save(filed, path)
-    write_text(page, page_html(outcome, filed))
+    write_text(page, _page(outcome, filed))
     figures = plain(
         {
             "kind": outcome.kind,
@@ -98,6 +97,19 @@ def file_outcome(outcome: Outcome, folder: Path) -> Filed:
         reasons = "; ".join(outcome.judgement.refusals)
         raise CalibrationError(f"{outcome.kind}: refused: {reasons} (page: {page})")
     return Filed(path, page, figures)
+
+
+def _page(outcome: Outcome, filed: CalibrationFile) -> str:
+    """One HTML page that needs nothing else; each picture is inside it as data."""
+    return render(
+        "rig.calibrate",
+        "page.html",
+        outcome=outcome,
+        created=filed.created,
+        verdict=str(outcome.judgement.verdict),
+        software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
+        inputs=filed.inputs,
+    )
 
 
 def _as_file(outcome: Outcome) -> CalibrationFile:

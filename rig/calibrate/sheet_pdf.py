@@ -5,7 +5,7 @@ from io import BytesIO
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from calibration.sheets import TEXT_MM, printed_sheet
+from calibration.targets.sheets import TEXT_MM, printed_sheet
 
 _MM_PER_INCH = 25.4
 _POINTS_PER_INCH = 72.0

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.force_table import fit_force
-from calibration.opening_table import Direction, OpeningSample, calibrate_opening
-from calibration.pivot import calibrate_pivot
-from calibration.time_offset import time_offset
+from calibration.tables.force import fit_force
+from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
+from calibration.tables.pivot import calibrate_pivot
+from calibration.tables.time_offset import time_offset
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures

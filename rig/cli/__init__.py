@@ -1,1 +1,1 @@
-"""The `rig` command, one file per subcommand."""
+"""The `rig` command, one file per subcommand; groups of subcommands in packages of their own."""

@@ -70,7 +70,7 @@ def stop_on_signals() -> None:
 
 def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | None = None) -> Path:
     """Return where a session goes. Raises `InputError` for --resume without saying what to resume."""
-    from rig.records.session import default_folder
+    from rig.sessions.session import default_folder
 
     if resume and out is None:
         raise InputError("--resume continues the session in --out: give its folder")

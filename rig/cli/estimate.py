@@ -10,9 +10,9 @@ from rig.cli.common import JsonOption
 
 if TYPE_CHECKING:
     from drivers.types import Image
-    from rig.frames import FrameSeries
-    from rig.offline import Estimate
-    from rig.tactile.estimator import EstimatorChoice
+    from rig.frames.estimates import Estimate
+    from rig.frames.series import FrameSeries
+    from rig.tactile.estimators import EstimatorChoice
 
 
 def estimate(
@@ -81,8 +81,8 @@ def estimate(
       rig estimate frames/ --background empty.png --estimator ellipse --json
 
     """
-    from rig.frames import is_session
-    from rig.tactile.estimator import choose_estimator
+    from rig.frames.series import is_session
+    from rig.tactile.estimators import choose_estimator
 
     run = _Run(background, reference_time, choose_estimator(estimator, window), pixel_aspect)
     if is_session(frames):
@@ -102,8 +102,8 @@ class _Run:
         aspect: float | None,
     ) -> None:
         from drivers.errors import InputError
-        from rig.frame_times import parse_time
-        from rig.tactile.estimator import PUBLISHED, TOSKOV
+        from rig.frames.times import parse_time
+        from rig.tactile.estimators import PUBLISHED, TOSKOV
 
         if choice.name == TOSKOV:
             raise InputError(
@@ -131,8 +131,8 @@ class _Run:
 
         Returns the estimate and a note on its background.
         """
-        from rig.frames import make_background
-        from rig.offline import estimate_series, zeroed
+        from rig.frames.estimates import estimate_series, zeroed
+        from rig.frames.series import make_background
 
         for note in series.notes:
             common.say(note)
@@ -148,8 +148,8 @@ def _series(
     path: Path, run: _Run, timestamps: Path | None, fps: float | None, out: Path | None, json: bool
 ) -> None:
     """Estimate frames that are no session."""
-    from rig.frames import read_frames
-    from rig.offline import rows, table
+    from rig.frames.estimates import rows, table
+    from rig.frames.series import read_frames
 
     result, note = run.apply(read_frames(path, timestamps, fps))
     if out is not None:
@@ -167,8 +167,8 @@ def _session(
 ) -> None:
     """Estimate each lift and sensor of a session into a file of its own."""
     from drivers.errors import InputError
-    from rig.offline import table
-    from rig.session_frames import session_frames
+    from rig.frames.estimates import table
+    from rig.frames.of_session import session_frames
 
     if timestamps is not None or fps is not None:
         raise InputError(f"{path} is a session, which has its own times: leave --timestamps and --fps out")
@@ -197,7 +197,7 @@ def _write(file: Path, text: str) -> None:
 
 def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> dict[str, Any]:
     """Say the summary on stderr and return it for JSON."""
-    from rig.offline import figures
+    from rig.frames.estimates import figures
 
     found = figures(result)
     if found["unreadable"]:

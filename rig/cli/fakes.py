@@ -46,9 +46,9 @@ def serve(
 
     """
     from drivers.errors import OperatorStopError
+    from rig.bench.fakes_process import hosted_fakes
     from rig.config import load_bench
     from rig.config.write import bench_text, write_bench
-    from rig.fakes_process import hosted_fakes
 
     try:
         with hosted_fakes(load_bench(bench), host, seed, polyscope) as (served, running):
@@ -73,8 +73,8 @@ def place(
       rig fakes place wrench --bench fakes.toml
 
     """
+    from rig.bench.fakes_process import fakes_control
     from rig.config import load_bench
-    from rig.fakes_process import fakes_control
 
     fakes_control(load_bench(bench)).call("place", object=name, seed=seed)
 
@@ -95,8 +95,8 @@ def fault(
       rig fakes fault all clear --bench fakes.toml
 
     """
+    from rig.bench.fakes_process import fakes_control
     from rig.config import load_bench
-    from rig.fakes_process import fakes_control
 
     fakes_control(load_bench(bench)).call("fault", device=device, kind=kind)
 
@@ -109,8 +109,8 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
       rig fakes status --bench fakes.toml --json
 
     """
+    from rig.bench.fakes_process import fakes_control
     from rig.config import load_bench
-    from rig.fakes_process import fakes_control
 
     state = fakes_control(load_bench(bench)).call("status")
     if json:

@@ -34,8 +34,7 @@ def label(
       rig label sessions/mug --out labels --json
 
     """
-    from rig.labels.proposals import COCO, MASKS, export_coco, export_masks, propose
-    from rig.segmentation import (
+    from rig.frames.masks import (
         SegmentChoice,
         image_groups,
         make_folder,
@@ -43,6 +42,7 @@ def label(
         output_names,
         segment_groups,
     )
+    from rig.labels.proposals import COCO, MASKS, export_coco, export_masks, propose
 
     choice = SegmentChoice(model, margin)
     groups = image_groups(images, background, needs_background(choice))

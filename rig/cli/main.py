@@ -7,8 +7,8 @@ import typer
 
 from drivers.errors import RigError
 from rig.cli.bench import bench
-from rig.cli.benchmark import benchmark
-from rig.cli.calibrate import calibrate
+from rig.cli.benchmark.commands import benchmark
+from rig.cli.calibrate.commands import calibrate
 from rig.cli.common import exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor

@@ -23,7 +23,7 @@ def list_models(json: JsonOption = False) -> None:
       rig model list --json
 
     """
-    from rig.model_cards import shipped_cards
+    from rig.frames.model_cards import shipped_cards
 
     cards = shipped_cards()
     if json:

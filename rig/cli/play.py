@@ -33,9 +33,9 @@ def play(
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
 
     """
-    from rig.records.session import read_manifest
     from rig.report.film import write_film
     from rig.report.session import find_lift
+    from rig.sessions.session import read_manifest
 
     manifest = read_manifest(session)
     chosen = find_lift(session, manifest, lift)

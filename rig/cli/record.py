@@ -56,11 +56,11 @@ def record(
     import time
 
     from protocols.grasps import find_grasp_file
-    from rig.bench_source import session_bench
-    from rig.calibrations import load_calibrated_bench
+    from rig.bench.operators import ConsoleOperator
+    from rig.bench.source import session_bench
     from rig.cli.tables import WorkProgress
-    from rig.operators import ConsoleOperator
-    from rig.record import RecordSettings, describe_recording, run_record
+    from rig.config.calibrations import load_calibrated_bench
+    from rig.experiments.record import RecordSettings, describe_recording, run_record
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)

@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
 
 if TYPE_CHECKING:
-    from rig.campaign import CampaignPlan
+    from rig.experiments.batch_replay import CampaignPlan
 
 
 def replay(
@@ -50,7 +50,7 @@ def replay(
 
     """
     if len(sessions) == 1 and not (out or resume or engine):
-        from rig.session_list import holds_sessions
+        from rig.results.listing import holds_sessions
 
         if not holds_sessions(sessions[0]):
             _replay_one(sessions[0], estimator, window, jobs, json)
@@ -64,7 +64,7 @@ def _replay_one(
     import time
 
     from rig.cli.tables import TrialProgress, summary_json, trial_table
-    from rig.replay import run_replay, session_settings
+    from rig.experiments.replay import run_replay, session_settings
 
     began = time.perf_counter()
     settings = session_settings(session, estimator, window)
@@ -95,11 +95,11 @@ def _replay_many(
 ) -> None:
     import time
 
-    from rig.campaign import gather_sessions, plan_campaign, run_campaign
     from rig.cli.common import session_folder
     from rig.cli.results import line_note, print_results, results_json
     from rig.cli.tables import WorkProgress
-    from rig.cluster import runner
+    from rig.experiments.batch_replay import gather_sessions, plan_campaign, run_campaign
+    from rig.experiments.dask_engine import runner
 
     began = time.perf_counter()
     folder = session_folder(out, resume, "replay")

@@ -33,7 +33,7 @@ def results(
       rig results sessions/ellipse/results.csv --by session --json
 
     """
-    from rig.results import read_results
+    from rig.results.table import read_results
 
     lines = read_results(table)
     print_results(lines, by, to_stderr=json)
@@ -105,13 +105,13 @@ def _session_table(lines: list[Line]) -> Any:
 
 
 def _summary(lines: list[Line]) -> Any:
-    from rig.summary import summarize_trial
+    from rig.results.summary import summarize_trial
 
     return summarize_trial([_nested(line) for line in lines])
 
 
 def _nested(line: Line) -> Line:
-    from rig.results import nested_row
+    from rig.results.table import nested_row
 
     return nested_row(line)
 

@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import JsonOption, emit_json, say
 
 if TYPE_CHECKING:
-    from rig.segmentation import SegmentedImage
+    from rig.frames.masks import SegmentedImage
 
 ImagesArgument = Annotated[
     list[Path], typer.Argument(help="Images, folders of images, or sessions of rig record.")
@@ -55,7 +55,7 @@ def segment(
 
     """
     from drivers.errors import InputError
-    from rig.segmentation import (
+    from rig.frames.masks import (
         SegmentChoice,
         image_groups,
         make_folder,
@@ -88,8 +88,8 @@ def segment(
 
 
 def _write_mask(path: Path, done: "SegmentedImage") -> None:
-    from rig.records.encoding import png
-    from rig.records.files import write_file
+    from rig.sessions.files import write_file
+    from rig.sessions.images import png
 
     write_file(path, png(done.mask))
 

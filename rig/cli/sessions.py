@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import JsonOption, emit_json
 
 if TYPE_CHECKING:
-    from rig.session_list import SessionEntry
+    from rig.results.listing import SessionEntry
 
 MB = 1e6
 
@@ -28,7 +28,7 @@ def sessions(
 
     """
     from rig.cli.tables import table_console
-    from rig.session_list import find_sessions, list_session
+    from rig.results.listing import find_sessions, list_session
 
     entries = [list_session(path) for path in find_sessions(folder)]
     console = table_console(to_stderr=json)

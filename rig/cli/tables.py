@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from rig.metrics import Mare
-from rig.summary import ObjectSummary, TrialSummary
+from rig.results.metrics import Mare
+from rig.results.summary import ObjectSummary, TrialSummary
 
 
 class WorkProgress:

@@ -89,15 +89,15 @@ def trial(
     """
     import time
 
-    from rig.attempt import TrialSettings
-    from rig.bench_source import session_bench
-    from rig.calibrations import load_calibrated_bench
+    from rig.bench.operators import ConsoleOperator
+    from rig.bench.source import session_bench
     from rig.cli.tables import lift_note, summary_json, trial_table
+    from rig.config.calibrations import load_calibrated_bench
+    from rig.experiments.lift_attempt import TrialSettings
+    from rig.experiments.trial import describe_plan, resolve_objects, run_trial
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
-    from rig.operators import ConsoleOperator
-    from rig.tactile.estimator import choose_estimator
-    from rig.trial import describe_plan, resolve_objects, run_trial
+    from rig.tactile.estimators import choose_estimator
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)

@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from calibration.planar import Intrinsics
+from calibration.markers.planar import Intrinsics
 from drivers.types import Pose
 from rig.config.fields import Strict
 

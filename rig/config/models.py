@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from calibration.planar import Intrinsics
+from calibration.markers.planar import Intrinsics
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
 from rig.config.fields import (
     BenchTable,

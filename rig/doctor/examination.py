@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from drivers.bench import Bench
-from rig.bench_source import unconnected_bench
+from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.computer import (

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.watch import Phase
-from rig.records.reading import phase_times, recorded_jpeg, recorded_messages, recorded_pose
-from rig.records.recorder import (
+from rig.sessions.reading import phase_times, recorded_jpeg, recorded_messages, recorded_pose
+from rig.sessions.recorder import (
     ARM_TOPIC,
     FUSED_TOPIC,
     GRIPPER_TOPIC,

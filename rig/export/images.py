@@ -11,14 +11,16 @@ from drivers.errors import SessionError
 from drivers.types import Image
 from protocols.watch import Phase
 from rig.export.result import ExportRequest
-from rig.records.encoding import decoded
-from rig.records.reading import phase_times, recorded_frames
-from rig.records.session import TRUE_MASKS
-from rig.tactile.background import mean_background
-from rig.tactile.contact import ContactFinder
+from rig.sessions.images import decoded
+from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.reading import phase_times, recorded_frames
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import ContactFinder
 
 TRUE_NOTE = "mask: the simulator's true contact"
-FOUND_NOTE = "mask: proposed by plain image processing (rig/tactile/contact.py); look before you train on it"
+FOUND_NOTE = (
+    "mask: proposed by plain image processing (rig/tactile/contact/finder.py); look before you train on it"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,8 +15,8 @@ from rig.export.episodes import Episode, read_episode
 from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, write_meta
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
-from rig.records.encoding import decoded
-from rig.records.tables import pyarrow_modules
+from rig.sessions.images import decoded
+from rig.sessions.tables import pyarrow_modules
 
 STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "gripper_counts")
 SCALARS = {

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import SessionError
-from rig.records.files import read_lines
-from rig.records.session import read_manifest
-from rig.session_list import RESULTS
+from rig.sessions.files import read_lines
+from rig.sessions.layout import RESULTS
+from rig.sessions.session import read_manifest
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,10 @@ from typing import Any
 from drivers.clock import NS_PER_S
 from protocols.watch import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
-from rig.records.reading import phase_times, recorded_messages, recorded_pose
-from rig.records.recorder import (
+from rig.results.table import COLUMNS as LIFT_COLUMNS
+from rig.results.table import flat_row
+from rig.sessions.reading import phase_times, recorded_messages, recorded_pose
+from rig.sessions.recorder import (
     ANGLE_PREFIX,
     ARM_TOPIC,
     FUSED_TOPIC,
@@ -24,9 +26,7 @@ from rig.records.recorder import (
     JOINTS_TOPIC,
     TRUTH_TOPIC,
 )
-from rig.records.tables import Columns, Line, csv_bytes, parquet_bytes
-from rig.results import COLUMNS as LIFT_COLUMNS
-from rig.results import flat_row
+from rig.sessions.tables import Columns, Line, csv_bytes, parquet_bytes
 
 WHEN: Columns = {
     "number": int, "object": str, "name": str, "lift": int, "phase": str, "t_s": float, "t_lift_s": float,

@@ -16,12 +16,13 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
-from rig.frames import IMAGE_ENDINGS, read_image
+from rig.frames.series import IMAGE_ENDINGS, read_image
 from rig.labels.outline import contact_label
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
-from rig.records.files import read_lines
-from rig.records.session import MANIFEST, TRUE_MASKS, read_manifest
+from rig.sessions.files import read_lines
+from rig.sessions.layout import MANIFEST, TRUE_MASKS
+from rig.sessions.session import read_manifest
 
 REFERENCE = "reference"
 _VOC = "voc_format"

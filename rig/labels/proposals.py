@@ -13,8 +13,8 @@ from rig.labels.coco import LabelledImage, coco_document
 from rig.labels.labelme import labelme_document
 from rig.labels.polygons import mask_polygons
 from rig.labels.shapes import labelme_mask
-from rig.records.encoding import png
-from rig.records.files import write_file, write_json
+from rig.sessions.files import write_file, write_json
+from rig.sessions.images import png
 
 LABEL = "contact"
 COCO, MASKS = "coco.json", "masks"

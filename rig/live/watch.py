@@ -10,9 +10,9 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.watch import Phase, Watch
-from rig.lift import LiftMeasurement
+from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
-from rig.records.encoding import jpeg
+from rig.sessions.images import jpeg
 
 MOST_PER_S = 10.0
 """Pictures of one source, and sets of figures, in a second of real time."""

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import InputError
-from rig.metrics import Floats, bootstrap_interval
 from rig.report.session import object_label
+from rig.results.metrics import Floats, bootstrap_interval
 
 Row = dict[str, Any]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from rig.metrics import Floats
-from rig.truth import TruthSeries, interpolate
+from rig.lift.marker_truth import TruthSeries, interpolate
+from rig.results.metrics import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

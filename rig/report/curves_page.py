@@ -4,7 +4,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from rig.metrics import Mare, mare
 from rig.pages.page import render
 from rig.report.advice import FEW_LIFTS
 from rig.report.curves import signed_errors
@@ -19,6 +18,7 @@ from rig.report.trial_charts import (
     error_against_rate,
     finals_chart,
 )
+from rig.results.metrics import Mare, mare
 
 
 def curves_page(tables: Tables) -> str:

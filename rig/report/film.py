@@ -11,14 +11,14 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RecordingError, SessionError
 from drivers.types import Image
-from rig.metrics import Floats
 from rig.pages.palette import INK, PAPER
-from rig.records.reading import recorded_frames
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
 from rig.report.lift_chart import shown_range
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
+from rig.results.metrics import Floats
+from rig.sessions.reading import recorded_frames
 
 HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
 CURVE_WIDTH_PX = 560

@@ -6,11 +6,11 @@ import numpy as np
 
 from drivers.errors import InputError
 from protocols.grasps import find_grasp_file
-from rig.metrics import Floats
 from rig.report.curves import signed_errors
 from rig.report.parts import Chart
 from rig.report.session import Lift, object_label
 from rig.report.trial_charts import boxes
+from rig.results.metrics import Floats
 
 SURFACES = ("edge", "flat", "cylinder", "ball")
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.report.parts import Notice, joined
 from rig.report.session import read_rows, usable_pose
-from rig.tactile.axis import ellipse_axis
-from rig.tactile.contact import Contact, ContactFinder
+from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.paper.axis import ellipse_axis
 
 ROUND = 1.15
 """Below this elongation a contact's long axis means nothing."""

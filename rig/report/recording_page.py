@@ -10,7 +10,6 @@ from drivers.errors import InputError
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
 from rig.pages.page import render
-from rig.records.encoding import jpeg
 from rig.report.calibrations import calibration_notices, calibration_table
 from rig.report.header import header
 from rig.report.parts import Notice, Table, joined
@@ -24,6 +23,7 @@ from rig.report.recording_charts import (
 )
 from rig.report.strips import JPEG_QUALITY
 from rig.report.text import made_text
+from rig.sessions.images import jpeg
 
 THUMB_PX = (72, 96)
 ACROSS, GAP_PX = 8, 3

@@ -13,10 +13,11 @@ from google.protobuf.message import DecodeError
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, SessionError
 from protocols.watch import Phase
-from rig.records.reading import recorded_values
-from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
+from rig.sessions.layout import TIMING
+from rig.sessions.reading import recorded_values
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
 
 UNREADABLE = (
     RigError, KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, MemoryError,
@@ -152,7 +153,7 @@ def read_rows(
 
 def read_timing(folder: Path) -> list[dict[str, Any]]:
     """The usable rows of a trial's `timing.jsonl`; none where it is missing."""
-    return read_rows(folder / "timing.jsonl", lambda row: isinstance(row.get("stages"), dict))[0]
+    return read_rows(folder / TIMING, lambda row: isinstance(row.get("stages"), dict))[0]
 
 
 def usable_pose(row: dict[str, Any]) -> bool:

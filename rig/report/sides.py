@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError, SessionError
-from rig.records.session import MANIFEST, read_manifest
-from rig.replay import run_replay, session_settings
+from rig.experiments.replay import run_replay, session_settings
 from rig.report.session import read_rows, read_timing, usable_lift
-from rig.tactile.estimator import ESTIMATORS
+from rig.sessions.layout import MANIFEST
+from rig.sessions.session import read_manifest
+from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, dict[str, Any]], None]
 

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.types import Frame, Image
-from rig.metrics import Floats
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.records.encoding import jpeg
-from rig.records.reading import recorded_frames
 from rig.report.curves import Curve, LiftCurves, truth_at
 from rig.report.text import angle_text
-from rig.tactile.axis import ellipse_axis
-from rig.tactile.background import mean_background
-from rig.tactile.contact import Contact, ContactFinder
+from rig.results.metrics import Floats
+from rig.sessions.images import jpeg
+from rig.sessions.reading import recorded_frames
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
 JPEG_QUALITY = 85

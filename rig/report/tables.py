@@ -9,10 +9,10 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from rig.metrics import ErrorSummary, Floats, summarize
+from rig.lift.onset import slip_onset_ns
+from rig.lift.result import FINAL_S
 from rig.report.curves import Curve, LiftCurves, signed_errors
-from rig.result import FINAL_S
-from rig.slip_onset import slip_onset_ns
+from rig.results.metrics import ErrorSummary, Floats, summarize
 
 TIME_COLUMNS = ("t_s", "time_s", "time")
 ESTIMATE_COLUMNS = ("estimate_deg", "pred_deg", "angle_deg")

@@ -3,7 +3,7 @@
 import math
 from datetime import datetime
 
-from rig.metrics import Mare
+from rig.results.metrics import Mare
 
 
 def mare_text(value: Mare | None) -> str:

@@ -7,11 +7,11 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 
-from rig.metrics import Floats
 from rig.pages.figure import drawing, legend_above, svg
 from rig.pages.palette import ESTIMATE, INK, MUTED, TRUTH
 from rig.report.curves import LiftCurves, rates_deg_s, signed_errors, truth_at
 from rig.report.parts import Chart
+from rig.results.metrics import Floats
 
 FEWEST_FRAMES = 30
 """Fewer frames than this make no percentile worth drawing."""

@@ -24,7 +24,7 @@ from rig.report.trial_charts import (
     finals_chart,
     sigma_ratios,
 )
-from rig.summary import ObjectSummary, TrialSummary, summarize_trial
+from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
 
 WORST_LIFTS = 3
 

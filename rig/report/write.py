@@ -7,11 +7,12 @@ from pathlib import Path
 
 from drivers.errors import InputError, RigError, SessionError
 from rig.pages.page import render
-from rig.records.files import write_file
-from rig.records.session import MANIFEST, read_manifest
 from rig.report.parts import Notice
 from rig.report.session import UNREADABLE
 from rig.report.text import made_text
+from rig.sessions.files import write_file
+from rig.sessions.layout import MANIFEST
+from rig.sessions.session import read_manifest
 
 REPORT = "report.html"
 

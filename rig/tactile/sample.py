@@ -1,11 +1,16 @@
-"""What an estimator says about one tactile frame."""
+"""What an estimator takes, and what it says about one tactile frame."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+import numpy as np
+
+from drivers.errors import InputError
 from drivers.types import ArmState, Image
+
+MIN_SIDE_PX = 8
 
 
 class State(StrEnum):
@@ -62,3 +67,40 @@ class SlipEstimator(Protocol):
 
     def arm(self, state: ArmState) -> None:
         """Take the arm's state, sampled before the next frames; most estimators look at frames alone."""
+
+
+def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
+    """Raise `InputError` unless the image is (H, W, 3) uint8, of the given shape if one is given."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+        raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
+    if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
+        raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
+    if shape is not None and image.shape != shape:
+        raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
+
+
+class FreshFrameEstimator(SlipEstimator):
+    """An estimator that looks at each frame once.
+
+    A frame that is not newer than the one before (repeated, or delivered late) gets the last answer
+    again and counts for nothing. shape: of the frames, (H, W, 3); any where None.
+    """
+
+    stages: ClassVar[tuple[str, ...]]
+    """What a frame goes through, in order."""
+
+    def __init__(self, shape: tuple[int, ...] | None = None) -> None:
+        self._shape = shape
+        self._last: SlipSample | None = None
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        check_frame(image, self._shape)
+        if self._last is not None and time_ns <= self._last.time_ns:
+            return replace(self._last, stage_s={}, skipped=self.stages)
+        self._last = self._estimate(image, time_ns)
+        return self._last
+
+    def _estimate(self, image: Image, time_ns: int) -> SlipSample:
+        """Estimate from a frame that is newer than any before."""
+        raise TypeError(f"{type(self).__name__} does not say how it estimates")

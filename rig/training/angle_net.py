@@ -14,7 +14,7 @@ from torch import nn
 from torch.nn import functional
 
 from drivers.types import Image
-from rig.tactile.network_input import frame_planes
+from rig.tactile.contact.network_input import frame_planes
 from rig.training.lifts import GelViews
 from rig.training.regression import Plan, Tell, fit
 from rig.training.torchvision_operators import declare_missing_operators

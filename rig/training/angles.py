@@ -10,9 +10,9 @@ import torch
 
 from drivers.errors import InputError
 from protocols.grasps import TRIAL_OBJECTS, load_grasp_files
-from rig.records.files import write_json
-from rig.records.session import read_manifest
-from rig.tactile.estimator import ANGLENET, TOSKOV
+from rig.sessions.files import write_json
+from rig.sessions.session import read_manifest
+from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
 from rig.training.export import ExportedFile

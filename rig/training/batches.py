@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import torch
 
-from rig.tactile.network_input import NetworkInput, compared_planes, frame_planes
-from rig.tactile.relative import RelativeDifference
+from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.contact.relative import RelativeDifference
 from rig.training.augmentation import Sample, augmented
 from rig.training.examples import Examples
 

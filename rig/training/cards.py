@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from rig.labels.folds import Fold
-from rig.tactile.network import load_network
+from rig.tactile.contact.network import load_network
 from rig.training.examples import Examples
 from rig.training.export import ExportedFile
 from rig.training.loop import Training

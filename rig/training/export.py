@@ -14,7 +14,7 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 from torch import nn
 
 from drivers.errors import RigError
-from rig.tactile.network import METADATA_KEY, Recipe, load_network
+from rig.tactile.contact.network import METADATA_KEY, Recipe, load_network
 from rig.training.batches import plain_batches
 from rig.training.examples import Examples
 

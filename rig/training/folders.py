@@ -7,9 +7,9 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.frames import read_image
+from rig.frames.series import read_image
 from rig.labels.datasets import LabelledFile, read_dataset
-from rig.tactile.background import MAX_FRAMES, MIN_FRAMES, auto_background
+from rig.tactile.contact.background import MAX_FRAMES, MIN_FRAMES, auto_background
 from rig.training.examples import Examples, sized
 
 

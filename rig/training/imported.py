@@ -6,8 +6,8 @@ from typing import Any
 import torch
 
 from drivers.errors import InputError
-from rig.records.files import write_json
-from rig.tactile.network import Recipe
+from rig.sessions.files import write_json
+from rig.tactile.contact.network import Recipe
 from rig.training.checkpoint import load_weights
 from rig.training.export import ExportedFile, export_onnx
 from rig.training.networks import Architecture, build_network

@@ -12,14 +12,14 @@ from drivers.clock import seconds
 from drivers.errors import InputError
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.watch import Phase
-from rig.lift import ZERO_S
-from rig.records.files import read_lines
-from rig.records.reading import phase_times, recorded_arm_states, recorded_frames, recorded_values
-from rig.records.recorder import TRUTH_TOPIC
-from rig.records.session import read_manifest
+from rig.lift.marker_truth import TruthSeries, interpolate
+from rig.lift.measurement import ZERO_S
+from rig.sessions.files import read_lines
+from rig.sessions.layout import RESULTS
+from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames, recorded_values
+from rig.sessions.recorder import TRUTH_TOPIC
+from rig.sessions.session import read_manifest
 from rig.training.examples import sized
-from rig.trial import RESULTS
-from rig.truth import TruthSeries, interpolate
 
 SIGHT_HZ = 10.0
 """Rate at which frames are learnt from: neighbouring ones teach the same."""
@@ -144,7 +144,7 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
                 f"{folder}: is a '{manifest.get('kind')}' session: angles are learnt from lifts, so give "
                 "sessions of rig trial"
             )
-        rows = [row for row in read_lines(folder / RESULTS) if row["accepted"]]
+        rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
         lifts += [_opened(folder / r["recording"], r["object"], manifest["signs"]) for r in rows]
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")

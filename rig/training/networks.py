@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from drivers.errors import InputError
-from rig.tactile.network_input import NetworkInput
+from rig.tactile.contact.network_input import NetworkInput
 
 DEFAULT_ENCODER = "resnet18"
 ENCODERS = ("resnet18", "efficientnet-b3")

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from drivers.errors import RigError
-from rig.tactile.peer_networks import load_image_network, load_wrench_network
+from rig.tactile.peers.networks import load_image_network, load_wrench_network
 from rig.training.angle_net import SIZE, AngleNet
 from rig.training.export import export_half, onnx_model
 from rig.training.wrist import HIDDEN, WrenchNetwork

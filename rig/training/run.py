@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from drivers.errors import InputError
+from fakes.studio.training_frames import RANDOM_SHAPE
 from rig.labels.folds import Fold, check_objects
-from rig.records.files import read_json, write_json
-from rig.tactile.network import Recipe
+from rig.sessions.files import read_json, write_json
+from rig.tactile.contact.network import Recipe
 from rig.training.cards import model_card, table_row
 from rig.training.examples import Examples, joined, load_examples, save_examples
 from rig.training.export import ExportedFile, export_eight_bit, export_half, export_onnx
@@ -18,7 +19,7 @@ from rig.training.folders import folder_examples
 from rig.training.loop import Epoch, Training
 from rig.training.networks import Architecture
 from rig.training.settings import FAMILY, SIMULATED, TrainSettings
-from rig.training.simulated import RANDOM_SHAPE, simulated_examples
+from rig.training.simulated import simulated_examples
 
 CARD, CHECKPOINT = "card.json", "checkpoint.pt"
 TABLE = "table2.json"

@@ -6,8 +6,8 @@ from time import perf_counter
 import numpy as np
 
 from rig.labels.scores import agreement
-from rig.tactile.network import Network
-from rig.tactile.segmenter import Segmenter
+from rig.tactile.contact.network import Network
+from rig.tactile.contact.segmenter import Segmenter
 from rig.training.examples import Examples
 
 

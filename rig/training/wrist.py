@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from rig.tactile.wrench_steps import WrenchSteps
+from rig.tactile.peers.wrench_steps import WrenchSteps
 from rig.training.lifts import WristSeries
 from rig.training.regression import Plan, Tell, fit
 

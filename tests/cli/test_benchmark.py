@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-import rig.benchmark.estimators as estimators
-import rig.benchmark.timing as timing
-from rig.attempt import TrialSettings
+import rig.benchmark.estimators.benchmark as estimators
+import rig.benchmark.estimators.timing as timing
 from rig.cli.main import app
 from rig.config import load_bench
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.tactile.estimators import choose_estimator
 
 
 def rig(*arguments: str) -> subprocess.CompletedProcess[str]:

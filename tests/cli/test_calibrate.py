@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
-from rig.benchmark.board_scenes import BOARD, CAMERA, board_pose, render_target
-from rig.benchmark.gel_scenes import SimulatedGel
-from rig.benchmark.marker_scenes import MarkerPictures
-from rig.benchmark.motion_scenes import pivot_scene, wiggle_scene
+from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.presses import SimulatedGel
+from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
+from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
 
 
 def rig(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig import session_frames
 from rig.cli.main import app
-from rig.frame_times import FrameTime
-from rig.frames import FrameSeries, TimedFrame
-from rig.session_frames import SessionSeries
+from rig.frames import of_session as session_frames
+from rig.frames.of_session import SessionSeries
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import FrameTime
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from drivers.errors import InputError
-from fakes.catalogue import load_catalogue
-from fakes.optics import GelSensor, Imprint
-from fakes.surfaces import build_surface, depth_for_force
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.objects.catalogue import load_catalogue
+from fakes.objects.surfaces import build_surface, depth_for_force
 from rig.cli.main import app
 
 

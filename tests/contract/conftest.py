@@ -15,9 +15,9 @@ from drivers.bench import Bench
 from drivers.clock import seconds
 from drivers.errors import DeviceError
 from drivers.types import Pose
-from rig.assembly import TOOL_DOWN, build_bench, build_real_bench
+from rig.bench.assembly import TOOL_DOWN, build_bench, build_real_bench
+from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
-from rig.fakes_process import fakes_control, started_fakes
 
 KINDS = ("fake", "wire", "hardware")
 

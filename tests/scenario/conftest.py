@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import CalibrationError, DeviceError
-from rig.attempt import TrialSettings
 from rig.config import BenchConfig, load_bench
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.tactile.estimators import choose_estimator
 
 
 def _with_half_the_frames(bench: BenchConfig) -> BenchConfig:

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.boards import parse_target
 from calibration.hand_eye.samples import Setup
+from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
 from drivers.errors import InputError, OperatorStopError
 from drivers.types import Frame
-from fakes.moment import Layout
-from fakes.optics import GelSensor
-from fakes.pivot import tip_m
-from fakes.plan import unit_seed
+from fakes.devices.plan import unit_seed
+from fakes.gel.sensor import GelSensor
+from fakes.world.pivot import tip_m
+from fakes.world.state import Layout
+from rig.bench.operators import ConsoleOperator
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleWatch, collect_streams
@@ -26,7 +27,6 @@ from rig.calibrate.outcome import file_outcome
 from rig.calibrate.tables import tcp_from_folder
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
-from rig.operators import ConsoleOperator
 
 
 def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:
@@ -110,9 +110,9 @@ def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> Non
 
 def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
     from drivers.types import Pose
-    from fakes.motion import FingerPath, ToolPath
-    from fakes.travel import Travel
-    from fakes.world import World
+    from fakes.world.motion import FingerPath, ToolPath
+    from fakes.world.trapezoid import Travel
+    from fakes.world.world import World
     from rig.calibrate.bench import grasp_at
 
     config = load_bench("fake")

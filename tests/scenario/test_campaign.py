@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from rig.attempt import TrialSettings
 from rig.config import BenchConfig
-from rig.records.files import read_lines
-from rig.records.session import open_session
-from rig.results import read_results
-from rig.session_list import SessionState, find_sessions, list_session
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.results.listing import SessionState, find_sessions, list_session
+from rig.results.table import read_results
+from rig.sessions.files import read_lines
+from rig.sessions.session import open_session
+from rig.tactile.estimators import choose_estimator
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import DeviceError, OperatorStopError
 from drivers.types import Frame, Pose
 from protocols.capture_hand_eye import HandEyeCapture, capture_hand_eye
-from rig.assembly import build_bench
+from rig.bench.assembly import build_bench
 from rig.config import load_bench
 
 PLACES = {"a": (0.45, 0.0, 0.25), "b": (0.45, 0.05, 0.22), "far": (3.0, 0.0, 0.2), "c": (0.40, 0.0, 0.25)}

@@ -14,13 +14,13 @@ from drivers.errors import InputError, SessionError
 from protocols.grasps import find_grasp_file
 from rig.cli.main import app
 from rig.config import load_bench
+from rig.experiments.record import RecordSettings, run_record
 from rig.export.formats import export_session
-from rig.record import RecordSettings, run_record
-from rig.records.files import read_lines
-from rig.records.reading import recorded_frames, recorded_values
-from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC
-from rig.records.session import TRUE_MASKS
-from rig.records.tables import read_csv
+from rig.sessions.files import read_lines
+from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.reading import recorded_frames, recorded_values
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
+from rig.sessions.tables import read_csv
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,18 @@ from mcap.reader import make_reader
 
 from drivers.errors import OperatorStopError
 from protocols.watch import Phase
-from rig.assembly import build_bench
-from rig.attempt import Attempt, LiftTask, TrialSettings, attempt_lift, new_measurement, plan_lift
+from rig.bench.assembly import build_bench
 from rig.config import BenchConfig, load_bench
-from rig.lift import LiftMeasurement
-from rig.tactile.estimator import choose_estimator
+from rig.experiments.lift_attempt import (
+    Attempt,
+    LiftTask,
+    TrialSettings,
+    attempt_lift,
+    new_measurement,
+    plan_lift,
+)
+from rig.lift.measurement import LiftMeasurement
+from rig.tactile.estimators import choose_estimator
 
 TASK = LiftTask(1, "t1", 2)
 
@@ -135,8 +142,8 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
 def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> None:
     """Frames of noise in place of the real ones leave nothing to answer."""
     from drivers.types import Frame
-    from rig.records.reading import show_again
-    from rig.result import lift_result
+    from rig.lift.result import lift_result
+    from rig.sessions.reading import show_again
 
     path = tmp_path / "lift.mcap"
     path.write_bytes(good.recording)

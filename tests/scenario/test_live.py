@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from rig.attempt import TrialSettings
 from rig.config import BenchConfig
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer, viewer_feed
-from rig.records.files import read_lines
-from rig.records.reading import recorded_values
-from rig.records.recorder import FUSED_TOPIC
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
+from rig.sessions.files import read_lines
+from rig.sessions.reading import recorded_values
+from rig.sessions.recorder import FUSED_TOPIC
+from rig.tactile.estimators import choose_estimator
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
 

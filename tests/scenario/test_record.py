@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from drivers.types import Frame
-from rig.capture import FRAMES_APART, PoseCapture
-from rig.records.files import read_lines
-from rig.tactile.contact import ContactFinder
+from rig.experiments.pose_capture import FRAMES_APART, PoseCapture
+from rig.sessions.files import read_lines
+from rig.tactile.contact.finder import ContactFinder
 
 COMMAND = [sys.executable, "-m", "rig", "record", "--object", "mug", "--poses", "3", "--images", "12"]
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceError
-from rig.attempt import TrialSettings
 from rig.config import BenchConfig, load_bench
-from rig.records.files import read_lines
-from rig.replay import run_replay
-from rig.tactile.estimator import choose_estimator
-from rig.trial import run_trial
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.replay import run_replay
+from rig.experiments.trial import run_trial
+from rig.sessions.files import read_lines
+from rig.tactile.estimators import choose_estimator
 
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, resume: bool = False, **bench: object) -> object:

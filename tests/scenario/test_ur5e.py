@@ -23,12 +23,12 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.types import ArmMode, Pose
-from drivers.ur5e import UR5e
-from drivers.ur_dashboard import Dashboard
-from fakes.arm import LIMITS, TOOL_LENGTH_M
+from drivers.ur5e.arm import UR5e
+from drivers.ur5e.dashboard import Dashboard
 from fakes.clock import SimulatedClock
-from fakes.wire.ur_controller import URController
-from fakes.world import Layout, World
+from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
+from fakes.wire.ur.controller import URController
+from fakes.world.world import Layout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time
@@ -169,7 +169,7 @@ def test_a_stop_during_the_preparation_of_a_motion_keeps_it_from_being_sent(
     def stop_meanwhile(*_: object) -> None:
         arm.stop()
 
-    monkeypatch.setattr("drivers.ur5e.check_joints", stop_meanwhile)
+    monkeypatch.setattr("drivers.ur5e.arm.check_joints", stop_meanwhile)
     with pytest.raises(DeviceError, match="not sent"):
         arm.move_linear(HOME.translated(z_m=-0.1), 0.1, 1.0)
     assert "3" not in controller.snapshot()["commands"]
@@ -335,8 +335,8 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
     code = (
         "import sys, time\n"
         "from drivers.types import Pose\n"
-        "from drivers.ur5e import UR5e\n"
-        "from fakes.arm import LIMITS\n"
+        "from drivers.ur5e.arm import UR5e\n"
+        "from fakes.devices.arm import LIMITS\n"
         "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 1.8, (0, 0, 0.08))\n"
         "arm.connect()\n"
         "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
@@ -400,6 +400,6 @@ def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
 def test_everything_but_the_arm_runs_without_its_library(
     monkeypatch: pytest.MonkeyPatch, controller: URController
 ) -> None:
-    monkeypatch.setattr("drivers.ur_link.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("drivers.ur5e.link.importlib.util.find_spec", lambda name: None)
     with pytest.raises(DeviceError, match="ur-rtde is not installed"):
         make_arm(controller.host).connect()

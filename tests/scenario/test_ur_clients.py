@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from drivers.types import Pose
 from fakes.clock import SimulatedClock
-from fakes.wire.ur_controller import URController
-from fakes.world import Layout, World
+from fakes.wire.ur.controller import URController
+from fakes.world.world import Layout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from rig.benchmark.fault_cases import CASES
-from rig.benchmark.faults import run_faults
-from rig.benchmark.wire import measure_wire
+from rig.benchmark.wire.fault_cases import CASES
+from rig.benchmark.wire.faults import run_faults
+from rig.benchmark.wire.lift import measure_wire
 from rig.config import BenchConfig
+from rig.experiments.replay import run_replay
 from rig.live.session import viewer_feed
-from rig.records.files import read_json, read_lines
-from rig.replay import run_replay
+from rig.sessions.files import read_json, read_lines
 
 SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
 """One fault of each kind of device; `rig benchmark faults` runs all of them."""
@@ -60,7 +60,7 @@ def test_without_the_arms_library_everything_else_runs() -> None:
     code = """if True:
         import sys
         sys.modules.update({"rtde_control": None, "rtde_receive": None})
-        from rig.bench_source import unconnected_bench
+        from rig.bench.source import unconnected_bench
         from rig.config import load_bench
         from rig.doctor.actuators import look_at_arm, look_at_gripper
         from rig.doctor.streams import look_at_streams

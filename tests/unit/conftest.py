@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.types import Frame
-from rig.metrics import summarize
-from rig.records.encoding import stored
-from rig.records.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.results.metrics import summarize
+from rig.sessions.images import stored
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
 
 Press = Callable[..., NDArray[np.uint8]]
 Drawn = Callable[..., Path]

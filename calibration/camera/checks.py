@@ -1,0 +1,67 @@
+"""Is a set of board views good enough: the reasons for and against, in words."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.camera.intrinsics import CameraFit, residual_likeness
+from calibration.camera.projection_sigma import projection_sigma_px
+from calibration.targets.views import Array, coverage
+from calibration.verdict import Judgement, floor, limit
+
+GOOD_VIEWS = 10
+
+
+def board_tilts_deg(result: CameraFit) -> Array:
+    """(V,): angle between each view's board normal and the optical axis."""
+    normals = Rotation.from_rotvec(result.fit.rotations).as_matrix()[:, :, 2]
+    return np.degrees(np.arctan2(np.hypot(normals[:, 0], normals[:, 1]), np.abs(normals[:, 2])))
+
+
+def tilt_spread_deg(result: CameraFit) -> float:
+    """The largest angle between two views' board normals."""
+    normals = Rotation.from_rotvec(result.fit.rotations).as_matrix()[:, :, 2]
+    sines = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=-1)
+    return float(np.degrees(np.arctan2(sines, np.abs(normals @ normals.T))).max())
+
+
+def judge_camera(result: CameraFit) -> Judgement:
+    """Judge a camera fit by tilt, focal uncertainty, coverage, count and held-out error."""
+    camera = result.fit.camera
+    covered = float((coverage(result.fit.views) > 0).mean())
+    focal = float(result.sigma[:2].max() / camera.matrix[0, 0])
+    sigma_px = projection_sigma_px(result)
+    tilts = _judge_tilts(tilt_spread_deg(result), float(board_tilts_deg(result).max()))
+    known = limit(
+        100 * focal, 0.5, 10.0, "the focal length is known to {value:.2g} % only: add tilted, nearer views"
+    )
+    seen = floor(
+        covered, 0.6, 0.0, "corners cover {value:.0%} of the picture; beyond them the lens is extrapolated"
+    )
+    enough = floor(len(result.fit.views), GOOD_VIEWS, 3, "{value} distinct views; ten to twenty are good")
+    mapped = limit(
+        float(sigma_px.max()), 0.5, np.inf, "projection is uncertain by up to {value:.2f} px in the picture"
+    )
+    unseen = limit(
+        result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
+        "views not fitted are missed {value:.1f} times as far as fitted ones: something moved, or too few",
+    )  # fmt: skip
+    noise = limit(
+        result.noise_px, 1.0, 5.0, "corners are found to {value:.2f} px only: is the board in focus?"
+    )
+    bent = limit(
+        residual_likeness(result.fit), 0.4, np.inf,
+        "errors of neighbouring corners are alike ({value:.2f}; noise: 0): focus moved, or board bent?",
+    )  # fmt: skip
+    return bent + tilts + known + unseen + mapped + seen + enough + noise
+
+
+def _judge_tilts(spread_deg: float, largest_deg: float) -> Judgement:
+    """Square-on views tell no focal length; views tilted all the same way tell it badly."""
+    hint = "tilt the board by 30 degrees each way"
+    if spread_deg < 10.0 and largest_deg < 15.0:
+        return Judgement(
+            refusals=(f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}",)
+        )
+    return floor(
+        spread_deg, 20.0, 0.0, "the board's tilt hardly changed ({value:.1f} degrees in all): " + hint
+    )

@@ -1,0 +1,73 @@
+"""Camera files: ROS `camera_info` written and read, OpenCV's YAML read."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.camera.model import Array, CameraModel
+from calibration.store import check_serials, load, read_yaml
+from drivers.errors import CalibrationError
+
+
+def camera_info(model: CameraModel, name: str) -> dict[str, Any]:
+    """The value of a camera file in ROS `camera_info` layout (image_proc, camera_calibration_parsers)."""
+    width, height = model.size
+    projection = np.column_stack([model.matrix, np.zeros(3)])
+    return {
+        "image_width": width, "image_height": height, "camera_name": name,
+        "camera_matrix": _matrix(model.matrix),
+        "distortion_model": "rational_polynomial" if len(model.distortion) == 8 else "plumb_bob",
+        "distortion_coefficients": _matrix(model.distortion.reshape(1, -1)),
+        "rectification_matrix": _matrix(np.eye(3)), "projection_matrix": _matrix(projection),
+    }  # fmt: skip
+
+
+def read_camera(path: Path, serial: str | None = None) -> CameraModel:
+    """Read a camera from our file, ROS `camera_info` or OpenCV YAML.
+
+    serial: of the camera at hand; a file of ours that names another, or that was refused when it
+    was made, is refused. Raises `CalibrationError`.
+    """
+    content = read_yaml(path)
+    if "calibration" in content:
+        load(path, "camera", None if serial is None else {"camera": serial})
+    elif serial is not None and content.get("camera_name") not in (None, serial):
+        check_serials(path, {"camera": str(content["camera_name"])}, {"camera": serial})
+    return camera_from(content, str(path))
+
+
+def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
+    """Make a camera of a file's content. Raises `CalibrationError` naming the key at fault."""
+    try:
+        size = int(content["image_width"]), int(content["image_height"])
+        matrix = _array(content["camera_matrix"]).reshape(3, 3)
+        distortion = _array(content["distortion_coefficients"]).reshape(-1)
+    except KeyError as error:
+        raise CalibrationError(f"{where}: has no {error}; neither camera_info nor OpenCV layout") from error
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f"{where}: a matrix is damaged ({error})") from error
+    kind = content.get("distortion_model", "plumb_bob")
+    if kind not in ("plumb_bob", "rational_polynomial") or len(distortion) > 8:
+        raise CalibrationError(f"{where}: lens model {kind!r} with {len(distortion)} terms is not known here")
+    _check(size, matrix, distortion, where)
+    return CameraModel(
+        size, matrix, np.pad(distortion, (0, (5 if len(distortion) <= 5 else 8) - len(distortion)))
+    )
+
+
+def _check(size: tuple[int, int], matrix: Array, distortion: Array, where: str) -> None:
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        raise CalibrationError(f"{where}: holds numbers that are not finite")
+    if min(size) < 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
+        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} make no camera")
+
+
+def _matrix(values: Array) -> dict[str, Any]:
+    rows, columns = values.shape
+    return {"rows": rows, "cols": columns, "data": [float(v) for v in values.ravel()]}
+
+
+def _array(node: Any) -> Array:
+    return np.asarray(node["data"], np.float64)

@@ -1,0 +1,89 @@
+"""A camera: pinhole with OpenCV's distortion, projecting points and rays."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.markers.planar import Intrinsics
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, slots=True)
+class LensModel:
+    """A choice of lens terms: which of fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 are free.
+
+    `flags` are OpenCV's, `free` the columns of `cv2.projectPoints`' Jacobian behind the pose.
+    """
+
+    name: str
+    flags: int
+    free: tuple[int, ...]
+
+
+def _model(name: str, flags: int, *distortion: int) -> LensModel:
+    return LensModel(name, flags, (0, 1, 2, 3, *(4 + d for d in distortion)))
+
+
+_NO_TANGENT = cv2.CALIB_ZERO_TANGENT_DIST
+LENS_MODELS = (
+    _model("pinhole", _NO_TANGENT | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3),
+    _model("radial1", _NO_TANGENT | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3, 0),
+    _model("radial2", _NO_TANGENT | cv2.CALIB_FIX_K3, 0, 1),
+    _model("plumb_bob4", cv2.CALIB_FIX_K3, 0, 1, 2, 3),
+    _model("plumb_bob", 0, 0, 1, 2, 3, 4),
+    _model("rational", cv2.CALIB_RATIONAL_MODEL, 0, 1, 2, 3, 4, 5, 6, 7),
+)
+"""From poor to rich; `plumb_bob` and `rational` are ROS' names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraModel:
+    """size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order.
+
+    Pixel centres are whole numbers (OpenCV's convention).
+    """
+
+    size: tuple[int, int]
+    matrix: Array
+    distortion: Array
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The same camera as the marker measurements take it."""
+        return Intrinsics(self.matrix, self.distortion)
+
+    def project(self, points: Array) -> Array:
+        """Project (N, 3) points in camera axes to (N, 2) px."""
+        return self.project_from(points, np.zeros(3), np.zeros(3))[0]
+
+    def project_from(self, points: Array, turn: Array, move: Array) -> tuple[Array, Array]:
+        """Project (N, 3) points of a body at a pose: (N, 2) px, and their Jacobian (2 N, 18).
+
+        turn: rotation vector, rad; move: m. Columns: turn, move, then fx, fy, cx, cy and the eight
+        distortion terms; those the camera does not have are zero.
+        """
+        seen, jacobian = cv2.projectPoints(points, turn, move, self.matrix, self.distortion)
+        missing = max(0, 18 - jacobian.shape[1])
+        padded = np.pad(np.asarray(jacobian[:, :18], np.float64), ((0, 0), (0, missing)))
+        return np.asarray(seen, np.float64).reshape(-1, 2), padded
+
+    def rays(self, points_px: Array) -> Array:
+        """Unit vectors (N, 3) towards (N, 2) px, camera axes."""
+        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
+        flat = np.ascontiguousarray(points_px, np.float64).reshape(-1, 1, 2)
+        undistort = getattr(cv2, "undistortPointsIter", None)
+        if undistort is None:
+            ideal = cv2.undistortPoints(flat, self.matrix, self.distortion)
+        else:
+            ideal = undistort(flat, self.matrix, self.distortion, np.eye(3), np.eye(3), stop)
+        rays = np.column_stack([ideal.reshape(-1, 2), np.ones(len(flat))])
+        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    def grid_px(self, columns: int = 16, rows: int = 12) -> Array:
+        """(rows * columns, 2) px: evenly spread over the picture, its border included."""
+        width, height = self.size
+        x, y = np.meshgrid(np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows))
+        return np.column_stack([x.ravel(), y.ravel()])

@@ -1,0 +1,186 @@
+"""Two ArUco markers followed from picture to picture: searched near where they were.
+
+A search of the whole picture costs several times a search around the last pose, and can meet
+copies of a marker elsewhere; it is made only to find the markers (again).
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.targets.aruco import (
+    Corners,
+    Refusal,
+    detect_all,
+    detector,
+    refine,
+    region_detector,
+    side_lengths,
+)
+from drivers.errors import InputError
+from drivers.types import Image
+
+SMALLEST_SIDE_PX = 16.0
+FORGET_AFTER_FRAMES = 10
+_REGION_MARGIN = 0.35
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerCorners:
+    """Both markers in one picture.
+
+    corners_px: (2, 4, 2) float64, in the order of the tracker's ids, each clockwise from the
+    marker's own top left; pixel centres are whole numbers (OpenCV). full_search: whether the
+    whole picture had to be searched.
+    """
+
+    corners_px: Corners
+    full_search: bool
+
+    @property
+    def side_px(self) -> float:
+        """Mean length of the eight sides."""
+        return float(side_lengths(self.corners_px).mean())
+
+
+@dataclass(slots=True)
+class SearchCounts:
+    """What a tracker has done so far; `misses` counts refused pictures by reason."""
+
+    full_searches: int = 0
+    region_searches: int = 0
+    misses: Counter[Refusal] = field(default_factory=Counter)
+
+
+class MarkerTracker:
+    """Follows two markers of one dictionary through the pictures of one camera.
+
+    ids: the two marker ids, in the order of the answer. dictionary: OpenCV's name, as
+    "DICT_4X4_50". search_everywhere: search every whole picture (slow). The same pictures in the
+    same order give the same numbers, bit for bit. Raises `InputError` for equal ids or an unknown dictionary.
+    """
+
+    def __init__(
+        self, ids: tuple[int, int], dictionary: str = "DICT_4X4_50", search_everywhere: bool = False
+    ) -> None:
+        if ids[0] == ids[1]:
+            raise InputError(f"markers: two different ids are needed, got {ids}")
+        self._ids = ids
+        self._everywhere = search_everywhere
+        self._full = detector(dictionary)
+        self._near = region_detector(dictionary)
+        self.counts = SearchCounts()
+        self.refusal: Refusal | None = None
+        self._size: tuple[int, ...] | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Search the whole next picture, as after a pause."""
+        self._last: Corners | None = None
+        self._motion = np.zeros((2, 4, 2))
+        self._missed = 0
+
+    def detect(self, gray: Image) -> MarkerCorners | None:
+        """Find both markers, or return None with the reason in `refusal`.
+
+        gray: (H, W) uint8. Raises `InputError` for another shape or type, and when the size
+        changes between pictures.
+        """
+        self._check(gray)
+        found, full = self._search(gray)
+        if not isinstance(found, Refusal):
+            found = refine(gray, found)
+        if isinstance(found, Refusal):
+            self._miss(found)
+            return None
+        self._follow(found)
+        return MarkerCorners(found, full)
+
+    def _check(self, gray: Image) -> None:
+        if gray.ndim != 2 or gray.dtype != np.uint8:
+            raise InputError(f"markers: a (H, W) uint8 picture is needed, got {gray.shape} {gray.dtype}")
+        if self._size is not None and gray.shape != self._size:
+            raise InputError(f"markers: picture size changed from {self._size} to {gray.shape}; start again")
+        self._size = gray.shape
+
+    def _search(self, gray: Image) -> tuple[Corners | Refusal, bool]:
+        expected = None if self._last is None else self._last + self._motion
+        if expected is not None and not self._everywhere:
+            self.counts.region_searches += 1
+            found = self._search_regions(gray, expected)
+            if not isinstance(found, Refusal):
+                return found, False
+        self.counts.full_searches += 1
+        return self._search_picture(gray, expected), True
+
+    def _search_regions(self, gray: Image, expected: Corners) -> Corners | Refusal:
+        quads = []
+        for marker_id, place, motion in zip(self._ids, expected, self._motion, strict=True):
+            margin = _REGION_MARGIN * side_lengths(place).mean() + np.abs(motion).max()
+            window = _window(place, float(margin), gray.shape)
+            if window is None:
+                return Refusal.NOT_FOUND
+            seen = detect_all(self._near, gray[window]).get(marker_id, [])
+            offset = (window[1].start, window[0].start)
+            quads.append(_chosen([quad + offset for quad in seen], place))
+        return _paired(quads)
+
+    def _search_picture(self, gray: Image, expected: Corners | None) -> Corners | Refusal:
+        places = (None, None) if expected is None else expected
+        seen = detect_all(self._full, gray)
+        found = _paired([_chosen(seen.get(i, []), place) for i, place in zip(self._ids, places, strict=True)])
+        if isinstance(found, Refusal) or expected is None:
+            return found
+        moved = np.linalg.norm(found - expected, axis=-1).max()
+        return Refusal.JUMP if moved > side_lengths(expected).mean() * (1 + self._missed) else found
+
+    def _miss(self, reason: Refusal) -> None:
+        self.refusal = reason
+        self.counts.misses[reason] += 1
+        self._missed += 1
+        self._motion[...] = 0.0
+        if self._missed >= FORGET_AFTER_FRAMES:
+            self.forget()
+
+    def _follow(self, corners: Corners) -> None:
+        if self._last is not None and self._missed == 0:
+            limit = 0.5 * side_lengths(corners).mean()
+            self._motion = np.clip(corners - self._last, -limit, limit)
+        self._last, self._missed, self.refusal = corners, 0, None
+
+
+def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
+    """The one quad, or the one clearly nearest to where it is expected."""
+    if not quads:
+        return Refusal.NOT_FOUND
+    if len(quads) == 1:
+        return quads[0]
+    if place is None:
+        return Refusal.DUPLICATE
+    near, far = sorted(float(np.linalg.norm(quad - place)) for quad in quads)[:2]
+    if near > 0.5 * far:
+        return Refusal.DUPLICATE
+    return min(quads, key=lambda quad: float(np.linalg.norm(quad - place)))
+
+
+def _paired(quads: list[Corners | Refusal]) -> Corners | Refusal:
+    """Both markers as one array, if both are there and alike."""
+    reasons = [quad for quad in quads if isinstance(quad, Refusal)]
+    if Refusal.DUPLICATE in reasons:
+        return Refusal.DUPLICATE
+    if reasons:
+        return Refusal.NOT_FOUND if len(reasons) == 2 else Refusal.ONE_HIDDEN
+    corners = np.array(quads)
+    first, second = side_lengths(corners).mean(axis=1)
+    if min(first, second) < SMALLEST_SIDE_PX:
+        return Refusal.TOO_SMALL
+    return corners if 0.6 < first / second < 1.6 else Refusal.UNEQUAL
+
+
+def _window(quad: Corners, margin_px: float, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
+    low = np.maximum(np.floor(quad.min(axis=0) - margin_px).astype(int), 0)
+    high = np.minimum(np.ceil(quad.max(axis=0) + margin_px).astype(int) + 1, (shape[1], shape[0]))
+    if (high - low < SMALLEST_SIDE_PX).any():
+        return None
+    return np.s_[low[1] : high[1], low[0] : high[0]]

@@ -1,0 +1,1 @@
+"""What cameras look at: ArUco markers, boards, printed sheets, and finding them in a picture."""

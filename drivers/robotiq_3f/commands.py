@@ -1,0 +1,140 @@
+"""What a Robotiq 3-Finger status means and which command a motion is: pure functions, no I/O."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from drivers.clock import seconds
+from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError, OutOfLimitsError
+from drivers.robotiq_3f.registers import (
+    AXES,
+    FINGERS,
+    REFRESH_S,
+    AxisRequest,
+    AxisState,
+    Command,
+    Fault,
+    GraspMode,
+    MotionStatus,
+    Stage,
+    Status,
+    fault_text,
+    force_counts,
+    speed_counts,
+)
+from drivers.types import GripperLimits
+
+ECHO_TIMEOUT_S = 0.8
+"""How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
+NOT_ACTIVE = (Fault.ACTIVATION_NEEDED, Fault.NOT_ACTIVATED)
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """Which fingers grasp, how far they go, and the speed and force (rSP, rFR) they go with."""
+
+    fingers: tuple[str, ...]
+    limits: GripperLimits
+    effort: AxisRequest
+
+    @classmethod
+    def of(cls, fingers: Sequence[str], limits: GripperLimits, speed_m_s: float, force_n: float) -> "Hand":
+        """Check and build. Raises `InputError` and `OutOfLimitsError`."""
+        if len(fingers) < 2 or len(set(fingers)) < len(fingers) or not set(fingers) <= set(FINGERS):
+            raise InputError(f"gripper: fingers {list(fingers)}: name two or three of A, B and C")
+        if not 0 <= limits.min_counts < limits.max_counts <= 255:
+            raise InputError(
+                f"gripper: limits {limits.min_counts} to {limits.max_counts}: not within 0 to 255"
+            )
+        return cls(tuple(fingers), limits, AxisRequest(0, speed_counts(speed_m_s), force_counts(force_n)))
+
+    def grasping(self, status: Status) -> list[AxisState]:
+        """The axes that grasp: the fingers, or the scissor axis in its own mode."""
+        names = ("S",) if status.mode is GraspMode.SCISSOR else self.fingers
+        return [status.axis(name) for name in names]
+
+    def standing(self, status: Status) -> dict[str, int]:
+        """Positions of the fingers that do not grasp."""
+        return {name: status.axis(name).position for name in FINGERS if name not in self.fingers}
+
+    def motion(self, position_counts: int, mode: GraspMode, parked: Mapping[str, int]) -> Command:
+        """Return the command for a motion; `parked` fingers are told to stay at their counts.
+
+        Where all fingers move alike, or the scissor grasps, A's request is for the whole hand
+        (manual, POSITION REQUEST). Raises `OutOfLimitsError`.
+        """
+        low, high = self.limits.min_counts, self.limits.max_counts
+        if not (low <= position_counts <= high and position_counts == int(position_counts)):
+            raise OutOfLimitsError(f"gripper: position {position_counts} is outside {low} to {high} counts")
+        asked = replace(self.effort, position=int(position_counts))
+        command = Command(activate=True, mode=mode, go_to=True)
+        if mode is GraspMode.SCISSOR or len(self.fingers) == len(FINGERS):
+            return replace(command, axes=(asked, *command.axes[1:]))
+        fingers = [replace(asked, position=parked[n]) if n in parked else asked for n in FINGERS]
+        return replace(command, individual_fingers=True, axes=(*fingers, AxisRequest()))
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A motion command, and the time (ns) of its acknowledgement, None before it."""
+
+    command: Command
+    time_ns: int | None
+
+    def awaited(self, status: Status, time_ns: int, name: str) -> bool:
+        """Whether a status asked for at `time_ns` does not show the command yet.
+
+        Raises `DeviceTimeoutError` when the gripper `name` never took it up.
+        """
+        if self.time_ns is None:
+            return True
+        if time_ns >= self.time_ns + seconds(REFRESH_S) and echoes(status, self.command):
+            return False
+        if time_ns > self.time_ns + seconds(ECHO_TIMEOUT_S):
+            raise DeviceTimeoutError(
+                f"{name}: acknowledged a motion but did not take it up within {ECHO_TIMEOUT_S} s; "
+                "check the preset (rtu, tcp, tcp-2014), then activate again"
+            )
+        return True
+
+
+def under_way(status: Status) -> bool:
+    """Whether the gripper moves: activating, changing mode, or going to a request."""
+    if status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
+        return True
+    return status.go_to and status.motion is MotionStatus.MOVING
+
+
+def echoes(status: Status, command: Command) -> bool:
+    """Whether a status belongs to a motion command: gGTO, and gPR of each finger asked for."""
+    asked = FINGERS if command.individual_fingers else FINGERS[:1]
+    return status.go_to and all(
+        status.axis(name).requested == command.axes[AXES.index(name)].position for name in asked
+    )
+
+
+def require_sound(status: Status, name: str, was_ready: bool) -> None:
+    """Raise `GripperFaultError` for a fault code, and for an activation that got lost (code 5).
+
+    A gripper that was never activated says 5 or 7 when asked to move; that is its state, no
+    fault. name: of the gripper, for the message.
+    """
+    unasked = status.fault in NOT_ACTIVE and not status.ready and not was_ready
+    if status.fault and not unasked:
+        raise GripperFaultError(f"{name}: {fault_text(status.fault)}", status.fault)
+    if was_ready and not status.ready and status.stage is not Stage.CHANGING_MODE:
+        raise GripperFaultError(
+            f"{name}: lost its activation (power cut or reset); see that the object is safe, "
+            "then activate again",
+            Fault.ACTIVATION_NEEDED,
+        )
+
+
+def require_ready(status: Status, name: str) -> None:
+    """Raise `GripperFaultError` unless motions may be asked for (5: not activated, 6: mode change)."""
+    if status.stage is Stage.CHANGING_MODE:
+        raise GripperFaultError(f"{name}: {fault_text(Fault.MODE_CHANGE_PENDING)}", Fault.MODE_CHANGE_PENDING)
+    if not status.ready:
+        raise GripperFaultError(
+            f"{name}: not activated; ask for activation first (the fingers will sweep their range)",
+            Fault.ACTIVATION_NEEDED,
+        )

@@ -1,0 +1,246 @@
+"""The Robotiq 3-Finger gripper over Modbus TCP or RTU.
+
+Two of its three fingers grasp, each told its own position (individual control, rICF); the third
+is told to stay where it stands. Light grips are made of one-count steps of `move_to` with the
+tactile image as the stop (`protocols/steps.py`): rFR = 0 already pushes with 15 N, and one
+count is about 0.6 mm of opening if the stroke is 155 mm.
+
+A finger that met an object at the force limit stays there until it is sent the other way, the
+force is raised, or rGTO is cleared and set again (manual, OBJECT STATUS): sending it further
+the same way ends at once, at the contact. The driver clears rGTO in `stop` only; doing so
+often wears the gripper out, says the manual.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, NotConnectedError
+from drivers.interfaces import Gripper
+from drivers.robotiq_3f.commands import ECHO_TIMEOUT_S, Hand, Sent, require_ready, require_sound, under_way
+from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
+from drivers.robotiq_3f.motion import GripperMotion
+from drivers.robotiq_3f.poller import GripperLine, Sample
+from drivers.robotiq_3f.registers import Command, GraspMode, Stage, Status, pack_command
+from drivers.types import GripperLimits, GripperState
+
+__all__ = ["NOMINAL_LIMITS", "GraspMode", "GripperMotion", "Robotiq3F", "rtu_link", "tcp_link"]
+
+NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=0.155 / 249)
+"""Bare fingers; 6 is what an open finger reads (manual, status example after opening)."""
+ACTIVATION = "activation"
+RESET_TIMEOUT_S = 2.0
+ACTIVATION_TIMEOUT_S = 30.0
+"""The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D."""
+MODE_CHANGE_TIMEOUT_S = 25.0
+"""Interference ends in fault 0x0E after 20 s (manual, FAULT STATUS)."""
+
+
+class Robotiq3F(Gripper):
+    """Drives a gripper over a `tcp_link` or `rtu_link`; usable from several threads.
+
+    fingers: those that grasp, two or three of A, B, C. limits: counts and opening of this unit.
+    speed_m_s, force_n: rSP and rFR of every motion (0.022 to 0.110 m/s, 15 to 60 N).
+    Raises `InputError` and `OutOfLimitsError` for what the gripper cannot be told.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        fingers: Sequence[str] = ("B", "C"),
+        limits: GripperLimits = NOMINAL_LIMITS,
+        clock: Clock | None = None,
+        speed_m_s: float = 0.06,
+        force_n: float = 15.0,
+    ) -> None:
+        self._link = link
+        self._hand = Hand.of(fingers, limits, speed_m_s, force_n)
+        self._clock = clock or SystemClock()
+        self._line: GripperLine | None = None
+        self._lock = threading.Lock()
+        self._sequence = ""
+        """The activation or mode change in progress, if any."""
+        self._stopped = False
+        self._forget()
+
+    def _forget(self) -> None:
+        self._sent: Sent | None = None
+        self._parked: dict[str, int] | None = None
+        self._was_ready = False
+
+    @property
+    def limits(self) -> GripperLimits:
+        """Range of the fingers."""
+        return self._hand.limits
+
+    def connect(self) -> None:
+        """Reach the gripper without moving it; anew if it was connected. Raises `DeviceError`."""
+        self.disconnect()
+        line = GripperLine(self._link, self._clock)
+        line.open()
+        self._line = line
+
+    def disconnect(self) -> None:
+        """Stop the fingers if they are on their way, and let go. Never raises."""
+        line = self._line
+        if line is None:
+            return
+        with suppress(DeviceError):  # where nobody hears us the fingers end where they were sent
+            # a motion may have been sent that the status does not show yet
+            if self._sent is not None or under_way(line.sample().status):
+                self.stop()
+        self._line = None
+        self._forget()
+        line.close()
+
+    def activate(self) -> None:
+        """Reset the gripper and activate it: the fingers sweep their range, for several seconds.
+
+        Ends in basic mode, without faults. Raises `GripperFaultError` (0x0D: something was in
+        the way), `DeviceTimeoutError`, and `DeviceError` when `stop` ended it.
+        """
+        with self._as_sequence(ACTIVATION):
+            self._forget()
+            self._send(Command())
+            self._watch("the reset", lambda s: not s.activated and s.stage is Stage.RESET, RESET_TIMEOUT_S)
+            self._send(Command(activate=True))
+            self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
+            self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
+
+    def set_mode(self, mode: GraspMode) -> None:
+        """Turn the scissor axis to a grasping mode: fingers B and C move, so only on request.
+
+        Raises `GripperFaultError` (0x0E: something was in the way) and `DeviceTimeoutError`.
+        """
+        with self._as_sequence("mode change"):
+            require_ready(self._status(), self._link.name)
+            self._send(Command(activate=True, mode=mode))
+            self._watch("the mode", lambda s: self._sound(s).ready and s.mode is mode, MODE_CHANGE_TIMEOUT_S)
+
+    def state(self) -> GripperState:
+        """Newest state, from the last 10 ms while the line is good.
+
+        `position_counts` is the mean of the grasping fingers. `moving` is also true while the
+        gripper has not shown yet that it took up a motion: until it echoes the request its
+        status still tells of the motion before. Raises `GripperFaultError` for a fault code
+        and for an activation that got lost (5), `DeviceTimeoutError` when the line or the echo
+        stays silent.
+        """
+        sample = self._connected().sample()
+        status = self._sound(sample.status)
+        grasping = self._hand.grasping(status)
+        return GripperState(
+            time_ns=sample.time_ns,
+            activated=status.ready or status.stage is Stage.CHANGING_MODE,
+            moving=self._awaits_echo(sample) or under_way(status),
+            position_counts=round(sum(axis.position for axis in grasping) / len(grasping)),
+            current_counts=max(axis.current for axis in grasping),
+            fault_code=status.fault,
+        )
+
+    def move_to(self, position_counts: int) -> GripperMotion:
+        """Start moving the grasping fingers and return at once.
+
+        Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
+        `OutOfLimitsError` before anything is sent.
+        """
+        status = self._status()
+        require_ready(status, self._link.name)
+        parked = self._parked = self._parked or self._hand.standing(status)
+        self._send(self._hand.motion(position_counts, status.mode, parked))
+        return GripperMotion(self._clock, lambda: self.state().moving, self.stop)
+
+    def stop(self) -> None:
+        """Hold the fingers where they are; ends an activation or a mode change by a reset.
+
+        Returns when the gripper shows that it has stopped. Raises `DeviceError` when it cannot
+        be reached: nobody has stopped it then.
+        """
+        with self._lock:  # from here on the sequence in progress sends nothing any more
+            self._stopped = True
+        status = self._connected().sample().status
+        if self._sequence or status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
+            self._was_ready = False
+            self._write(Command())
+        elif status.activated:
+            self._write(Command(activate=True, mode=status.mode))
+        self._connected().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
+
+    def identity(self) -> dict[str, str]:
+        """What is known of the unit; its registers hold no serial number and no version."""
+        return {"model": "Robotiq 3-Finger", "address": self._link.name}
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Durations of the last answered requests, s; at most 1000."""
+        return self._connected().round_trips_s()
+
+    def counters(self) -> dict[str, int]:
+        """Requests that failed since `connect`, retried ones included."""
+        return {"failed_requests": self._connected().failures()}
+
+    def _connected(self) -> GripperLine:
+        line = self._line
+        if line is None:
+            raise NotConnectedError(f"{self._link.name}: used before connect; connect the bench first")
+        return line
+
+    def _status(self) -> Status:
+        return self._sound(self._connected().sample().status)
+
+    def _sound(self, status: Status) -> Status:
+        require_sound(status, self._link.name, self._was_ready)
+        self._was_ready = self._sequence != ACTIVATION and (self._was_ready or status.ready)
+        return status
+
+    @contextmanager
+    def _as_sequence(self, name: str) -> Iterator[None]:
+        """Name what goes on, so that `stop` ends it whatever the status shows at that moment."""
+        self._stopped, self._sequence = False, name
+        try:
+            yield
+        finally:
+            self._sequence = ""
+
+    def _send(self, command: Command) -> None:
+        with self._lock:
+            self._require_unstopped()
+            self._write(command)
+
+    def _require_unstopped(self) -> None:
+        if self._sequence and self._stopped:
+            raise DeviceError(f"{self._link.name}: the {self._sequence} was ended by a stop")
+
+    def _write(self, command: Command) -> None:
+        self._sent = Sent(command, None) if command.go_to else None
+        try:
+            self._connected().send(pack_command(command))
+        except DeviceError:
+            self._sent = None
+            raise
+        if command.go_to:
+            self._sent = Sent(command, self._clock.now_ns())
+
+    def _still_activating(self, status: Status) -> bool:
+        if not status.activated:
+            raise DeviceError(f"{self._link.name}: the activation was ended by a reset from elsewhere")
+        return self._sound(status).ready
+
+    def _awaits_echo(self, sample: Sample) -> bool:
+        """Whether the last motion is still to show in the status; raises when it never does."""
+        sent = self._sent
+        if sent is None:
+            return False
+        if sent.awaited(sample.status, sample.time_ns, self._link.name):
+            return True
+        self._sent = None if self._sent is sent else self._sent
+        return False
+
+    def _watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
+        """Wait for a step of a sequence; raises when `stop` has ended it."""
+
+        def reached_unstopped(status: Status) -> bool:
+            self._require_unstopped()
+            return reached(status)
+
+        self._connected().watch(what, reached_unstopped, timeout_s)

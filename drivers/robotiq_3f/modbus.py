@@ -1,0 +1,204 @@
+"""Single Modbus requests to a Robotiq 3-Finger gripper: where it is, how it is asked, what may come back.
+
+pymodbus sits behind this module alone. Whatever it raises or returns for silence, a cut line,
+an exception reply or garbage becomes one `DeviceError` within two attempts.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError
+from drivers.robotiq_3f.registers import REGISTERS
+
+if TYPE_CHECKING:
+    from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+    from pymodbus.pdu import ModbusPDU
+
+    ModbusClient = ModbusTcpClient | ModbusSerialClient
+
+TCP_TIMEOUT_S, RTU_TIMEOUT_S = 0.3, 0.2
+"""Wait for one reply, which takes some milliseconds; two of them, and on RTU the settling time
+between, stay under the second in which a dead line has to be known."""
+# Our errors say what failed; without a handler pymodbus would say it again on stderr.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+
+READ_HOLDING, READ_INPUT, WRITE_MULTIPLE = 3, 4, 16
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """Addresses of one edition of the manual.
+
+    `command` and `status` are first registers; `read` is the function that reads the status.
+    """
+
+    command: int
+    status: int
+    unit: int
+    read: int
+
+
+PRESETS = {
+    "rtu": Preset(0x03E8, 0x07D0, unit=9, read=READ_HOLDING),
+    "tcp": Preset(0x0000, 0x0000, unit=2, read=READ_INPUT),
+    "tcp-2014": Preset(0x03E8, 0x07D0, unit=2, read=READ_INPUT),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Where a gripper is reached; `name` is for messages.
+
+    `settle_s` is how long a line is left alone after a failure. RTU replies do not say which
+    request they answer: a late one must have come and gone before the next request.
+    """
+
+    name: str
+    preset: Preset
+    make_client: Callable[[], "ModbusClient"]
+    settle_s: float = 0.0
+
+
+def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
+    """Reach a gripper over Modbus TCP; preset "tcp" (2018 manual) or "tcp-2014".
+
+    Which one a unit uses is not written on it: when the status cannot be read with one, try
+    the other. Raises `InputError` for an unknown preset.
+    """
+
+    def make_client() -> "ModbusClient":
+        from pymodbus.client import ModbusTcpClient
+
+        return ModbusTcpClient(host, port=port, timeout=TCP_TIMEOUT_S, retries=0)
+
+    return Link(f"gripper at {host}:{port}", _preset(preset), make_client)
+
+
+def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
+    """Reach a gripper over Modbus RTU, 8N1, on a serial device. Raises `InputError`."""
+
+    def make_client() -> "ModbusClient":
+        from pymodbus.client import ModbusSerialClient
+
+        return ModbusSerialClient(device, baudrate=baudrate, timeout=RTU_TIMEOUT_S, retries=0)
+
+    return Link(f"gripper on {device}", _preset(preset), make_client, settle_s=RTU_TIMEOUT_S)
+
+
+class Requests:
+    """Reads the status and writes commands over one link. For one thread only.
+
+    After any failure the line is closed and opened anew: a late or broken reply then cannot be
+    taken for the next one.
+    """
+
+    def __init__(self, link: Link, clock: Clock) -> None:
+        self._link = link
+        self._clock = clock
+        self._client: ModbusClient | None = None
+        self._failed_ns: int | None = None
+        self.failures = 0
+        self.round_trips_s: deque[float] = deque(maxlen=1000)
+
+    def read_status(self) -> Sequence[int]:
+        """Return the 8 status registers. Raises `DeviceError`."""
+        preset = self._link.preset
+        reply = self._retried(lambda client: _read(client, preset), preset.read)
+        registers: list[int] = getattr(reply, "registers", [])
+        if len(registers) != REGISTERS:
+            self._fail()
+            raise DeviceError(
+                f"{self._link.name}: {len(registers)} status registers came back instead of {REGISTERS}; "
+                "check that nobody else uses the line"
+            )
+        return registers
+
+    def write_command(self, registers: Sequence[int]) -> None:
+        """Write the 8 command registers. Raises `DeviceError`; the gripper may have got them then."""
+        preset = self._link.preset
+        values = list(registers)
+        self._retried(
+            lambda client: client.write_registers(preset.command, values, device_id=preset.unit),
+            WRITE_MULTIPLE,
+        )
+
+    def close(self) -> None:
+        """Let go of the line. Safe to call twice."""
+        client, self._client = self._client, None
+        if client is not None:
+            with suppress(OSError):
+                client.close()
+
+    def _retried(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
+        """Ask twice; only once on a line that was dead just before, so that nobody waits long."""
+        if self._failed_ns is None:
+            with suppress(DeviceError):
+                return self._once(ask, function)
+        return self._once(ask, function)
+
+    def _once(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
+        if self._failed_ns is not None:
+            self._clock.sleep_until(self._failed_ns + seconds(self._link.settle_s))
+        try:
+            reply = self._reply(ask)
+            self._check(reply, function)
+        except DeviceError:
+            self._fail()
+            raise
+        self._failed_ns = None
+        return reply
+
+    def _reply(self, ask: "Callable[[ModbusClient], ModbusPDU]") -> "ModbusPDU":
+        from pymodbus.exceptions import ModbusIOException
+
+        name = self._link.name
+        try:
+            self._client = self._client or self._link.make_client()
+            if not self._client.connect():
+                raise DeviceError(f"{name}: cannot be opened; check power, cable and address")
+            started = self._clock.now_ns()
+            reply = ask(self._client)
+            self.round_trips_s.append((self._clock.now_ns() - started) / NS_PER_S)
+        except DeviceError:
+            raise
+        except ModbusIOException as error:
+            raise DeviceTimeoutError(
+                f"{name}: no readable reply in time; check power, cable, unit and preset"
+            ) from error
+        except Exception as error:  # garbage makes pymodbus's decoders raise almost anything
+            raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
+        return reply
+
+    def _check(self, reply: "ModbusPDU", function: int) -> None:
+        if reply.isError():
+            code = getattr(reply, "exception_code", "?")
+            raise DeviceError(
+                f"{self._link.name}: refused the request with Modbus exception {code}; "
+                "check preset (rtu, tcp, tcp-2014) and unit"
+            )
+        if reply.function_code != function:
+            raise DeviceError(
+                f"{self._link.name}: a reply to function {reply.function_code} came, {function} was asked; "
+                "check that nobody else uses the line"
+            )
+
+    def _fail(self) -> None:
+        self.failures += 1
+        self._failed_ns = self._clock.now_ns()
+        self.close()
+
+
+def _preset(name: str) -> Preset:
+    if name not in PRESETS:
+        raise InputError(f"gripper: no preset '{name}': use one of {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def _read(client: "ModbusClient", preset: Preset) -> "ModbusPDU":
+    read = client.read_holding_registers if preset.read == READ_HOLDING else client.read_input_registers
+    return read(preset.status, count=REGISTERS, device_id=preset.unit)

@@ -1,0 +1,149 @@
+"""The thread that owns a gripper's Modbus line: polls the status, carries out commands.
+
+A pymodbus client must not be shared between threads. Everyone else reads the newest status or
+queues a command; nobody waits longer than `ANSWER_S`, however the line fails.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass
+
+from drivers.clock import Clock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
+from drivers.robotiq_3f.modbus import Link, Requests
+from drivers.robotiq_3f.registers import REFRESH_S, Status, unpack_status
+
+POLL_S = 0.01
+"""Pause between status reads, and between looks at them."""
+RETRY_S = 0.1
+"""Pause between attempts on a dead line."""
+ANSWER_S = 0.9
+"""Longest wait of any caller: under it, a request fails twice however it fails."""
+
+Registers = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A status and the time it was asked for, ns: whatever delayed its reply, it is not older than that."""
+
+    time_ns: int
+    status: Status
+
+
+class GripperLine:
+    """One connection: usable from `open` to `close`, by any thread, and then done with."""
+
+    def __init__(self, link: Link, clock: Clock) -> None:
+        self._name = link.name
+        self._clock = clock
+        self._requests = Requests(link, clock)
+        self._jobs: queue.Queue[tuple[Registers, Future[None]]] = queue.Queue()
+        self._news = threading.Condition()
+        self._newest: Sample | None = None
+        self._error: DeviceError | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
+
+    def open(self) -> Sample:
+        """Open the line and return a first status. Raises `DeviceError`, with the line let go."""
+        self._thread.start()
+        try:
+            return self.sample()
+        except DeviceError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of the line, within `ANSWER_S` also when it is dead."""
+        self._closing.set()
+        self._thread.join(ANSWER_S)
+
+    def send(self, registers: Registers) -> None:
+        """Write a command image. Raises `DeviceError`; what was not sent in time never is."""
+        self._require_open()
+        done: Future[None] = Future()
+        self._jobs.put((registers, done))
+        try:
+            done.result(ANSWER_S)
+        except (TimeoutError, CancelledError):
+            done.cancel()
+            raise DeviceTimeoutError(
+                f"{self._name}: command not acknowledged within {ANSWER_S} s; check power and cable"
+            ) from None
+
+    def sample(self) -> Sample:
+        """Newest status; waits for the first one. Raises `DeviceError`, also when it is too old."""
+        self._require_open()
+        with self._news:
+            self._news.wait_for(lambda: self._error is not None or self._newest is not None, ANSWER_S)
+            if self._error is not None:
+                raise type(self._error)(*self._error.args) from self._error
+            if self._newest is None or self._clock.now_ns() > self._newest.time_ns + seconds(ANSWER_S):
+                raise DeviceTimeoutError(f"{self._name}: no status for {ANSWER_S} s; check power and cable")
+            return self._newest
+
+    def watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
+        """Wait until a status is `reached`, at the earliest one register refresh from now.
+
+        what: names it in the `DeviceTimeoutError` raised after `timeout_s`.
+        """
+        start = self._clock.now_ns()
+        while True:
+            sample = self.sample()
+            if sample.time_ns >= start + seconds(REFRESH_S) and reached(sample.status):
+                return
+            if self._clock.now_ns() > start + seconds(timeout_s):
+                raise DeviceTimeoutError(
+                    f"{self._name}: {what} not reached within {timeout_s} s; "
+                    "check power and preset, then activate again"
+                )
+            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Durations of the last requests that were answered, s; at most 1000."""
+        return tuple(self._requests.round_trips_s)
+
+    def failures(self) -> int:
+        """How many requests failed since the line was opened, retried ones included."""
+        return self._requests.failures
+
+    def _require_open(self) -> None:
+        if self._closing.is_set():
+            raise NotConnectedError(f"{self._name}: used after disconnect; connect the bench first")
+
+    def _own(self) -> None:
+        while not self._closing.is_set():
+            self._carry_out_next()
+            self._poll()
+        self._requests.close()
+
+    def _carry_out_next(self) -> None:
+        try:
+            registers, done = self._jobs.get(timeout=RETRY_S if self._error else POLL_S)
+        except queue.Empty:
+            return
+        if self._closing.is_set() or not done.set_running_or_notify_cancel():
+            return
+        try:
+            self._requests.write_command(registers)
+        except DeviceError as error:
+            done.set_exception(error)
+        else:
+            done.set_result(None)
+
+    def _poll(self) -> None:
+        asked_ns = self._clock.now_ns()
+        try:
+            status = unpack_status(self._requests.read_status())
+        except DeviceError as error:
+            self._publish(self._newest, error)
+        else:
+            self._publish(Sample(asked_ns, status), None)
+
+    def _publish(self, sample: Sample | None, error: DeviceError | None) -> None:
+        with self._news:
+            self._newest, self._error = sample, error
+            self._news.notify_all()

@@ -1,0 +1,139 @@
+"""The two processes behind the arm's driver: one listens, one commands. Started, watched and ended here."""
+
+import importlib.util
+import os
+from collections.abc import Callable
+from typing import Any
+
+from drivers.clock import NS_PER_S, SystemClock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
+from drivers.ur5e.child_process import CallableProcess, ChildProcess
+from drivers.ur5e.probe import Deadline, Version
+from drivers.ur5e.shared_state import Board, Sample
+
+STALE_S = 0.4
+"""Age of the controller's newest time stamp from which the arm's state counts as unknown."""
+STREAM_START_S = 3.0
+CONTROL_START_S = 8.0
+START_TRIES = 3
+"""After a stop the control interface's first attempts fail now and then (users' reports)."""
+CALL_S = 1.0
+END_S = 0.5
+WITH_PAYLOAD: Version = (5, 6, 0, 0)
+_POLL_S = 0.005
+
+
+class ArmLink:
+    """State and commands of one arm, through ur-rtde in processes of their own."""
+
+    def __init__(self, host: str, rate_hz: float, version: Version) -> None:
+        """Start to listen. Raises `DeviceError` when no state arrives."""
+        require_ur_rtde()
+        self._host, self._clock = host, SystemClock()
+        self._board = Board()
+        self._control: CallableProcess | None = None
+        arguments = (host, rate_hz, self._board.fd, os.getpid(), int(version >= WITH_PAYLOAD))
+        self._stream = ChildProcess(
+            "the process that listens", "drivers.ur5e.state_process", arguments, (self._board.fd,)
+        )
+        try:
+            self._wait_for_state()
+        except DeviceError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End both processes. Safe to call twice."""
+        self.end_control()
+        self._stream.end()
+        self._board.close()
+
+    def sample(self) -> Sample:
+        """Newest sample. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens."""
+        sample = self._board.read()
+        age_s = self.age_s(sample) if sample else float("inf")
+        if sample is not None and age_s < STALE_S:
+            return sample
+        if sample is not None and not sample.received_ns:
+            self._stream.wait(END_S)
+        if not self._stream.alive:
+            raise DeviceError(
+                f"arm: connection lost: {self._stream.death()}; its state is unknown. "
+                "Look at it, check the network, then connect again"
+            )
+        raise DeviceTimeoutError(
+            f"arm: no new state for {age_s:.2f} s (limit {STALE_S} s), so its state is unknown; "
+            "look at it, check the controller and the network, then connect again"
+        )
+
+    def age_s(self, sample: Sample) -> float:
+        """Time since the controller's time stamp last changed, s."""
+        return (self._clock.now_ns() - sample.received_ns) / NS_PER_S
+
+    def start_control(self) -> None:
+        """Start the process that commands; it uploads the control program. Nothing moves."""
+        for left in reversed(range(START_TRIES)):
+            self.end_control()
+            self._control = CallableProcess(
+                "the process that commands",
+                "drivers.ur5e.control_process",
+                (self._host, self._board.fd, os.getpid()),
+                (self._board.fd,),
+                self._clock,
+            )
+            try:
+                return self._control.wait_ready(CONTROL_START_S, self.sample)
+            except DeviceError:
+                self.end_control()
+                self.sample()
+                if not left:
+                    raise
+
+    def end_control(self) -> None:
+        """End the process that commands. Safe to call twice."""
+        if self._control is not None:
+            self._control.end()
+            self._control = None
+
+    @property
+    def has_control(self) -> bool:
+        """Whether the process that commands is there."""
+        return self._control is not None and self._control.alive
+
+    def call(
+        self,
+        name: str,
+        *arguments: object,
+        timeout_s: float = CALL_S,
+        check: Callable[[], object] = lambda: None,
+    ) -> Any:
+        """Have something done (`drivers.ur5e.control_process.calls`). Raises `DeviceError`.
+
+        check: is called when no other call is under way any more, and may raise.
+        """
+        if self._control is None:
+            raise NotConnectedError("arm: nothing commands it (it was stopped); recover or connect it again")
+        return self._control.call(name, *arguments, timeout_s=timeout_s, check=check)
+
+    def _wait_for_state(self) -> None:
+        deadline = Deadline.after(STREAM_START_S)
+        while self._board.read() is None:
+            if not self._stream.alive:
+                raise DeviceError(
+                    f"arm: no state from {self._host}: {self._stream.death()}; "
+                    "see that no fieldbus or other client holds its registers, then connect again"
+                )
+            if not deadline.left_s():
+                raise DeviceTimeoutError(
+                    f"arm: {self._host} accepts connections but sends no state; restart the controller"
+                )
+            self._clock.sleep_until(self._clock.now_ns() + seconds(_POLL_S))
+
+
+def require_ur_rtde() -> None:
+    """Raise `DeviceError` where the arm's client library is missing."""
+    if any(importlib.util.find_spec(name) is None for name in ("rtde_control", "rtde_receive")):
+        raise DeviceError(
+            "arm: the library ur-rtde is not installed here (it exists for Linux on x86-64, Python 3.11 and "
+            "3.12); install it, or use a bench with another arm"
+        )

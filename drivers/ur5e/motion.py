@@ -1,0 +1,138 @@
+"""A motion of the arm in progress: asked by its operation number, ended by what the stream shows."""
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import Clock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.interfaces import Motion
+from drivers.types import Pose
+from drivers.ur5e.shared_state import Sample, Six
+
+POLL_S = 0.008
+BEGIN_LIMIT_S = 0.5
+"""A motion that was accepted has begun by then, or never will."""
+ASK_S = 0.05
+"""How often the controller is asked about a motion that the stream shows going on."""
+SETTLE_LIMIT_S = 0.3
+STILL_M_S, STILL_RAD_S = 0.002, 0.01
+NEAR_M, NEAR_RAD = 0.001, 0.01
+
+
+class Mover(Protocol):
+    """What a motion needs to know of its arm."""
+
+    def moving_sample(self) -> Sample:
+        """Newest state. Raises the arm's error when it cannot be moving any more."""
+        ...
+
+    def operation(self) -> tuple[int, bool]:
+        """Number of the newest operation on the controller, and whether it goes on."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the arm."""
+        ...
+
+
+class ArmMotion(Motion):
+    """A straight motion to `target`. stopped: whether the arm was told to stop since it began."""
+
+    def __init__(
+        self, arm: Mover, target: Pose, before: int, start: Six, clock: Clock, stopped: Callable[[], bool]
+    ) -> None:
+        self._arm, self._target, self._before = arm, target, before
+        self._clock, self._stopped = clock, stopped
+        self._began_ns = clock.now_ns()
+        self._ended_ns: int | None = None
+        self._asked_ns = self._began_ns
+        self._way_m = max(_distance(start, target), 1e-9)
+        self._done = False
+
+    def progress(self) -> float:
+        """Share of the way covered, 0 to 1."""
+        if self._done:
+            return 1.0
+        left = _distance(self._arm.moving_sample().pose, self._target)
+        return min(1.0, max(0.0, 1.0 - left / self._way_m))
+
+    def done(self) -> bool:
+        """Whether the arm has arrived, or stands still after a stop. Raises what went wrong."""
+        if not self._done:
+            sample = self._arm.moving_sample()
+            if self._over(sample):
+                self._done = self._arrived(sample)
+        return self._done
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until done, see `drivers.interfaces.Motion`."""
+        deadline = self._clock.now_ns() + seconds(timeout_s)
+        while not self.done():
+            if self._clock.now_ns() >= deadline:
+                self._arm.stop()
+                raise DeviceTimeoutError(f"arm: motion not finished after {timeout_s:.1f} s; stopped it")
+            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
+
+    def _over(self, sample: Sample) -> bool:
+        """Whether the controller has carried the operation out."""
+        if self._ended_ns is None:
+            if self._on_its_way(sample):
+                return False
+            number, running = self._arm.operation()
+            if number == self._before:
+                return self._never_began(sample)
+            if running:
+                return False
+            self._ended_ns = self._clock.now_ns()
+        return True
+
+    def _on_its_way(self, sample: Sample) -> bool:
+        """Whether the stream alone tells that the motion goes on; asking costs a message and its answer."""
+        now = self._clock.now_ns()
+        if not is_still(sample) and now - self._asked_ns < seconds(ASK_S):
+            return True
+        self._asked_ns = now
+        return False
+
+    def _never_began(self, sample: Sample) -> bool:
+        if self._clock.now_ns() - self._began_ns < seconds(BEGIN_LIMIT_S):
+            return False
+        if not self._stopped() and not is_at(sample.pose, self._target):
+            raise DeviceError(
+                "arm: the controller accepted a motion and did not begin it; see the log on the pendant"
+            )
+        self._ended_ns = self._clock.now_ns()
+        return True
+
+    def _arrived(self, sample: Sample) -> bool:
+        """Whether the stream shows it too; it may be a cycle behind."""
+        settling = self._clock.now_ns() - (self._ended_ns or 0) < seconds(SETTLE_LIMIT_S)
+        there = self._stopped() or is_at(sample.pose, self._target)
+        if is_still(sample) and there:
+            return True
+        if settling:
+            return False
+        if there:
+            return True
+        off_mm = 1000 * _distance(sample.pose, self._target)
+        raise DeviceError(
+            f"arm: the motion ended {off_mm:.1f} mm from its target; see the log on the pendant"
+        )
+
+
+def is_still(sample: Sample) -> bool:
+    """Whether the TCP stands still."""
+    return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
+
+
+def is_at(pose: Six, target: Pose) -> bool:
+    """Whether a pose of the controller is the target within a millimetre and half a degree."""
+    turn = (Rotation.from_rotvec(pose[3:]).inv() * target.rotation).magnitude()
+    return _distance(pose, target) < NEAR_M and turn < NEAR_RAD
+
+
+def _distance(pose: Six, target: Pose) -> float:
+    return math.dist(pose[:3], target.position_m)

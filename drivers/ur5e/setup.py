@@ -1,0 +1,132 @@
+"""Making the arm ready, and ready again after a stop: nothing here moves it."""
+
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock, seconds
+from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.types import ArmMode, Vector3, Vector6
+from drivers.ur5e.dashboard import RELEASED, Dashboard
+from drivers.ur5e.link import ArmLink
+from drivers.ur5e.motion import is_still
+from drivers.ur5e.status import PLAYING, arm_mode, program_reason, refused, stop_reason
+
+RELEASE_LIMIT_S = 8.0
+"""A protective stop can be released 5 s after it began (dashboard manual)."""
+RELEASE_PAUSE_S = 0.5
+NORMAL_LIMIT_S = 3.0
+END_LIMIT_S = 1.0
+PAYLOAD_LIMIT_S = 0.5
+ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
+REASON_LIMIT_S = 0.1
+"""How far the state that tells why may be behind the answer to a command."""
+_POLL_S = 0.004
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """What hangs on the flange: TCP (x y z in m, rotation vector in rad), mass, centre of gravity."""
+
+    flange_tcp: Vector6
+    payload_kg: float
+    payload_cog_m: Vector3
+
+
+def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> None:
+    """Start the control program and set up the tool, unless the arm is in protective stop.
+
+    A program that runs while the arm stands still is ended first: the control interface would wait
+    for its end without asking for it. Raises `DeviceError` when the arm is not ready, or another
+    program moves it.
+    """
+    sample = link.sample()
+    if arm_mode(sample) is ArmMode.PROTECTIVE_STOP:
+        return
+    if reason := stop_reason(sample):
+        raise reason
+    if sample.runtime_state == PLAYING:
+        if not is_still(sample):
+            raise DeviceError("arm: a program moves it; end that program on the pendant, then connect again")
+        dashboard.ask("stop")
+        wait_until(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
+    link.start_control()
+    _set_tool(link, tool, clock)
+    if not link.call("watchdog"):
+        raise refusal(link, "setWatchdog", clock)
+
+
+def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
+    """Release a protective stop; too early is refused, so it is asked for again for a while.
+
+    Raises `DeviceError` with the controller's words when it cannot be released.
+    """
+    replies = [""]
+
+    def released() -> bool:
+        dashboard.ask("close safety popup")
+        replies.append(dashboard.ask("unlock protective stop"))
+        return replies[-1] == RELEASED
+
+    try:
+        wait_until(released, RELEASE_LIMIT_S, "release the stop", clock, RELEASE_PAUSE_S)
+    except DeviceTimeoutError as error:
+        raise DeviceError(f"arm: the protective stop cannot be released: '{replies[-1]}'") from error
+    wait_until(lambda: stop_reason(link.sample()) is None, NORMAL_LIMIT_S, "leave the stop", clock)
+
+
+def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
+    """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
+    if not link.call("steady"):
+        raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
+    if not link.call("zero_ft"):
+        raise refusal(link, "zeroFtSensor", clock)
+
+    answered_ns = SystemClock().now_ns()
+
+    def zeroed() -> bool:
+        sample = link.sample()  # one from before the answer shows the force from before
+        return sample.sampled_ns > answered_ns and math.hypot(*sample.wrench[:3]) < ZEROED_N
+
+    wait_until(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
+
+
+def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
+    """Why a command came back False."""
+    return ended(link, clock) or refused(command)
+
+
+def ended(link: ArmLink, clock: Clock) -> DeviceError | None:
+    """Why the control program does not run; None when it goes on running."""
+    with contextlib.suppress(DeviceTimeoutError):
+        wait_until(lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, "end", clock)
+    return program_reason(link.sample())
+
+
+def wait_until(
+    met: Callable[[], bool], limit_s: float, what: str, clock: Clock, pause_s: float = _POLL_S
+) -> None:
+    """Wait for a condition. Raises `DeviceTimeoutError` after `limit_s`."""
+    deadline = clock.now_ns() + seconds(limit_s)
+    while not met():
+        if clock.now_ns() >= deadline:
+            raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
+        clock.sleep_until(clock.now_ns() + seconds(pause_s))
+
+
+def _set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
+    """Set TCP and payload, and see that the controller has them."""
+    taken, there = link.call("tcp", tool.flange_tcp)
+    if not taken:
+        raise refusal(link, "setTcp", clock)
+    if any(abs(a - b) > 1e-4 for a, b in zip(tool.flange_tcp, there, strict=True)):
+        raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
+    if not link.call("payload", tool.payload_kg, tool.payload_cog_m):
+        raise refusal(link, "setPayload", clock)
+    if not math.isnan(link.sample().payload_kg):
+
+        def weighed() -> bool:
+            return abs(link.sample().payload_kg - tool.payload_kg) < 1e-3
+
+        wait_until(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg", clock)

@@ -1,0 +1,121 @@
+"""The process that listens to the arm: ur-rtde's receive interface, written to the shared board.
+
+Its constructor keeps the interpreter to itself and waits without end for a peer that says nothing,
+and its getters go on returning the last values after the connection is gone. Here both do no
+harm: a process can be ended, and the board shows by the controller's time how old a sample is.
+
+    python -m drivers.ur5e.state_process HOST RATE_HZ BOARD_FD PARENT_PID WITH_PAYLOAD
+"""
+
+import faulthandler
+import math
+import os
+import sys
+from dataclasses import replace
+from typing import Any, NoReturn
+
+from drivers.clock import NS_PER_S, SystemClock, seconds
+from drivers.realtime import be_punctual
+from drivers.ur5e.shared_state import Board, Sample
+
+START_LIMIT_S = 5.0
+POLL_S = 0.0004
+OFFSET_BLOCK_S = 10.0
+CONNECTION_LOST = 3
+VARIABLES = (
+    "timestamp",
+    "actual_q",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_status_bits",
+    "robot_status_bits",
+    "runtime_state",
+)
+
+
+class ClockMap:
+    """The controller's time on the computer's monotonic clock.
+
+    A package arrives late, never early: the least difference of the last 10 to 20 s is the
+    closest to the truth, and follows slow drift between the clocks.
+    """
+
+    def __init__(self) -> None:
+        self._block_start_ns: int | None = None
+        self._before = self._current = sys.maxsize
+
+    def to_host_ns(self, controller_ns: int, received_ns: int) -> int:
+        """Monotonic time at which the controller took a sample."""
+        offset = received_ns - controller_ns
+        if self._block_start_ns is None or received_ns - self._block_start_ns > seconds(OFFSET_BLOCK_S):
+            self._block_start_ns = received_ns
+            self._before, self._current = self._current, offset
+        self._current = min(self._current, offset)
+        return controller_ns + min(self._before, self._current)
+
+
+def listen(receive: Any, board: Board, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
+    """Publish each new sample until the connection or the parent process is gone."""
+    clock, times = SystemClock(), ClockMap()
+    last_s = -math.inf
+    samples = gaps = 0
+    while receive.isConnected() and os.getppid() == parent_pid:
+        timestamp_s = receive.getTimestamp()
+        if timestamp_s == last_s:
+            clock.sleep_until(clock.now_ns() + seconds(POLL_S))
+            continue
+        received_ns = clock.now_ns()
+        gaps += max(0, round((timestamp_s - last_s) * rate_hz) - 1) if samples else 0
+        samples, last_s = samples + 1, timestamp_s
+        sampled_ns = times.to_host_ns(round(timestamp_s * NS_PER_S), received_ns)
+        board.write(
+            Sample(
+                timestamp_s,
+                received_ns,
+                sampled_ns,
+                *(tuple(values) for values in _vectors(receive)),  # type: ignore[arg-type]
+                payload_kg=receive.getPayload() if with_payload else math.nan,
+                robot_mode=receive.getRobotMode(),
+                safety_bits=receive.getSafetyStatusBits(),
+                status_bits=receive.getRobotStatus(),
+                runtime_state=receive.getRuntimeState(),
+                samples=samples,
+                gaps=gaps,
+            )
+        )
+
+
+def _vectors(receive: Any) -> tuple[list[float], ...]:
+    return (
+        receive.getActualQ(),
+        receive.getActualTCPPose(),
+        receive.getActualTCPSpeed(),
+        receive.getActualTCPForce(),
+    )
+
+
+def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
+    """Connect, listen, and end; the exit code says how."""
+    be_punctual()
+    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
+    variables = [*VARIABLES, "payload"] if with_payload else list(VARIABLES)
+    try:
+        from rtde_receive import RTDEReceiveInterface
+
+        receive = RTDEReceiveInterface(host, rate_hz, variables)
+    except (ImportError, RuntimeError, ValueError) as error:
+        sys.exit(" ".join(str(error).split()))
+    faulthandler.cancel_dump_traceback_later()
+    board = Board(board_fd)
+    listen(receive, board, parent_pid, rate_hz, with_payload)
+    if last := board.read():
+        board.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on
+    sys.stdout.flush()
+    os._exit(CONNECTION_LOST)  # the interface's destructor takes half a second and has nothing left to do
+
+
+if __name__ == "__main__":
+    _, _host, _rate, _fd, _parent, _payload = sys.argv
+    main(_host, float(_rate), int(_fd), int(_parent), _payload == "1")

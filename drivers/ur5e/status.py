@@ -1,0 +1,91 @@
+"""What the arm's controller says about itself, in words and in typed errors.
+
+Values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
+"""
+
+from drivers.errors import DeviceError, ProtectiveStopError
+from drivers.types import ArmMode
+from drivers.ur5e.shared_state import Sample
+
+PLAYING = 2
+RUNNING_MODE = 7
+NORMAL, REDUCED, PROTECTIVE, RECOVERY, SAFEGUARD = (1 << bit for bit in range(5))
+EMERGENCY = 1 << 5 | 1 << 6 | 1 << 7
+VIOLATION, FAULT, STOPPED_FOR_SAFETY = 1 << 8, 1 << 9, 1 << 10
+_ROBOT_MODES = {
+    -1: "no controller",
+    0: "disconnected",
+    1: "confirm safety",
+    2: "booting",
+    3: "power off",
+    4: "power on",
+    5: "idle, brakes on",
+    6: "backdrive",
+    7: "running",
+    8: "updating firmware",
+}
+_RUNTIME = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
+_SAFETY = (
+    (VIOLATION, "safety violation", "see the pendant"),
+    (FAULT, "safety fault", "see the pendant; restart the safety system there"),
+    (RECOVERY, "recovery mode", "move the arm back into its limits on the pendant"),
+    (SAFEGUARD, "safeguard stop", "close the safeguard and reset it"),
+    (STOPPED_FOR_SAFETY, "stopped for safety", "see the pendant"),
+)
+
+
+def arm_mode(sample: Sample) -> ArmMode:
+    """What the safety system allows, most serious first."""
+    if sample.safety_bits & EMERGENCY:
+        return ArmMode.EMERGENCY_STOP
+    if sample.safety_bits & PROTECTIVE:
+        return ArmMode.PROTECTIVE_STOP
+    if not sample.safety_bits & (NORMAL | REDUCED) or sample.robot_mode != RUNNING_MODE:
+        return ArmMode.UNKNOWN
+    return ArmMode.RUNNING
+
+
+def stop_reason(sample: Sample) -> DeviceError | None:
+    """Why the arm cannot move, as an error to raise; None when nothing of that kind is said."""
+    bits = sample.safety_bits
+    if bits & EMERGENCY:
+        return DeviceError(
+            f"arm: emergency stop (safety bits {bits:#x}); clear the danger, turn the button out, "
+            "switch the arm on and release its brakes on the pendant, then connect again"
+        )
+    if bits & PROTECTIVE:
+        return ProtectiveStopError(
+            f"arm: protective stop (safety bits {bits:#x}); look at the arm, clear the cause, release it"
+        )
+    for bit, what, remedy in _SAFETY:
+        if bits & bit:
+            return DeviceError(f"arm: {what} (safety bits {bits:#x}); {remedy}")
+    if sample.robot_mode != RUNNING_MODE:
+        mode = _ROBOT_MODES.get(sample.robot_mode, f"mode {sample.robot_mode}")
+        return DeviceError(
+            f"arm: {mode}; switch it on and release its brakes on the pendant, then connect again"
+        )
+    if not bits & (NORMAL | REDUCED):
+        return DeviceError(
+            f"arm: its safety system does not say that all is well (bits {bits:#x}); see the pendant"
+        )
+    return None
+
+
+def program_reason(sample: Sample) -> DeviceError | None:
+    """Why commands are not carried out: the above, or the control program does not run."""
+    reason = stop_reason(sample)
+    if reason is None and sample.runtime_state != PLAYING:
+        state = _RUNTIME.get(sample.runtime_state, f"state {sample.runtime_state}")
+        reason = DeviceError(
+            f"arm: its control program is {state}; it was ended on the pendant, by an error shown there, "
+            "or because the connection was too slow. Look at the arm, then start again"
+        )
+    return reason
+
+
+def refused(command: str) -> DeviceError:
+    """The error for a command that the controller did not carry out although its program runs."""
+    return DeviceError(
+        f"arm: '{command}' was refused although nothing else is wrong; see the log on the pendant"
+    )

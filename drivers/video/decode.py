@@ -1,0 +1,70 @@
+"""From a shot to a picture: decoded, upright, of the size that was asked for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.errors import DamagedFrameError, DeviceError
+from drivers.types import Image
+from drivers.video.jpeg import decode, turned_left, whole_jpeg
+from drivers.video.stream import Shot
+
+_PNG, _PNG_END = b"\x89PNG", b"IEND"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Developed:
+    """A shot made into a picture: (H, W, 3) uint8 RGB, upright, and its bytes where it has any.
+
+    flaw: why it is no picture of the scene ("green", "shifted"); such a frame is withheld.
+    """
+
+    image: Image
+    jpeg: bytes | None
+    flaw: str | None = None
+
+
+def developed(shot: Shot, size_px: tuple[int, int] | None, upright: bool) -> Developed:
+    """Decode a shot. size_px: (width, height) its picture has to have; any when None.
+
+    upright: turn pictures that lie on their side (wider than high) 90 degrees counter-clockwise;
+    a JPEG by an orientation header, so that the coded image stays as received.
+    Raises `DamagedFrameError`, and `DeviceError` for another size.
+    """
+    picture = _picture(shot)
+    height, width = picture.image.shape[:2]
+    if upright and width > height:
+        picture = _turned(picture)
+        height, width = width, height
+    if size_px is not None and (width, height) != tuple(size_px):
+        raise DeviceError(
+            f"its images are {width} x {height} px, {size_px[0]} x {size_px[1]} are asked for; "
+            "correct size_px in the bench file"
+        )
+    return picture
+
+
+def same_picture(one: Developed, other: Developed) -> bool:
+    """Whether two pictures are equal to the last bit, as no live sensor's are."""
+    if one.jpeg is not None and other.jpeg is not None:
+        return one.jpeg == other.jpeg
+    return one.image.shape == other.image.shape and bool((one.image == other.image).all())
+
+
+def _picture(shot: Shot) -> Developed:
+    if shot.image is not None:
+        return Developed(shot.image, None)
+    data = shot.encoded or b""
+    if not data.startswith(_PNG):
+        jpeg, _ = whole_jpeg(data)
+        return Developed(decode(jpeg), jpeg)
+    if _PNG_END not in data[-16:]:
+        raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it anew")
+    return Developed(decode(data), None)
+
+
+def _turned(picture: Developed) -> Developed:
+    jpeg = picture.jpeg
+    return Developed(
+        np.ascontiguousarray(np.rot90(picture.image)), None if jpeg is None else turned_left(jpeg)
+    )

@@ -1,0 +1,114 @@
+"""Recorded frames as a source: a folder of images or a video file, at the pace of the clock."""
+
+import re
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.errors import DeviceError, InputError
+from drivers.video.stream import FrameStream, Shot
+
+IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
+
+
+class RecordedStream(FrameStream):
+    """What folders and videos share: image n is due n periods after the first."""
+
+    warm_up = 0
+    stamp = "schedule"
+    ends = True
+
+    def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
+        self._path = path
+        self._rate_hz = rate_hz
+        self._clock = clock
+        self._start_ns: int | None = None
+        self._number = 0
+        self._stopped = threading.Event()
+
+    def interrupt(self) -> None:
+        """End the wait for the next image."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+    def _await_next(self) -> tuple[int, int]:
+        """Wait until the next image is due; return its number and its time."""
+        if self._start_ns is None:
+            self._start_ns = self._clock.now_ns()
+        due_ns = self._start_ns + round(self._number * NS_PER_S / self._rate_hz)
+        self._stopped.wait(max(due_ns - self._clock.now_ns(), 0) / NS_PER_S)
+        if self._stopped.is_set():
+            raise DeviceError(f"{self._path}: stopped")
+        self._number += 1
+        return self._number - 1, due_ns
+
+    def _ended(self) -> DeviceError:
+        return DeviceError(f"{self._path}: all {self._number} images have been played; start again")
+
+
+class FolderStream(RecordedStream):
+    """The JPEG and PNG files of a folder, sorted by name (numbers by value), bit for bit."""
+
+    def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
+        super().__init__(path, rate_hz, clock)
+        self._files = image_files(path)
+
+    def read(self) -> Shot:
+        """Wait for the next image's time and read its file."""
+        if self._number >= len(self._files):
+            raise self._ended()
+        number, due_ns = self._await_next()
+        try:
+            data = self._files[number].read_bytes()
+        except OSError as error:
+            raise DeviceError(f"{self._files[number]}: cannot be read ({error.strerror})") from error
+        return Shot(self._clock.now_ns(), data, None, due_ns, number)
+
+
+class VideoStream(RecordedStream):
+    """A video file; FFV1 in AVI or MKV is bit-exact, most others are not."""
+
+    def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
+        super().__init__(path, rate_hz, clock)
+        self._capture = cv2.VideoCapture(str(path))
+
+    def read(self) -> Shot:
+        """Wait for the next image's time and decode it."""
+        number, due_ns = self._await_next()
+        there, bgr = self._capture.read()
+        if not there:
+            self._number = number
+            raise self._ended()
+        image = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
+        return Shot(self._clock.now_ns(), None, image, due_ns, number)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._capture.release()
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Return a folder's images in order. Raises `InputError` when there are none."""
+    try:
+        files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from error
+    if not files:
+        raise InputError(f"{folder}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}); check the path")
+    return sorted(files, key=lambda file: ([int(n) for n in re.findall(r"[0-9]+", file.stem)], file.name))
+
+
+def check_video(path: Path) -> None:
+    """Raise `InputError` when a file is no video that can be read."""
+    capture = cv2.VideoCapture(str(path))
+    try:
+        readable = capture.grab()
+    finally:
+        capture.release()
+    if not readable:
+        raise InputError(f"{path}: not a video that can be read; give a device, URL, folder or video file")

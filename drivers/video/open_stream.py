@@ -1,0 +1,107 @@
+"""From an address to an open stream: device node, MJPEG URL, folder of images or video file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.errors import DeviceError, InputError
+from drivers.video.files import FolderStream, VideoStream, check_video, image_files
+from drivers.video.mjpeg import MjpegStream, split_url
+from drivers.video.stream import FrameStream
+from drivers.video.udev import Discover, VideoNode, find_video_node, on_same_bus
+from drivers.video.v4l2 import OpenCapture, V4l2Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What to open. size_px: raw (width, height), as it comes when None.
+
+    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder or a video file; None finds the
+    device with this serial through `discover`.
+    """
+
+    serial: str
+    address: str | None
+    size_px: tuple[int, int] | None
+    rate_hz: float
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` for what can never be opened."""
+        if not self.rate_hz > 0:
+            raise InputError(f"{self.serial}: rate_hz is {self.rate_hz}; give frames per second")
+        if self.size_px is not None and min(self.size_px) < 1:
+            raise InputError(f"{self.serial}: size_px is {self.size_px}; give width and height in px")
+        if self.address is not None:
+            self._check(self.address)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether it is a video device of this computer."""
+        return self.address is None or self.address.startswith("/dev/")
+
+    def _check(self, address: str) -> None:
+        if "://" in address:
+            split_url(address)
+        elif not self.is_device:
+            path = Path(address)
+            if not path.exists():
+                raise InputError(
+                    f"{self.serial}: '{address}' does not exist; give /dev/videoN, http://HOST:PORT/PATH, "
+                    "a folder of images or a video file"
+                )
+            if path.is_dir():
+                image_files(path)
+            else:
+                check_video(path)
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """An open stream, and the device it is of (None where it is of no device here)."""
+
+    stream: FrameStream
+    address: str
+    node: VideoNode | None = None
+
+
+def open_wanted(wanted: Wanted, clock: Clock, discover: Discover, open_device: OpenCapture) -> Opened:
+    """Open what is wanted, set to its size and rate. Raises `DeviceError`."""
+    address = wanted.address
+    if address is None or wanted.is_device:
+        return _open_device(wanted, clock, discover, open_device)
+    if "://" in address:
+        stream = MjpegStream(address, wanted.rate_hz, clock)
+        try:
+            stream.configure(_settings(wanted))
+        except DeviceError:
+            stream.close()
+            raise
+        return Opened(stream, address)
+    path = Path(address)
+    kind = FolderStream if path.is_dir() else VideoStream
+    return Opened(kind(path, wanted.rate_hz, clock), address)
+
+
+def _open_device(wanted: Wanted, clock: Clock, discover: Discover, open_device: OpenCapture) -> Opened:
+    nodes = discover()
+    node = find_video_node(wanted.serial, nodes) if wanted.address is None else _node_at(wanted, nodes)
+    stream = V4l2Stream(
+        node.device, wanted.size_px, wanted.rate_hz, clock, open_device, on_same_bus(node, nodes)
+    )
+    return Opened(stream, node.device, node)
+
+
+def _node_at(wanted: Wanted, nodes: Sequence[VideoNode]) -> VideoNode:
+    """The node at a given address; udev need not know it."""
+    known = [node for node in nodes if node.device == wanted.address]
+    return known[0] if known else VideoNode(wanted.address or "", wanted.serial)
+
+
+def _settings(wanted: Wanted) -> list[dict[str, Any]]:
+    """Size before rate: a new size resets the rate."""
+    settings: list[dict[str, Any]] = [{"rate_hz": wanted.rate_hz}]
+    if wanted.size_px is not None:
+        settings.insert(0, {"size_px": list(wanted.size_px)})
+    return settings

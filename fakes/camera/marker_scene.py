@@ -1,0 +1,233 @@
+"""What the simulated external camera sees: a bench, a bar-shaped object, two printed markers on it.
+
+The markers and the bar lie in the object's x-z plane and face the camera. They are one texture,
+blurred beforehand by what the lens would do and then looked up once per pixel: as a homography is
+affine over a blur's width, this is the blurred picture, at a tenth of the cost of supersampling.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.types import Image, Pose
+from fakes.camera.canvas import QUIET_ZONE, Canvas
+
+_TEXELS_PER_PX = 4.0
+_SCALE_STEP = 1.05
+_PIXEL_VARIANCE = 1.0 / 12.0
+_NOISE_BLUR_PX = 0.6
+_NOISE_SHIFTS = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Texture:
+    """The object's plane as a picture: (H, W, 4) uint8 premultiplied RGB and opacity.
+
+    texel_T_plane: (3, 3), maps plane coordinates (x, z, 1) in m to texel centres.
+    """
+
+    rgba: Image
+    texel_T_plane: NDArray[np.float64]  # noqa: N815
+
+
+@dataclass(slots=True, eq=False)
+class MarkerScene:
+    """A simulated picture of two markers on an object; its truth is known exactly.
+
+    size: width and height in px. focal_px: focal length; the principal point is the middle of
+    the picture. marker_centres_m: (x, z) in the object frame (x along the object, z up, y away
+    from the camera). bar_m: length and height of the object. k1: radial distortion, as OpenCV
+    counts it. blur_px: one sigma of the lens. noise_grey: one sigma per pixel. unit_seed: draws
+    what stays the same for one camera and bench (clutter, noise fields).
+    Raises `InputError` for an unknown dictionary.
+    """
+
+    focal_px: float
+    unit_seed: int
+    size: tuple[int, int] = (640, 480)
+    marker_ids: tuple[int, int] = (0, 1)
+    marker_side_m: float = 0.04
+    marker_centres_m: tuple[tuple[float, float], tuple[float, float]] = ((-0.06, 0.0), (0.06, 0.0))
+    dictionary: str = "DICT_4X4_50"
+    bar_m: tuple[float, float] = (0.24, 0.024)
+    object_rgb: tuple[int, int, int] = (150, 110, 70)
+    blur_px: float = 0.8
+    noise_grey: float = 1.5
+    k1: float = 0.0
+    _bench: Image = field(init=False)
+    _light: Image = field(init=False)
+    _noise: tuple[Image, Image] = field(init=False)
+    _rays: NDArray[np.float32] = field(init=False)
+    _textures: dict[int, _Texture] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not hasattr(cv2.aruco, self.dictionary):
+            raise InputError(f"marker scene: OpenCV has no marker dictionary {self.dictionary!r}")
+        rng = np.random.default_rng(self.unit_seed)
+        self._light = _light(self.size)
+        self._bench = _draw_bench(self._light, rng)
+        self._noise = _noise_fields(self.size, self.noise_grey, rng)
+        self._rays = _pixel_rays(self.camera_matrix, self.k1, self.size)
+
+    @property
+    def camera_matrix(self) -> NDArray[np.float64]:
+        """The simulated camera's (3, 3) matrix, pixel centres at whole numbers."""
+        width, height = self.size
+        f = self.focal_px
+        return np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
+
+    @property
+    def distortion(self) -> NDArray[np.float64]:
+        """OpenCV's (5,) coefficients k1, k2, p1, p2, k3."""
+        return np.array([self.k1, 0.0, 0.0, 0.0, 0.0])
+
+    def render(self, camera_T_object: Pose, rng: np.random.Generator) -> Image:  # noqa: N803
+        """Return the (H, W, 3) uint8 RGB picture of the object at a pose.
+
+        camera_T_object: camera axes are x right, y down, z forward. What leaves the picture is
+        clipped; an object behind the camera or seen from behind is not drawn. Takes two draws
+        from `rng`, so equal generators give equal pictures.
+        """
+        picture = self._bench.copy()
+        self._draw_object(picture, _plane(camera_T_object))
+        width, height = self.size
+        dx, dy = rng.integers(0, _NOISE_SHIFTS, 2)
+        window = np.s_[dy : dy + height, dx : dx + width]
+        cv2.add(picture, self._noise[0][window], dst=picture)
+        return cv2.subtract(picture, self._noise[1][window], dst=picture)  # type: ignore[return-value]
+
+    def exact_corners_px(self, camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
+        """Where the markers' corners truly are: (2, 4, 2) px, clockwise from the top left of each."""
+        half = self.marker_side_m / 2
+        square = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
+        points = np.asarray(self.marker_centres_m)[:, None, :] + square
+        return self._project(points.reshape(-1, 2), _plane(camera_T_object)).reshape(2, 4, 2)
+
+    def _project(
+        self,
+        plane_m: NDArray[np.float64],
+        camera_T_plane: NDArray[np.float64],  # noqa: N803
+    ) -> NDArray[np.float64]:
+        """Project (N, 2) plane coordinates (x, z) to (N, 2) px, with distortion."""
+        rays = np.column_stack([plane_m, np.ones(len(plane_m))]) @ camera_T_plane.T
+        flat = rays[:, :2] / rays[:, 2:]
+        flat *= 1.0 + self.k1 * (flat**2).sum(axis=1, keepdims=True)
+        return self.focal_px * flat + self.camera_matrix[:2, 2]
+
+    def _draw_object(self, picture: Image, camera_T_plane: NDArray[np.float64]) -> None:  # noqa: N803
+        outline = self._outline_m()
+        depth = (np.column_stack([outline, np.ones(4)]) @ camera_T_plane.T)[:, 2]
+        # the determinant is (x cross z) . position: negative while the markers face the camera
+        if depth.min() <= 0.01 or np.linalg.det(camera_T_plane) >= 0.0:
+            return
+        window = self._window(self._project(outline, camera_T_plane))
+        if window is None:
+            return
+        texture = self._texture(float(depth.mean()))
+        texel_T_ray = texture.texel_T_plane @ np.linalg.inv(camera_T_plane)  # noqa: N806
+        where = cv2.perspectiveTransform(self._rays[window], texel_T_ray)
+        _blend(picture[window], cv2.remap(texture.rgba, where, None, cv2.INTER_LINEAR), self._light[window])  # type: ignore[arg-type]
+
+    def _outline_m(self) -> NDArray[np.float64]:
+        """Four corners (x, z) in m of a rectangle that holds the bar, the paper and the blur."""
+        reach = self.marker_side_m * (0.5 + QUIET_ZONE)
+        centres = np.asarray(self.marker_centres_m)
+        half_bar = np.asarray(self.bar_m) / 2
+        low = np.minimum(centres.min(axis=0) - reach, -half_bar) - self.marker_side_m / 8
+        high = np.maximum(centres.max(axis=0) + reach, half_bar) + self.marker_side_m / 8
+        return np.array([[low[0], high[1]], [high[0], high[1]], [high[0], low[1]], [low[0], low[1]]])
+
+    def _window(self, outline_px: NDArray[np.float64]) -> tuple[slice, slice] | None:
+        width, height = self.size
+        low = np.maximum(np.floor(outline_px.min(axis=0)) - 4, 0).astype(int)
+        high = np.minimum(np.ceil(outline_px.max(axis=0)) + 5, (width, height)).astype(int)
+        if (high <= low).any():
+            return None
+        return np.s_[low[1] : high[1], low[0] : high[0]]
+
+    def _texture(self, depth_m: float) -> _Texture:
+        """The texture blurred for a distance; distances within 5 % share one."""
+        step = round(math.log(self.focal_px / depth_m, _SCALE_STEP))
+        if step not in self._textures:
+            self._textures[step] = self._draw_texture(_SCALE_STEP**step)
+        return self._textures[step]
+
+    def _draw_texture(self, px_per_m: float) -> _Texture:
+        outline = self._outline_m()
+        density = _TEXELS_PER_PX * px_per_m
+        canvas = Canvas.blank(outline[0], outline[2], density)
+        half = np.asarray(self.bar_m) / 2
+        canvas.fill(-half, half, self.object_rgb)
+        for marker_id, centre in zip(self.marker_ids, self.marker_centres_m, strict=True):
+            canvas.print_marker(self._modules(marker_id), np.asarray(centre), self.marker_side_m)
+        sigma = _TEXELS_PER_PX * math.hypot(self.blur_px, math.sqrt(_PIXEL_VARIANCE))
+        blurred = cv2.GaussianBlur(canvas.rgba, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        return _Texture(np.rint(blurred).astype(np.uint8), canvas.texel_T_plane)
+
+    def _modules(self, marker_id: int) -> NDArray[np.float32]:
+        """A marker's modules with its border, 1 where ink is."""
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        modules = dictionary.markerSize + 2
+        return (cv2.aruco.generateImageMarker(dictionary, marker_id, modules) == 0).astype(np.float32)
+
+
+def _plane(camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
+    """(3, 3): the object's plane coordinates (x, z, 1) in m to camera coordinates in m."""
+    rotation = camera_T_object.rotation.as_matrix()
+    return np.column_stack([rotation[:, 0], rotation[:, 2], camera_T_object.position_m])
+
+
+def _pixel_rays(camera_matrix: NDArray[np.float64], k1: float, size: tuple[int, int]) -> NDArray[np.float32]:
+    """(H, W, 2) float32: the undistorted ray (x/z, y/z) of every pixel centre."""
+    width, height = size
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    distorted = (grid - camera_matrix[:2, 2]) / camera_matrix[0, 0]
+    rays = distorted.copy()
+    for _ in range(30 if k1 else 0):
+        rays = distorted / (1.0 + k1 * (rays**2).sum(axis=-1, keepdims=True))
+    return rays.astype(np.float32)
+
+
+def _light(size: tuple[int, int]) -> Image:
+    """(H, W, 3) uint8: share of the light that reaches a place, 255 at the brightest."""
+    width, height = size
+    x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
+    light = 255.0 * (1.0 - 0.14 * x - 0.10 * y)
+    return np.repeat(np.rint(light).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _draw_bench(light: Image, rng: np.random.Generator) -> Image:
+    """(H, W, 3) uint8 RGB: a wall with some clutter, a table in front of it, out of focus."""
+    height, width = light.shape[:2]
+    bench = np.full((height, width, 3), (96, 99, 104), np.uint8)
+    for _ in range(6):
+        corner = rng.integers((0, 0), (width, height))
+        reach = rng.integers(20, 120, 2)
+        colour = [int(v) for v in rng.integers(60, 150, 3)]
+        cv2.rectangle(bench, corner.tolist(), (corner + reach).tolist(), colour, cv2.FILLED)
+    cv2.rectangle(bench, (0, int(0.8 * height)), (width, height), (62, 56, 52), cv2.FILLED)
+    return cv2.multiply(cv2.GaussianBlur(bench, (0, 0), 2.0), light, scale=1 / 255)  # type: ignore[return-value]
+
+
+def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Generator) -> tuple[Image, Image]:
+    """Two (H + n, W + n, 3) uint8 fields, to add and to subtract, equal in the three channels."""
+    width, height = size
+    white = rng.normal(0.0, 1.0, (height + _NOISE_SHIFTS, width + _NOISE_SHIFTS))
+    # A colour camera interpolates its mosaic: neighbours share some of their noise.
+    shared = cv2.GaussianBlur(white, (0, 0), _NOISE_BLUR_PX)
+    noise = np.rint(shared * (sigma_grey / shared.std()))
+    signs = (np.clip(noise, 0, 255), np.clip(-noise, 0, 255))
+    plus, minus = (np.repeat(field.astype(np.uint8)[..., None], 3, axis=2) for field in signs)
+    return plus, minus
+
+
+def _blend(picture: Image, rgba: Image, light: Image) -> None:
+    """Lay a premultiplied (h, w, 4) picture over `picture`, in place, in the bench's light."""
+    opacity = cv2.bitwise_not(cv2.extractChannel(rgba, 3))
+    behind = cv2.multiply(picture, cv2.merge([opacity] * 3), scale=1 / 255)
+    lit = cv2.multiply(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), light, scale=1 / 255)
+    picture[...] = cv2.add(behind, lit)

@@ -1,0 +1,65 @@
+"""What the simulated camera sees of a printed calibration target: a flat sheet, on a grey bench."""
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image, Pose
+from fakes.world.fixture import Sheet
+
+_FINE = 2
+"""Samples per pixel along each axis."""
+_BENCH_GREY = 120
+_BLUR_PX = 0.8
+_NOISE_GREY = 1.5
+
+
+def render_sheet(
+    sheet: Sheet, camera_matrix: NDArray[np.float64], size: tuple[int, int], camera_T_target: Pose,  # noqa: N803
+    rng: np.random.Generator,
+) -> Image:  # fmt: skip
+    """The (H, W, 3) uint8 picture of a sheet through a pinhole; `rng` makes its noise.
+
+    A sheet seen from behind, or not wholly in front of the camera, is not drawn.
+    """
+    width, height = size
+    turn, place = camera_T_target.rotation.as_matrix(), np.asarray(camera_T_target.position_m)
+    plane = np.column_stack([turn[:, :2], place])
+    seen = np.full((height, width), np.float32(_BENCH_GREY))
+    if place @ turn[:, 2] > 0.0 and place[2] > 0.05:
+        coarse = _coarser(sheet, _FINE * float(camera_matrix[0, 0]) / float(np.linalg.norm(place)))
+        fine_T_sheet = _fine(camera_matrix) @ plane @ np.linalg.inv(_sheet_T_plane(coarse))  # noqa: N806
+        fine = cv2.warpPerspective(
+            coarse.grey, fine_T_sheet, (_FINE * width, _FINE * height), borderValue=_BENCH_GREY
+        )
+        seen = cv2.resize(fine.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(seen, (0, 0), _BLUR_PX)
+    blurred += rng.standard_normal((height, width), np.float32) * np.float32(_NOISE_GREY)
+    return np.repeat(np.clip(np.rint(blurred), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _fine(camera_matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Camera coordinates to the finer picture's pixels; pixel centres are whole numbers in both."""
+    return np.array([[_FINE, 0, (_FINE - 1) / 2], [0, _FINE, (_FINE - 1) / 2], [0, 0, 1.0]]) @ camera_matrix
+
+
+def _sheet_T_plane(sheet: Sheet) -> NDArray[np.float64]:  # noqa: N802 - frame names keep their case
+    scale = sheet.px_per_m
+    x, y = sheet.origin_m
+    return np.array([[scale, 0.0, -x * scale - 0.5], [0.0, scale, -y * scale - 0.5], [0.0, 0.0, 1.0]])
+
+
+def _coarser(sheet: Sheet, wanted_px_per_m: float) -> Sheet:
+    """The sheet at about twice the density that is looked at, so that looking it up does not alias."""
+    return _reduced(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
+
+
+@lru_cache(maxsize=16)
+def _reduced(sheet: Sheet, step: int) -> Sheet:
+    rows, columns = (n // step * step for n in sheet.grey.shape)
+    small = cv2.resize(
+        sheet.grey[:rows, :columns], (columns // step, rows // step), interpolation=cv2.INTER_AREA
+    )
+    return Sheet(np.asarray(small, np.uint8), sheet.origin_m, sheet.px_per_m / step)

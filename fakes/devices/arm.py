@@ -1,0 +1,152 @@
+"""A simulated UR5e: straight motions with trapezoidal speed, limits, and protective stops."""
+
+from collections.abc import Callable
+
+from drivers.clock import Clock
+from drivers.errors import (
+    DeviceError,
+    NotConnectedError,
+    OutOfLimitsError,
+    ProtectiveStopError,
+)
+from drivers.interfaces import Arm
+from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
+from fakes.devices.handle import FakeMotion
+from fakes.faults import FaultScript
+from fakes.world import kinematics
+from fakes.world.force_torque import FlangeSensor, carried_wrench
+from fakes.world.motion import ToolPath, distance
+from fakes.world.trapezoid import Travel
+from fakes.world.world import World
+
+TOOL_LENGTH_M = 0.28
+"""Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
+
+LIMITS = ArmLimits(
+    workspace_min_m=(0.15, -0.35, 0.01),
+    workspace_max_m=(0.75, 0.35, 0.60),
+    max_speed_m_s=0.5,
+    max_acceleration_m_s2=1.5,
+    max_payload_kg=5.0,
+)
+
+
+class FakeArm(Arm):
+    """Moves the world's tool; knows its joints through the UR5e's nominal kinematics."""
+
+    def __init__(self, world: World, clock: Clock, faults: FaultScript) -> None:
+        self._world = world
+        self._clock = clock
+        self._faults = faults
+        self._connected = False
+        self._joints: Vector6 = kinematics.ELBOW_UP
+        self._pose: Pose | None = None
+        self._released = False
+        self._sensor = FlangeSensor(world.seed)
+
+    @property
+    def limits(self) -> ArmLimits:
+        """Limits of the simulated cell."""
+        return LIMITS
+
+    def connect(self) -> None:
+        """Reach the arm."""
+        self._connected = True
+
+    def disconnect(self) -> None:
+        """Stop and let go."""
+        if self._connected:
+            self.stop()
+        self._connected = False
+
+    def state(self) -> ArmState:
+        """State now."""
+        self._require_connected()
+        now = self._clock.now_ns()
+        pose = self._world.tool.pose_at(now)
+        if pose != self._pose:
+            self._pose, self._joints = pose, self._reach(pose)
+        stopped = self._protective_stop(now)
+        return ArmState(
+            now,
+            pose,
+            self._joints,
+            self._feel(now),
+            ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
+        )
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> FakeMotion:  # noqa: N803
+        """Start a straight motion."""
+        self._require_connected()
+        self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
+        self._reach(base_T_tcp)
+        now = self._clock.now_ns()
+        start = self._world.tool.pose_at(now)
+        self._check_running()
+        travel = Travel(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
+        self._world.tool = ToolPath.between(start, base_T_tcp, travel)
+        return FakeMotion("arm", self._clock, self._arrived, self.stop)
+
+    def stop(self) -> None:
+        """Stop where it is."""
+        self._world.tool = self._world.tool.cut_at(self._clock.now_ns())
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Release a protective stop after a look at the arm."""
+        self._require_connected()
+        if self._protective_stop(self._clock.now_ns()):
+            confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")
+            self._released = True
+
+    def _protective_stop(self, time_ns: int) -> bool:
+        """Whether a stop is on: from the fault's begin until it is released or the fault ends."""
+        active = self._faults.active("protective_stop", time_ns, "arm")
+        self._released = self._released and active
+        return active and not self._released
+
+    def _arrived(self) -> bool:
+        self._check_running()
+        return self._world.tool.travel.done_at(self._clock.now_ns())
+
+    def _check_running(self) -> None:
+        """Raise `ProtectiveStopError` (after stopping) or `DeviceError` when the arm cannot move."""
+        now = self._clock.now_ns()
+        if self._faults.active("disconnect", now, "arm"):
+            self.stop()
+            raise DeviceError("arm: connection lost; check the network, then start again")
+        if self._protective_stop(now):
+            self.stop()
+            raise ProtectiveStopError(
+                "arm: protective stop; look at the arm, clear the cause, release it on the pendant"
+            )
+
+    def _require_connected(self) -> None:
+        if not self._connected:
+            raise NotConnectedError("arm: used before connect; connect the bench first")
+
+    def _check_limits(self, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
+        low, high = LIMITS.workspace_min_m, LIMITS.workspace_max_m
+        if any(not lo <= v <= hi for lo, v, hi in zip(low, target.position_m, high, strict=True)):
+            raise OutOfLimitsError(
+                f"arm: target {target.position_m} m leaves the workspace {low} to {high} m"
+            )
+        if not 0.0 < speed_m_s <= LIMITS.max_speed_m_s:
+            raise OutOfLimitsError(f"arm: speed {speed_m_s} m/s is outside 0 to {LIMITS.max_speed_m_s} m/s")
+        if not 0.0 < acceleration_m_s2 <= LIMITS.max_acceleration_m_s2:
+            raise OutOfLimitsError(
+                f"arm: acceleration {acceleration_m_s2} m/s2 is outside 0 to "
+                f"{LIMITS.max_acceleration_m_s2} m/s2"
+            )
+
+    def _reach(self, pose: Pose) -> Vector6:
+        joints = kinematics.inverse(pose, TOOL_LENGTH_M, self._joints)
+        joints = joints or kinematics.inverse(pose, TOOL_LENGTH_M)
+        if joints is None:
+            raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
+        return joints
+
+    def _feel(self, time_ns: int) -> Vector6:
+        """Force and torque at the TCP, base axes, as its sensor shows them."""
+        return self._sensor.shown(
+            self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns), time_ns
+        )

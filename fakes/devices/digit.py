@@ -1,0 +1,130 @@
+"""A simulated DIGIT on a finger: what its gel shows of the object the world holds."""
+
+import math
+from functools import cache
+
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.interfaces import TactileSensor
+from drivers.types import Image
+from fakes.devices.source import FakeSource, Shutter
+from fakes.faults import FaultScript
+from fakes.gel.dots import Shear, shear_of
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.gel.variation import FAMILY, Variation
+from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+from fakes.world.state import Grasp, Moment, WorldView
+
+_FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
+
+
+@cache
+def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
+    """A unit is the same on every bench, and costs fifty frames to make."""
+    return GelSensor(unit_seed, variation=variation, markers=markers)
+
+
+class FakeDigit(FakeSource, TactileSensor):
+    """Sees the object through a gel of its own; `side` +1 looks the way the camera looks.
+
+    markers: whether dots are printed on its gel.
+    """
+
+    def __init__(
+        self,
+        world: WorldView,
+        clock: Clock,
+        faults: FaultScript,
+        serial: str,
+        unit_seed: int,
+        side: int,
+        shutter: Shutter,
+        variation: Variation = FAMILY,
+        markers: bool = False,
+    ) -> None:
+        super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
+        self._world = world
+        self._side = side
+        self._gel = _gel(unit_seed, variation, markers)
+        self._markers = markers
+        self._pressed: tuple[object, Surface, np.ndarray] | None = None
+        self._light = 1.0
+
+    def set_light(self, red: float, green: float, blue: float) -> None:
+        """Scale the LEDs together; the simulated unit has one supply."""
+        self._light = (red + green + blue) / 3.0
+
+    def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+        """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
+        moment = self._world.moment_at(time_ns)
+        image = self._gel.render(self._imprint(moment), time_ns / NS_PER_S, rng)
+        if self._light == 1.0:
+            return image
+        return np.clip(image * self._light, 0, 255).astype(np.uint8)
+
+    def true_mask(self, time_ns: int) -> Image:
+        """Where object and gel touch at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
+        return self._gel.touching(self._imprint(self._world.moment_at(time_ns)))
+
+    def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
+        """The touched surface, and the depth it is pressed to over a grid of forces."""
+        key = (grasp, self._world.seed)
+        if self._pressed is None or self._pressed[0] != key:
+            surface = build_surface(grasp.site, self._side, self._world.seed)
+            place = self._off_mm(grasp)
+            depths = np.array([depth_for_force(surface, float(f), centre_mm=place) for f in _FORCE_GRID_N])
+            self._pressed = (key, surface, depths)
+        return self._pressed[1], self._pressed[2]
+
+    def _imprint(self, moment: Moment) -> Imprint | None:
+        grasp = self._world.grasp
+        if not moment.held or moment.force_n <= 0.0 or grasp is None:
+            return None
+        surface, depths = self._surface(grasp)
+        turn = moment.object_turn_rad - moment.wrist_rad
+        return Imprint(
+            surface=surface,
+            angle_deg=math.degrees(self._side * turn),
+            centre_mm=self._centre_mm(grasp, moment, turn),
+            depth_mm=float(np.interp(moment.force_n, _FORCE_GRID_N, depths)),
+            tilt=self._tilt(moment, turn),
+            lag_deg=math.degrees(self._side * moment.torsion_rad),
+            shear=self._shear(grasp, moment, turn) if self._markers else None,
+        )
+
+    def _shear(self, grasp: Grasp, moment: Moment, turn_rad: float) -> Shear:
+        """How the gel's surface has followed the object since the fingers closed on it."""
+        (off_x, off_y), draw = self._off_mm(grasp), self._world.draw
+        across = self._side * (draw.misplacement_m[0] * 1e3 + draw.pivot_mm[0]) + off_x
+        down = draw.misplacement_m[1] * 1e3 + draw.pivot_mm[1] + off_y
+        slid = (0.0, moment.slide_m * 1e3)
+        return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
+
+    def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
+        """Where a hand that closed off the middle has the middle on its gel: x right, y down."""
+        off_x, off_z = grasp.off_m
+        return -self._side * off_x * 1e3, off_z * 1e3
+
+    def _centre_mm(self, grasp: Grasp, moment: Moment, turn_rad: float) -> tuple[float, float]:
+        """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
+        draw, (off_x, off_y) = self._world.draw, self._off_mm(grasp)
+        px, py = draw.pivot_mm
+        x, y = _turned(px, py, turn_rad)
+        across = draw.misplacement_m[0] * 1e3 + px - x
+        down = draw.misplacement_m[1] * 1e3 + py - y + moment.slide_m * 1e3
+        return self._side * across + off_x, down + off_y
+
+    def _tilt(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
+        """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
+        draw = self._world.draw
+        tx = draw.tilt_at_rest[0] + moment.loaded * draw.tilt_under_load[0]
+        ty = draw.tilt_at_rest[1] + moment.loaded * draw.tilt_under_load[1]
+        x, y = _turned(tx, ty, turn_rad)
+        return self._side * x, y
+
+
+def _turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
+    """Turn an image vector (x right, y down) counter-clockwise as seen."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return c * x + s * y_down, -s * x + c * y_down

@@ -1,0 +1,137 @@
+"""A simulated Robotiq 3-Finger gripper: activation, travel in counts, contact by object width."""
+
+from drivers.clock import Clock, seconds
+from drivers.errors import (
+    DeviceError,
+    GripperFaultError,
+    NotConnectedError,
+    OutOfLimitsError,
+)
+from drivers.interfaces import Gripper
+from drivers.types import GripperLimits, GripperState
+from fakes.devices.handle import FakeMotion
+from fakes.faults import FaultScript
+from fakes.world.motion import FingerPath
+from fakes.world.trapezoid import Travel
+from fakes.world.world import FINGER_STIFFNESS_N_M, World
+
+SPEED_COUNTS_S = 100.0
+"""About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
+ACCELERATION_COUNTS_S2 = 2000.0
+ACTIVATION_S = 3.0
+STALL_FORCE_N = 15.0
+"""The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
+ACTIVATION_NEEDED = 0x05
+ACTIVATION_FAULT = 0x0D
+MAX_COUNTS = 255
+
+
+class FakeGripper(Gripper):
+    """Moves the world's fingers; the third finger stays parked.
+
+    openings: measured, see `GripperLimits`.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        faults: FaultScript,
+        openings: tuple[tuple[float, float], ...] = (),
+    ) -> None:
+        self._openings = openings
+        self._world = world
+        self._clock = clock
+        self._faults = faults
+        self._connected = False
+        self._activated = False
+
+    @property
+    def limits(self) -> GripperLimits:
+        """Range of the simulated fingers."""
+        layout = self._world.layout
+        return GripperLimits(
+            layout.open_counts, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m, self._openings
+        )
+
+    def connect(self) -> None:
+        """Reach the gripper, anew if it was connected."""
+        self.disconnect()
+        self._connected = True
+
+    def disconnect(self) -> None:
+        """Let go; the fingers stay where they are."""
+        if self._connected:
+            self.stop()
+        self._connected = False
+
+    def activate(self) -> None:
+        """Sweep the fingers open."""
+        self._require_usable()
+        self._clock.sleep_until(self._clock.now_ns() + seconds(ACTIVATION_S))
+        self._activated = True
+        self.move_to(self._world.layout.open_counts).wait(timeout_s=5.0)
+
+    def state(self) -> GripperState:
+        """State now."""
+        self._require_usable()
+        now = self._clock.now_ns()
+        squeeze = self._world.squeeze_at(now)
+        return GripperState(
+            time_ns=now,
+            activated=self._activated,
+            moving=not self._world.fingers.travel.done_at(now),
+            position_counts=round(self._world.fingers.position_at(now)),
+            current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
+            fault_code=0,
+        )
+
+    def move_to(self, position_counts: int) -> FakeMotion:
+        """Start moving the fingers; they stall where an object resists with 15 N."""
+        self._require_usable()
+        if not self._activated:
+            raise GripperFaultError(
+                "gripper: not activated; ask for activation first (the fingers will sweep their range)",
+                ACTIVATION_NEEDED,
+            )
+        lowest = self._world.layout.open_counts
+        if not lowest <= position_counts <= MAX_COUNTS:
+            raise OutOfLimitsError(
+                f"gripper: position {position_counts} is outside {lowest} to {MAX_COUNTS} counts"
+            )
+        now = self._clock.now_ns()
+        start = self._world.fingers.position_at(now)
+        end = min(float(position_counts), max(start, self._stall_counts(now)))
+        if self._faults.active("blocked", now, "gripper"):
+            end = start
+        travel = Travel(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
+        self._world.fingers = FingerPath(start, end, travel)
+        return FakeMotion("gripper", self._clock, self._arrived, self.stop)
+
+    def stop(self) -> None:
+        """Hold the fingers where they are."""
+        self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns())
+
+    def _arrived(self) -> bool:
+        self._require_usable()
+        return self._world.fingers.travel.done_at(self._clock.now_ns())
+
+    def _stall_counts(self, time_ns: int) -> float:
+        squeeze = self._world.squeeze_at(time_ns)
+        if squeeze <= 0.0:
+            return float(MAX_COUNTS)
+        spare_m = STALL_FORCE_N / FINGER_STIFFNESS_N_M - squeeze
+        return self._world.fingers.position_at(time_ns) + spare_m / self._world.layout.opening_per_count_m
+
+    def _require_usable(self) -> None:
+        now = self._clock.now_ns()
+        if not self._connected:
+            raise NotConnectedError("gripper: used before connect; connect the bench first")
+        if self._faults.active("disconnect", now, "gripper"):
+            raise DeviceError("gripper: no answer; check power and cable, then start again")
+        if self._faults.active("fault", now, "gripper"):
+            self._activated = False
+            raise GripperFaultError(
+                "gripper: fault 0x0D (activation fault); free the fingers, then activate again",
+                ACTIVATION_FAULT,
+            )

@@ -1,0 +1,97 @@
+"""What a simulated bench is made of, in values that travel to another process, and its sensors."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import Clock
+from drivers.types import Pose
+from fakes.camera.marker_scene import MarkerScene
+from fakes.devices.camera import FakeCamera
+from fakes.devices.digit import FakeDigit
+from fakes.devices.source import Shutter
+from fakes.faults import FaultScript
+from fakes.gel.variation import FAMILY, draw_variation
+from fakes.world.fixture import PrintedSheet, nothing_printed
+from fakes.world.state import Layout, WorldView
+
+CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
+"""The simulated camera does not stand exactly where the bench file says; no real one does."""
+
+_scene = cache(MarkerScene)
+"""A scene is the same on every bench, and costs a hundred frames to make."""
+
+
+@dataclass(frozen=True, slots=True)
+class DigitPlan:
+    """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase.
+
+    variation_seed: draws a unit unlike its family, None for one of the family. markers: whether dots
+    are printed on its gel.
+    """
+
+    serial: str
+    side: int
+    rate_hz: float
+    number: int
+    variation_seed: int | None = None
+    markers: bool = False
+
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
+        """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
+        shutter = Shutter(self.rate_hz, phase_s=0.002 + 0.005 * self.number)
+        seed, unit = self.variation_seed, unit_seed(self.serial)
+        if seed is not None:
+            unit = unit_seed(f"{self.serial}/{seed}")
+        variation = FAMILY if seed is None else draw_variation(np.random.default_rng((seed, self.number)))
+        return FakeDigit(world, clock, faults, self.serial, unit, self.side, shutter, variation, self.markers)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPlan:
+    """The external camera. base_T_camera: where the bench file says that it stands.
+
+    printed: prints the sheets of calibration targets.
+    """
+
+    serial: str
+    rate_hz: float
+    size_px: tuple[int, int]
+    focal_px: float
+    marker_ids: tuple[int, int]
+    marker_side_m: float
+    marker_dictionary: str
+    base_T_camera: Pose  # noqa: N815
+    printed: PrintedSheet = nothing_printed
+
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeCamera:
+        """Make the camera, a degree off from where it is said to stand."""
+        nominal = self.base_T_camera
+        true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
+        shutter = Shutter(self.rate_hz, phase_s=0.009, latency_s=0.006)
+        scene = _scene(
+            size=self.size_px,
+            focal_px=self.focal_px,
+            marker_ids=self.marker_ids,
+            marker_side_m=self.marker_side_m,
+            dictionary=self.marker_dictionary,
+            unit_seed=unit_seed(self.serial),
+        )
+        return FakeCamera(world, clock, faults, self.serial, shutter, scene, true_pose, self.printed)
+
+
+@dataclass(frozen=True, slots=True)
+class BenchPlan:
+    """A whole simulated bench."""
+
+    layout: Layout
+    digits: tuple[DigitPlan, ...]
+    camera: CameraPlan
+
+
+def unit_seed(serial: str) -> int:
+    """The seed of what is peculiar to a unit."""
+    return int.from_bytes(hashlib.sha256(serial.encode()).digest()[:4], "big")

@@ -1,0 +1,139 @@
+"""The gel pad of a simulated fingertip: how an object's surface dents it.
+
+Image axes in mm: x right, y down, origin at the image centre. Angles are image angles,
+counter-clockwise positive as seen. Geometry is worked out at half the image's resolution.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fakes.gel.dots import Shear
+from fakes.gel.variation import FAMILY, Variation
+from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
+
+HALF = 2
+"""Image pixels per pixel of the geometry."""
+_MIN_LAG_DEG = 1e-3
+_TOUCHING_MM = 0.004
+
+DepthMap = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Imprint:
+    """An object's face pressed against the gel.
+
+    angle_deg: image angle of the object's x. centre_mm: where the surface's origin lies from
+    the image centre (x right, y down). depth_mm: how far that origin is pushed in, counted from
+    the highest point of the undented gel. tilt: slope of the object's face against the gel along
+    image x and y, mm/mm (positive recedes to the right and downwards). lag_deg: how far the gel
+    around the contact trails behind the object's angle (it sticks and is dragged along). shear: how the
+    gel's surface has moved with the object, which only markers on it show.
+    """
+
+    surface: Surface
+    angle_deg: float
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    depth_mm: float = 0.3
+    tilt: tuple[float, float] = (0.0, 0.0)
+    lag_deg: float = 0.0
+    shear: Shear | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GelPad:
+    """One unit's pad: image size in pixels, scale along x and y, how convex its face is, its gel."""
+
+    shape: tuple[int, int]
+    mm_per_px: tuple[float, float]
+    dome_radius_mm: float = GEL_DOME_RADIUS_MM
+    variation: Variation = FAMILY
+    _x_mm: DepthMap = field(init=False)
+    _y_mm: DepthMap = field(init=False)
+    _dome_mm: DepthMap = field(init=False)
+
+    def __post_init__(self) -> None:
+        x_mm, y_mm = pixel_grid_mm(self.shape, self.mm_per_px, HALF)
+        object.__setattr__(self, "_x_mm", x_mm[None, :])
+        object.__setattr__(self, "_y_mm", y_mm[:, None])
+        dome = (self._x_mm**2 + self._y_mm**2) / np.float32(2.0 * self.dome_radius_mm)
+        object.__setattr__(self, "_dome_mm", dome)
+
+    def dent(self, imprint: Imprint) -> DepthMap:
+        """Return how far the gel is pushed in, mm, (H/2, W/2) float32, never negative.
+
+        Inside the contact the gel follows the object; around it a membrane slopes off over a few
+        mm. The membrane is dragged along with the object and may trail behind it.
+        """
+        gel = self.variation
+        pressed = self._pressed(imprint, imprint.angle_deg)
+        dragged = pressed
+        if abs(imprint.lag_deg) > _MIN_LAG_DEG:
+            dragged = self._pressed(imprint, imprint.angle_deg - imprint.lag_deg)
+        near = cv2.blur(cv2.blur(dragged, (gel.near_skirt_px,) * 2), (gel.near_skirt_px,) * 2)
+        far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
+        membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))
+        return np.asarray(cv2.blur(cv2.max(pressed, membrane), (5, 5)), np.float32)
+
+    def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
+        """Return where object and gel touch, (H, W): the geometric contact."""
+        height, width = self.shape
+        depth = cv2.resize(self._penetration(imprint, imprint.angle_deg), (width, height))
+        return np.asarray(depth > _TOUCHING_MM)
+
+    def _pressed(self, imprint: Imprint, angle_deg: float) -> DepthMap:
+        """Depth of the gel under the object, mm; flat in the middle where the unit's gel is so."""
+        pressed = np.maximum(self._penetration(imprint, angle_deg), 0.0)
+        limit = np.float32(self.variation.flatten_mm)
+        return pressed if limit == 0.0 else np.asarray(-limit * np.expm1(-pressed / limit), np.float32)
+
+    def _penetration(self, imprint: Imprint, angle_deg: float) -> DepthMap:
+        """Depth of the object's surface below the undented gel, mm; negative where it is clear."""
+        depth = self._warped(imprint.surface, angle_deg, imprint.centre_mm)
+        tx, ty = imprint.tilt
+        cx, cy = imprint.centre_mm
+        np.negative(depth, out=depth)
+        depth -= self._dome_mm
+        depth += np.float32(imprint.depth_mm + tx * cx) - np.float32(tx) * self._x_mm
+        depth += np.float32(ty * cy) - np.float32(ty) * self._y_mm
+        return depth
+
+    def _warped(self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]) -> DepthMap:
+        rows, columns = self._dome_mm.shape
+        to_surface = self._image_to_surface(surface, angle_deg, centre_mm)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        warped = cv2.warpAffine(
+            surface.height_mm,
+            to_surface,
+            (columns, rows),
+            flags=flags,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=FAR_MM,
+        )
+        return np.asarray(warped, np.float32)
+
+    def _image_to_surface(
+        self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]
+    ) -> NDArray[np.float64]:
+        """(2, 3): geometry pixel (column, row, 1) to surface pixel (column, row)."""
+        turn = np.deg2rad(angle_deg)
+        cos, sin = np.cos(turn), np.sin(turn)
+        # x right, y down: turning counter-clockwise as seen takes (1, 0) to (cos, -sin)
+        to_object = np.array([[cos, -sin], [sin, cos]]) / surface.mm_per_px
+        scale = np.diag([HALF * self.mm_per_px[0], HALF * self.mm_per_px[1]])
+        first = np.array([self._x_mm[0, 0], self._y_mm[0, 0]], np.float64) - centre_mm
+        middle = 0.5 * (np.array(surface.height_mm.shape[::-1]) - 1.0)
+        return np.column_stack([to_object @ scale, to_object @ first + middle])
+
+
+def pixel_grid_mm(
+    shape: tuple[int, int], mm_per_px: tuple[float, float], step_px: int
+) -> tuple[DepthMap, DepthMap]:
+    """Return x (columns) and y (rows) in mm of the centres of `step_px` wide pixels."""
+    rows, columns = shape
+    x = (np.arange(0, columns, step_px) + 0.5 * (step_px - 1) - 0.5 * (columns - 1)) * mm_per_px[0]
+    y = (np.arange(0, rows, step_px) + 0.5 * (step_px - 1) - 0.5 * (rows - 1)) * mm_per_px[1]
+    return x.astype(np.float32), y.astype(np.float32)

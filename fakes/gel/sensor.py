@@ -1,0 +1,160 @@
+"""One simulated DIGIT: renders the picture of a dented gel, and the contact behind it.
+
+What turns in the picture is the object's surface; the LEDs stay where they are, so the colours
+of a turning contact change. Only fakes may look at the truth (`contact_mask`).
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from fakes.gel.dots import MarkerPrint
+from fakes.gel.light import Light, make_light, vary_light
+from fakes.gel.pad import HALF, GelPad, Imprint
+from fakes.gel.shadow import shade
+from fakes.gel.variation import FAMILY, Variation
+from fakes.objects.surfaces import GEL_DOME_RADIUS_MM
+
+__all__ = ["GelSensor", "Imprint"]
+
+_MM_PER_PX = 0.060
+_UNITS = 16
+"""Grey levels are added as int16 in sixteenths: fine enough for noise, fast enough for 60 Hz."""
+_DRIFT_STEP_S = 0.1
+_MOST_LOST = 0.85
+_NOISE_FIELDS = 6
+_NOISE_MARGIN_PX = 48
+
+
+class GelSensor:
+    """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
+
+    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: how far the unit
+    departs from the family. markers: whether dots are printed on its gel.
+    """
+
+    def __init__(
+        self,
+        unit_seed: int,
+        shape: tuple[int, int] = (320, 240),
+        variation: Variation = FAMILY,
+        markers: bool = False,
+    ) -> None:
+        rng = np.random.default_rng((unit_seed, 17))
+        scale = _MM_PER_PX * 240.0 / shape[1]
+        mm_per_px = (scale * float(rng.uniform(0.98, 1.0)), scale * float(rng.uniform(1.0, 1.025)))
+        dome_mm = GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12))
+        self._variation = variation
+        self._pad = GelPad(shape, mm_per_px, dome_mm, variation)
+        self._light: Light = vary_light(make_light(self._pad, rng), variation.light_seed)
+        self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
+        self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
+        self._glow = _planes_at_half(self._light.background)
+        self._drifted: tuple[float, NDArray[np.int16]] | None = None
+        self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
+
+    @property
+    def mm_per_px(self) -> tuple[float, float]:
+        """True scale along x and y in mm per pixel; a real unit's have to be calibrated."""
+        return self._pad.mm_per_px
+
+    def render(self, imprint: Imprint | None, time_s: float, rng: np.random.Generator) -> Image:
+        """Return the frame (H, W, 3) uint8 RGB of an imprint (None: no contact), without JPEG.
+
+        time_s moves the slow drift of the light; `rng` draws this frame's noise.
+        """
+        frame = self._lit_background(time_s).copy()
+        if imprint is not None:
+            cv2.add(frame, self._change_by(imprint), dst=frame)
+        if self._markers is not None:
+            frame = self._marked(frame, imprint, self._markers)
+        self._add_noise(frame, rng)
+        np.right_shift(frame, 4, out=frame)
+        np.clip(frame, 0, 255, out=frame)
+        return frame.astype(np.uint8)
+
+    def touching(self, imprint: Imprint | None) -> NDArray[np.uint8]:
+        """Return where object and gel touch as (H, W) uint8, 0 or 255."""
+        if imprint is None:
+            return np.zeros(self._pad.shape, np.uint8)
+        return self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
+
+    def contact_mask(self, imprint: Imprint) -> NDArray[np.uint8]:
+        """Return where object and gel touch as (H, W) uint8, 0 or 255; gaps of a texture are filled."""
+        touching = self.touching(imprint)
+        reach = max(round(0.9 / self._pad.mm_per_px[0]), 1) | 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+        padded = cv2.copyMakeBorder(touching, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+        closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
+        return np.asarray(closed[reach:-reach, reach:-reach], np.uint8)
+
+    def _marked(
+        self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint
+    ) -> NDArray[np.int16]:
+        """Darken the frame where the gel's markers are."""
+        shear = None if imprint is None else imprint.shear
+        touching = None if imprint is None or shear is None else self._pad.touching(imprint)
+        return (frame * markers.light_left(shear, touching)).astype(np.int16)
+
+    def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
+        """What an imprint changes; a still object makes the same imprint frame after frame."""
+        if self._changed is None or self._changed[0] != imprint:
+            self._changed = (imprint, self._change(imprint))
+        return self._changed[1]
+
+    def _change(self, imprint: Imprint) -> NDArray[np.int16]:
+        """What a dent adds to the background, in sixteenths of a grey level."""
+        dent = self._pad.dent(imprint)
+        light = self._light
+        knee = np.float32(1.0 / (8.0 * self._variation.slope_at_knee * HALF))
+        slope_x = cv2.Sobel(dent, cv2.CV_32F, 1, 0, scale=float(knee / self._pad.mm_per_px[0]))
+        slope_y = cv2.Sobel(dent, cv2.CV_32F, 0, 1, scale=float(knee / self._pad.mm_per_px[1]))
+        facing = light.towards_x * slope_x
+        facing += light.towards_y * slope_y
+        # a slope that falls in the light's direction brightens; the pad's colours saturate
+        facing /= -np.sqrt(np.float32(1.0) + facing * facing)
+        facing *= light.gain
+        facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
+        np.maximum(facing, np.float32(-_MOST_LOST) * self._glow, out=facing)
+        facing *= np.float32(_UNITS)
+        merged = cv2.merge(list(facing)).astype(np.int16)
+        return np.asarray(cv2.resize(merged, (self._pad.shape[1], self._pad.shape[0])), np.int16)
+
+    def _lit_background(self, time_s: float) -> NDArray[np.int16]:
+        """The background at a time; the drift is slow, so it moves in steps of a tenth of a second."""
+        step = np.floor(time_s / _DRIFT_STEP_S) * _DRIFT_STEP_S
+        if self._drifted is None or self._drifted[0] != step:
+            factor = (self._light.drift_at(step) * _UNITS).astype(np.float32)
+            self._drifted = (
+                step,
+                (self._light.background * factor + np.float32(_UNITS / 2)).astype(np.int16),
+            )
+        return self._drifted[1]
+
+    def _add_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
+        rows, columns = self._pad.shape
+        which, down, across, sign = rng.integers(0, (_NOISE_FIELDS, _NOISE_MARGIN_PX, _NOISE_MARGIN_PX, 2))
+        field = self._noise[which][down : down + rows, across : across + columns]
+        if sign:
+            cv2.add(frame, field, dst=frame)
+        else:
+            cv2.subtract(frame, field, dst=frame)
+
+
+def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    rows, columns = image.shape[:2]
+    half = cv2.resize(image, (columns // HALF, rows // HALF), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(half.transpose(2, 0, 1), np.float32)
+
+
+def _noise_fields(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> NDArray[np.int16]:
+    """Read-out noise of `sigma` grey levels in sixteenths, blotchy and a little per column."""
+    rows, columns = shape[0] + _NOISE_MARGIN_PX, shape[1] + _NOISE_MARGIN_PX
+    fields = []
+    for _ in range(_NOISE_FIELDS):
+        noise = cv2.GaussianBlur(rng.standard_normal((rows, columns, 3)).astype(np.float32), (0, 0), 0.6)
+        noise *= np.array([1.1, 0.8, 1.1], np.float32) * np.float32(sigma) / noise.std()
+        noise += rng.normal(0.0, 0.25, (1, columns, 1))
+        fields.append(np.rint(noise * _UNITS).astype(np.int16))
+    return np.stack(fields)

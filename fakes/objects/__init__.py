@@ -1,0 +1,1 @@
+"""The simulated objects: catalogue, shapes, textures, and the surfaces that fingers touch."""

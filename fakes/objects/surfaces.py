@@ -1,0 +1,126 @@
+"""The simulated object's surface at a grasp, and how deep a force presses it into the gel.
+
+A surface is what one fingertip faces: heights away from the gel in mm, over object coordinates
+(columns along the object's x, rows down). The finger on the far side faces the mirror image.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from fakes.objects.catalogue import GraspSite
+from fakes.objects.shapes import Contact, Field, Shape
+from fakes.objects.texture import texture_height
+
+SURFACE_PX = 256
+SURFACE_MM_PER_PX = 0.12
+FAR_MM = 6.0
+"""Height that stands for "nothing there"."""
+
+GEL_HALF_MM = (7.2, 9.6)
+"""Half the sensing area of a DIGIT, across and along (19 x 14 mm, Lambeta et al. 2020)."""
+GEL_STIFFNESS_N_MM3 = 0.11
+"""Force per area and depth (Winkler foundation) of a soft 2 mm silicone pad."""
+GEL_DOME_RADIUS_MM = 62.0
+"""The gel's face is slightly convex, so even a flat object makes a round, growing contact."""
+
+_FORCE_STRIDE = 3
+_JITTERED = {"radius_mm": 0.04, "width_mm": 0.03, "nose_mm": 0.06, "waist_radius_mm": 0.10}
+_BEND_JITTER_PER_MM = 0.0006
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Heights of an object's face: (N, N) float32 mm away from the gel, 0 at the closest point.
+
+    The origin, where the fingers close, is the middle of the array.
+    """
+
+    height_mm: NDArray[np.float32]
+    mm_per_px: float
+
+
+def build_surface(site: GraspSite | Contact, side: int, seed: int) -> Surface:
+    """Make the surface that one finger meets at a grasp site.
+
+    side: +1 for the finger on the external camera's side, -1 for the opposite finger, which sees
+    the same geometry mirrored in x with a texture of its own. seed: makes this specimen's small
+    deviations (the same on both sides) and the textures' phases. Raises `InputError` for another
+    side.
+    """
+    if side not in (1, -1):
+        raise InputError(f"side of a surface is {side}: use 1 (camera's side) or -1")
+    contact = site.contact if isinstance(site, GraspSite) else site
+    x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
+    specimen = np.random.default_rng((seed, 11))
+    parts = contact.parts if contact.exact else [_jittered(part, specimen) for part in contact.parts]
+    height = np.minimum.reduce([part.height(x_mm, z_mm) for part in parts])
+    if side < 0:
+        height = height[:, ::-1]
+    height = height + texture_height(contact, side * x_mm, z_mm, np.random.default_rng((seed, 13, side + 1)))
+    height = np.minimum(height - height.min(), np.float32(FAR_MM))
+    return Surface(np.ascontiguousarray(height, np.float32), SURFACE_MM_PER_PX)
+
+
+def depth_for_force(
+    surface: Surface,
+    force_n: float,
+    tilt: tuple[float, float] = (0.0, 0.0),
+    angle_deg: float = 0.0,
+    centre_mm: tuple[float, float] = (0.0, 0.0),
+) -> float:
+    """Return how far the surface's origin is pressed into the gel by a normal force, in mm.
+
+    Winkler foundation: each patch of gel carries its own depth times the stiffness; the total
+    grows with depth, so the answer is found in the sorted heights. tilt, angle_deg and centre_mm
+    as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted face. Raises
+    `InputError` for a negative or non-finite force.
+    """
+    if not (np.isfinite(force_n) and force_n >= 0.0):
+        raise InputError(f"force on the gel is {force_n} N: it must be finite and not negative")
+    clearance = np.sort(_clearance(surface, tilt, angle_deg, centre_mm))
+    cell_mm2 = (_FORCE_STRIDE * surface.mm_per_px) ** 2
+    summed = np.cumsum(clearance, dtype=np.float64)
+    count = np.arange(1, len(clearance) + 1)
+    load = force_n / (GEL_STIFFNESS_N_MM3 * cell_mm2)
+    carried = count[:-1] * clearance[1:] - summed[:-1]
+    touching = int(np.searchsorted(carried, load))
+    return float((load + summed[touching]) / count[touching])
+
+
+def _clearance(
+    surface: Surface, tilt: tuple[float, float], angle_deg: float, centre_mm: tuple[float, float]
+) -> Field:
+    """Gap between object and gel in mm at depth 0, for the points over the gel."""
+    heights = surface.height_mm[::_FORCE_STRIDE, ::_FORCE_STRIDE]
+    first = -0.5 * (len(surface.height_mm) - 1) * surface.mm_per_px
+    axis = np.float32(first) + np.float32(_FORCE_STRIDE * surface.mm_per_px) * np.arange(
+        len(heights), dtype=np.float32
+    )
+    cos, sin = np.float32(np.cos(np.deg2rad(angle_deg))), np.float32(np.sin(np.deg2rad(angle_deg)))
+    from_x = cos * axis[None, :] + sin * axis[:, None]
+    from_y = cos * axis[:, None] - sin * axis[None, :]
+    x, y = from_x + np.float32(centre_mm[0]), from_y + np.float32(centre_mm[1])
+    over_gel = (np.abs(x) <= GEL_HALF_MM[0]) & (np.abs(y) <= GEL_HALF_MM[1])
+    dome = (x * x + y * y) / np.float32(2.0 * GEL_DOME_RADIUS_MM)
+    gap = heights + dome + np.float32(tilt[0]) * from_x + np.float32(tilt[1]) * from_y
+    return gap[over_gel]
+
+
+def _grid(size_px: int, mm_per_px: float) -> tuple[Field, Field]:
+    axis = ((np.arange(size_px) - 0.5 * (size_px - 1)) * mm_per_px).astype(np.float32)
+    x_mm, z_mm = np.meshgrid(axis, axis)
+    return x_mm, z_mm
+
+
+def _jittered(part: Shape, rng: np.random.Generator) -> Shape:
+    """A specimen of a part: sizes off by a few per cent, the axis bent a little."""
+    changes = {
+        name: value * float(rng.uniform(1.0 - spread, 1.0 + spread))
+        for name, spread in _JITTERED.items()
+        if (value := getattr(part, name, 0.0)) > 0.0
+    }
+    bend = part.bend_per_mm + float(rng.uniform(-_BEND_JITTER_PER_MM, _BEND_JITTER_PER_MM))
+    return replace(part, bend_per_mm=bend, **changes)

@@ -1,0 +1,144 @@
+"""Simulated tactile clips with a known angle. Estimators see their images alone.
+
+A clip rests, turns at a constant rate and rests again, about a pivot that is not the contact's
+middle.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import seconds
+from drivers.errors import InputError
+from drivers.types import Image
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.objects.catalogue import GraspSite, find_object
+from fakes.objects.shapes import Ball, Contact
+from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+
+REST_S, AFTER_S = 0.4, 0.2
+PIVOT_MM = (1.5, -2.0)
+"""Where the contact turns about, from its middle."""
+TILT = (0.008, -0.006)
+FORCE_N = 0.8
+TWO_BALLS = "two balls"
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a clip shows.
+
+    contact: "OBJECT:SITE" of the simulated catalogue, as "t1:0", or "two balls". angle_deg: turn in all,
+    counter-clockwise positive. center_mm: of the contact on the gel, x right, y down.
+    lag_deg: how far the gel around the contact trails behind. pressed: share by which the force
+    grows while it turns. unit, seed: of the sensor, and of specimen and noise.
+    """
+
+    contact: str
+    angle_deg: float = 30.0
+    rate_deg_s: float = 40.0
+    rate_hz: float = 60.0
+    center_mm: tuple[float, float] = (0.0, 0.0)
+    lag_deg: float = 0.0
+    pressed: float = 0.0
+    force_n: float = FORCE_N
+    unit: int = 21
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """Frames of one sensor, (N) of (H, W, 3) uint8 RGB, with times and true image angles (N,) deg.
+
+    background: a frame without contact. moves_ns: when the turn begins. aspect: width over height of
+    a pixel on the gel, as a calibration would tell it; None: not told.
+    """
+
+    background: Image
+    frames: tuple[Image, ...]
+    time_ns: tuple[int, ...]
+    angle_deg: NDArray[np.float64]
+    moves_ns: int
+    aspect: float | None
+
+
+@lru_cache(maxsize=4)
+def render_clip(scene: Scene) -> Clip:
+    """Render a scene; the same scene gives the same clip. Raises `InputError` for an unknown contact."""
+    sensor, surface = _sensor(scene.unit), _surface(scene.contact, scene.seed)
+    across, down = sensor.mm_per_px
+    rng = np.random.default_rng((scene.seed, scene.unit, 29))
+    background = sensor.render(None, 0.0, rng)
+    lasting_s = REST_S + abs(scene.angle_deg) / scene.rate_deg_s + AFTER_S
+    times_s = np.arange(0.0, lasting_s, 1.0 / scene.rate_hz)
+    turned = np.clip((times_s - REST_S) * scene.rate_deg_s / max(abs(scene.angle_deg), 1e-9), 0.0, 1.0)
+    frames = tuple(
+        sensor.render(_imprint(scene, surface, float(share)), float(t), rng)
+        for t, share in zip(times_s, turned, strict=True)
+    )
+    return Clip(
+        background,
+        frames,
+        tuple(map(seconds, times_s)),
+        turned * scene.angle_deg,
+        seconds(REST_S),
+        across / down,
+    )
+
+
+def resting_frames(scene: Scene) -> tuple[Image, Iterator[Image]]:
+    """Return a background, and frames of the scene at rest without end: fresh noise, drifting light."""
+    sensor, surface = _sensor(scene.unit), _surface(scene.contact, scene.seed)
+    rng = np.random.default_rng((scene.seed, scene.unit, 31))
+    imprint = _imprint(scene, surface, 0.0)
+    frames = (sensor.render(imprint, i / scene.rate_hz, rng) for i in count())
+    return sensor.render(None, 0.0, rng), frames
+
+
+def opposite(scene: Scene) -> Scene:
+    """Return the same scene turned the other way."""
+    return replace(scene, angle_deg=-scene.angle_deg)
+
+
+def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
+    angle = share * scene.angle_deg
+    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    px, py = PIVOT_MM
+    # The pivot stays where it is: counter-clockwise as seen, x right, y down.
+    center = (
+        scene.center_mm[0] + px - (cos * px + sin * py),
+        scene.center_mm[1] + py - (cos * py - sin * px),
+    )
+    moving = 4.0 * share * (1.0 - share)
+    depth = _depth(surface, scene.force_n * (1.0 + scene.pressed * share), scene.center_mm)
+    lag = math.copysign(scene.lag_deg * moving, scene.angle_deg)
+    return Imprint(surface, angle, center, depth, TILT, lag)
+
+
+def _depth(surface: Surface, force_n: float, center_mm: tuple[float, float]) -> float:
+    return depth_for_force(surface, round(force_n, 3), TILT, 0.0, center_mm)
+
+
+@lru_cache(maxsize=4)
+def _sensor(unit: int) -> GelSensor:
+    return GelSensor(unit)
+
+
+@lru_cache(maxsize=8)
+def _surface(contact: str, seed: int) -> Surface:
+    return build_surface(_site(contact), 1, seed)
+
+
+def _site(contact: str) -> GraspSite | Contact:
+    if contact == TWO_BALLS:
+        return Contact((Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2)))
+    name, _, number = contact.partition(":")
+    sites = find_object(name).sites
+    if not number.isdecimal() or int(number) >= len(sites):
+        raise InputError(f"contact '{contact}': give OBJECT:SITE with a site from 0 to {len(sites) - 1}")
+    return sites[int(number)]

@@ -1,0 +1,239 @@
+"""A 3-Finger gripper as a state machine behind its registers: activation, modes, motions, faults.
+
+Byte positions and bits are those of the Robotiq 3-Finger manual (sections "Robot output
+registers" and "Robot input registers"), read here anew: nothing is shared with the driver.
+What the manual leaves open (durations, scissor positions of three modes) is marked as ours.
+"""
+
+from drivers.clock import seconds
+from fakes.wire.gripper.axis import Axis, mean_path
+from fakes.world.world import FINGER_STIFFNESS_N_M, World
+
+REFRESH_NS = 5_000_000
+"""The registers are refreshed at 200 Hz: a status read sooner still tells of what was before."""
+LATEST_NS = 2_000_000_000
+"""How late a tick may come and still stop the fingers where they met the object."""
+IMAGE_BYTES = 16
+RESET, ACTIVATING, CHANGING_MODE, READY = range(4)
+SCISSOR_MODE = 3
+AXES = ("A", "B", "C", "S")
+OFFSETS: dict[str, int] = dict(zip(AXES, (3, 6, 9, 12), strict=True))
+SCISSOR_OF_MODE = (0x89, 0xDC, 0x19, 0x19)
+"""Basic is the manual's status example; pinch, wide and scissor are ours."""
+CLOSED_COUNTS = 255
+MOVING_CURRENT = 0x0F
+"""What the manual's example reads while the fingers close."""
+MODE_CHANGE_S = 1.0
+SLOWEST_M_S, FASTEST_M_S = 0.022, 0.110
+WEAKEST_N, FORCE_PER_COUNT_N = 15.0, 0.175
+MAJOR_FAULT = 0x0D
+
+
+class GripperModel:
+    """The device behind the registers. `tick` it every 5 ms; other calls only read or write bytes.
+
+    fingers: the axes that carry the world's fingertips; the world's opening follows their mean.
+    """
+
+    def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:
+        self.written = bytearray(IMAGE_BYTES)
+        self.blocked = False
+        self.deaf = False
+        self._world = world
+        self._fingers = fingers
+        self._sweep_s = max(activation_s, 0.01) / 2
+        self._open = float(world.layout.open_counts)
+        scissor = float(SCISSOR_OF_MODE[0])
+        starts = dict.fromkeys("ABC", world.fingers.position_at(now_ns)) | {"S": scissor}
+        self.axes = {name: Axis.resting(at) for name, at in starts.items()}
+        self._latched = bytes(IMAGE_BYTES)
+        self._stage = RESET
+        self._stage_ends_ns = 0
+        self._swept = False
+        self._going = False
+        self._releasing = False
+        self._mode = 0
+        self._fault = 0
+        self._ticked_ns = now_ns
+        self.image = self._status(now_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Take up what was written, move, and refresh the status image."""
+        before = [self.axes[name].path for name in self._fingers]
+        for missed_ns in range(max(self._ticked_ns, now_ns - LATEST_NS) + REFRESH_NS, now_ns, REFRESH_NS):
+            self._stop_at_contact(missed_ns)
+        self._ticked_ns = now_ns
+        request = self._latched if self.deaf else bytes(self.written)
+        self._take(request, now_ns)
+        self._latched = request
+        self._advance(now_ns)
+        self._stop_at_contact(now_ns)
+        paths = [self.axes[name].path for name in self._fingers]
+        if paths != before:
+            self._world.fingers = mean_path(paths, now_ns)
+        self.image = self._status(now_ns)
+
+    def fail(self, code: int, now_ns: int) -> None:
+        """Raise a fault; from 0x0D on the gripper stops and wants a reset and an activation."""
+        self._fault = code
+        if code >= MAJOR_FAULT:
+            self._stage, self._going = RESET, False
+            self._stop(now_ns)
+
+    def lose_power(self, now_ns: int) -> None:
+        """Forget everything that was asked for; the fingers stay where they are."""
+        self.written[:] = bytes(IMAGE_BYTES)
+        self._reset(now_ns)
+        self._latched = bytes(IMAGE_BYTES)
+        self.image = self._status(now_ns)
+
+    def clear_fault(self) -> None:
+        """End a fault that needs no reset."""
+        if self._fault < MAJOR_FAULT:
+            self._fault = 0
+
+    def _take(self, request: bytes, now_ns: int) -> None:
+        activate, release = request[0] & 1, request[0] & 16
+        if not activate:
+            self._reset(now_ns)
+            return
+        if not self._latched[0] & 1:
+            self._stage, self._swept = ACTIVATING, False
+            self._stage_ends_ns = now_ns + seconds(self._sweep_s)
+            self._sweep(CLOSED_COUNTS, now_ns)
+        if release and self._stage == READY:
+            self._begin_release(now_ns)
+        elif self._stage == READY and request[0] >> 1 & 3 != self._mode and not request[1] & 8:
+            self._begin_mode_change(request[0] >> 1 & 3, now_ns)
+
+    def _reset(self, now_ns: int) -> None:
+        self._stop(now_ns)
+        self._stage, self._going, self._releasing, self._fault = RESET, False, False, 0
+
+    def _stop(self, now_ns: int) -> None:
+        for axis in self.axes.values():
+            axis.stop(now_ns)
+            axis.contact = 0
+
+    def _sweep(self, end: float, now_ns: int) -> None:
+        speed = 1.5 * (CLOSED_COUNTS - self._open) / self._sweep_s
+        for name in "ABC":
+            self.axes[name].go(end, speed, now_ns)
+
+    def _begin_release(self, now_ns: int) -> None:
+        self._stage, self._going, self._releasing, self._fault = RESET, False, True, 0x0B
+        for name in "ABC":
+            self.axes[name].go(self._open, self._speed(0), now_ns)
+
+    def _begin_mode_change(self, mode: int, now_ns: int) -> None:
+        self._stop(now_ns)
+        self._stage, self._going, self._mode = CHANGING_MODE, False, mode
+        self._stage_ends_ns = now_ns + seconds(MODE_CHANGE_S)
+        self._turn_scissor(now_ns)
+
+    def _turn_scissor(self, now_ns: int) -> None:
+        self.axes["S"].go(float(SCISSOR_OF_MODE[self._mode]), 300.0, now_ns)
+
+    def _advance(self, now_ns: int) -> None:
+        if self._stage == ACTIVATING and now_ns >= self._stage_ends_ns:
+            self._go_on_activating(now_ns)
+        elif self._stage == CHANGING_MODE and now_ns >= self._stage_ends_ns:
+            self._stage = READY
+            if self.axes["S"].contact:
+                self.fail(0x0E, now_ns)
+        elif self._releasing and not any(axis.moving(now_ns) for axis in self.axes.values()):
+            self._releasing, self._fault = False, 0x0F
+        if self._stage == READY:
+            self._follow(now_ns)
+
+    def _go_on_activating(self, now_ns: int) -> None:
+        if self.blocked:
+            self.fail(MAJOR_FAULT, now_ns)
+        elif not self._swept:
+            self._swept = True
+            self._stage_ends_ns = now_ns + seconds(self._sweep_s)
+            self._sweep(self._open, now_ns)
+        elif not any(axis.moving(now_ns) for axis in self.axes.values()):
+            self._stage, self._mode = READY, self._latched[0] >> 1 & 3
+            self._turn_scissor(now_ns)
+
+    def _follow(self, now_ns: int) -> None:
+        go_to = bool(self._latched[0] & 8)
+        if go_to:
+            for name, asked in self._requests().items():
+                self._ask(self.axes[name], asked, now_ns, rearm=not self._going)
+        elif self._going:
+            self._stop(now_ns)
+        self._going = go_to
+
+    def _requests(self) -> dict[str, tuple[int, int, int]]:
+        """What each axis is asked for: position, speed, force."""
+
+        def bytes_of(name: str) -> tuple[int, int, int]:
+            position, speed, force = self._latched[OFFSETS[name] : OFFSETS[name] + 3]
+            return position, speed, force
+
+        requests = {}
+        if self._mode == SCISSOR_MODE and not self._latched[1] & 8:
+            return {"S": bytes_of("A")}
+        for name in "ABC":
+            requests[name] = bytes_of(name if self._latched[1] & 4 else "A")
+        if self._latched[1] & 8:
+            requests["S"] = bytes_of("S")
+        return requests
+
+    def _ask(self, axis: Axis, asked: tuple[int, int, int], now_ns: int, rearm: bool) -> None:
+        """An axis in contact stays unless it is sent back, pressed harder, or rGTO was set anew."""
+        if asked == axis.asked and not rearm:
+            return
+        position, speed, force = asked
+        end = max(float(position), self._open)
+        back = (end < axis.path.position_at(now_ns)) == axis.closing
+        if rearm or not axis.contact or back or force > axis.asked[2]:
+            axis.go(end, self._speed(speed), now_ns)
+        axis.asked = asked
+
+    def _speed(self, counts: int) -> float:
+        metres = SLOWEST_M_S + counts / 255 * (FASTEST_M_S - SLOWEST_M_S)
+        return metres / self._world.layout.opening_per_count_m
+
+    def _stop_at_contact(self, now_ns: int) -> None:
+        moving = [(name, axis) for name, axis in self.axes.items() if axis.moving(now_ns)]
+        if not moving:
+            return
+        resistance = FINGER_STIFFNESS_N_M * self._world.squeeze_at(now_ns)
+        for name, axis in moving:
+            limit = WEAKEST_N + FORCE_PER_COUNT_N * axis.asked[2]
+            if self.blocked or (name != "S" and axis.closing and resistance >= limit):
+                axis.stop(now_ns)
+                axis.contact = 2 if axis.closing else 1
+
+    def _status(self, now_ns: int) -> bytes:
+        moving = [self.axes[name].moving(now_ns) for name in AXES]
+        image = bytearray(IMAGE_BYTES)
+        image[0] = self._latched[0] & 7 | self._going << 3 | self._stage << 4
+        if self._going:
+            image[0] |= self._motion_status(any(moving)) << 6
+        image[2] = self._fault or self._refusal()
+        for number, name in enumerate(AXES):
+            axis, offset = self.axes[name], OFFSETS[name]
+            if self._going and not moving[number]:
+                image[1] |= (axis.contact or 3) << 2 * number
+            image[offset] = self._latched[offset]
+            image[offset + 1] = round(axis.path.position_at(now_ns))
+            image[offset + 2] = MOVING_CURRENT if moving[number] else 0
+        return bytes(image)
+
+    def _motion_status(self, moving: bool) -> int:
+        if moving:
+            return 0
+        stopped = sum(self.axes[name].contact > 0 for name in "ABC")
+        return {0: 3, 3: 2}.get(stopped, 1)
+
+    def _refusal(self) -> int:
+        """The priority fault of a motion that has to wait: 5, 6 or 7."""
+        if not self._latched[0] & 8:
+            return 0
+        if not self._latched[0] & 1:
+            return 0x07
+        return {ACTIVATING: 0x05, CHANGING_MODE: 0x06}.get(self._stage, 0)

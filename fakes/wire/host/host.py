@@ -1,0 +1,205 @@
+"""All fakes of a bench on one world: controller, gripper and world here, cameras in a process beside."""
+
+import math
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from drivers.errors import DeviceError, InputError
+from fakes.clock import SharedClock
+from fakes.devices.plan import BenchPlan
+from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.host.mirror import snapshot_of
+from fakes.wire.host.motion_log import MotionLog
+from fakes.wire.host.render import Renderer
+from fakes.wire.net.side_channel import ControlServer
+from fakes.wire.ur.controller import POLYSCOPE, URController
+from fakes.world.world import World
+
+TICK_S = 0.004
+SWITCH_S = 0.0005
+"""How long a busy thread may keep the interpreter while the controller's next cycle is due."""
+
+
+class Device(Protocol):
+    """What every fake behind a wire can be told."""
+
+    def inject(self, kind: str, **arguments: Any) -> None:
+        """Begin a fault, or end all with kind "clear". Raises `InputError` naming the known kinds."""
+        ...
+
+    def snapshot(self) -> Mapping[str, Any]:
+        """What has happened so far, in JSON values."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """Where the fakes are reached. gripper: (host, port), or the path of a serial device."""
+
+    arm: str
+    gripper: tuple[str, int] | str
+    streams: dict[str, str]
+    control: str
+
+
+@dataclass(frozen=True, slots=True)
+class WirePlan:
+    """How the arm and the gripper show themselves on the wire.
+
+    polyscope: the version that the controller announces. fingers: the gripper's that carry the
+    fingertips. preset: its register map over TCP. rtu: a path to serve it under on a
+    pseudo-terminal instead.
+    """
+
+    polyscope: str = POLYSCOPE
+    fingers: tuple[str, str] = ("B", "C")
+    preset: str = "tcp"
+    rtu: str | None = None
+
+
+class FakesHost:
+    """Starts and stops the fakes of a bench.
+
+    host: the loopback address of all of them; a controller's ports are fixed, so a second bench
+    needs another one (127.0.0.2).
+    """
+
+    def __init__(self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0) -> None:
+        self._plan, self._wire, self._host = plan, wire, host
+        self._clock = SharedClock(time.monotonic_ns())
+        self._world = World(plan.layout, seed)
+        self._motion = MotionLog()
+        self._devices: dict[str, Device] = {}
+        self._running = ExitStack()
+        self._stopping = threading.Event()
+        self._lost: DeviceError | None = None
+
+    def start(self) -> Addresses:
+        """Start everything; return where it is. Raises `InputError` for a place that is taken."""
+        sys.setswitchinterval(SWITCH_S)
+        try:
+            return self._start()
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """Stop everything. Safe to call twice."""
+        self._stopping.set()
+        self._running.close()
+
+    def wait(self) -> None:
+        """Block until `stop`, or raise the `DeviceError` that ended the fakes on its own."""
+        while not self._stopping.wait(0.5):
+            if self._lost is not None:
+                raise self._lost
+
+    def _start(self) -> Addresses:
+        first = snapshot_of(self._world, self._clock.now_ns())
+        renderer = Renderer(self._plan, self._clock, first, self._host)
+        self._running.callback(renderer.stop)
+        arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
+        gripper = self._gripper()
+        for device in (arm, gripper):
+            device.start()
+            self._running.callback(device.stop)
+        streams = renderer.urls()
+        self._devices = {"arm": arm, "gripper": gripper}
+        self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
+        control = ControlServer(self._commands(), self._host)
+        control.start()
+        self._running.callback(control.stop)
+        self._tick(renderer)
+        where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
+        return Addresses(self._host, where, streams, control.address)
+
+    def _gripper(self) -> GripperServer | GripperRtu:
+        wire = self._wire
+        if wire.rtu is not None:
+            return GripperRtu(self._world, self._clock, wire.rtu, wire.fingers)
+        return GripperServer(self._world, self._clock, self._host, preset=wire.preset, fingers=wire.fingers)
+
+    def _tick(self, renderer: Renderer) -> None:
+        """Keep the world going and the cameras informed, whether or not a device asks."""
+
+        def run() -> None:
+            try:
+                while not self._stopping.wait(TICK_S):
+                    snapshot = snapshot_of(self._world, self._clock.now_ns())
+                    self._motion.see(snapshot.moment.time_ns, snapshot.tool.position_m)
+                    renderer.feed(snapshot)
+            except DeviceError as error:
+                self._lost = error
+
+        ticker = threading.Thread(target=run, daemon=True)
+        ticker.start()
+        self._running.callback(ticker.join)
+        self._running.callback(self._stopping.set)
+
+    def _commands(self) -> dict[str, Any]:
+        return {
+            "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
+            "status": self._status,
+        }  # fmt: skip
+
+    def _place(self, object: str, seed: int | None = None) -> None:
+        self._world.lay(object, seed)
+
+    def _gap(self) -> dict[str, Any]:
+        return {"gap_m": self._world.gap_at(self._clock.now_ns())}
+
+    def _fault(self, device: str, kind: str, **arguments: Any) -> None:
+        for name in self._named(device):
+            self._devices[name].inject(kind, **arguments)
+
+    def _named(self, device: str) -> list[str]:
+        groups = {
+            "tactile": [digit.serial for digit in self._plan.digits],
+            "camera": [self._plan.camera.serial],
+            "all": list(self._devices),
+        }
+        names = groups.get(device, [device])
+        if not set(names) <= set(self._devices):
+            known = ", ".join([*self._devices, *groups])
+            raise InputError(f"there is no device '{device}': use one of {known}")
+        return names
+
+    def _status(self) -> dict[str, Any]:
+        """The world and all devices."""
+        return {**self._state(), "devices": {name: dict(d.snapshot()) for name, d in self._devices.items()}}
+
+    def _state(self) -> dict[str, Any]:
+        """The world as it truly is."""
+        now = self._clock.now_ns()
+        moment, model = self._world.moment_at(now), self._world.model
+        return {
+            "start_ns": self._clock.start_ns,
+            "now_ns": now,
+            "tool_m": self._world.tool.position_at(now),
+            "tool_moving": self._motion.moving,
+            "tool_motions_ns": list(self._motion.intervals),
+            "finger_counts": self._world.fingers.position_at(now),
+            "object": model.id if model else None,
+            "held": moment.held,
+            "force_n": moment.force_n,
+            "turn_deg": math.degrees(moment.object_turn_rad),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """A stream's server in the drawing process."""
+
+    renderer: Renderer
+    serial: str
+
+    def inject(self, kind: str, **arguments: Any) -> None:
+        self.renderer.call(self.serial, "inject", kind=kind, **arguments)
+
+    def snapshot(self) -> Mapping[str, Any]:
+        return self.renderer.call(self.serial, "snapshot")

@@ -1,0 +1,149 @@
+"""The process that draws: cameras and fingertips of a mirrored world, served as MJPEG streams."""
+
+import multiprocessing
+import signal
+import sys
+import threading
+from contextlib import suppress
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.errors import DeviceError, RigError
+from drivers.realtime import be_punctual
+from drivers.types import Image
+from fakes.clock import SharedClock
+from fakes.devices.camera import FakeCamera
+from fakes.devices.digit import FakeDigit
+from fakes.devices.plan import BenchPlan, unit_seed
+from fakes.faults import FaultScript
+from fakes.wire.host.mirror import MirroredWorld, Snapshot
+from fakes.wire.mjpeg.server import MjpegServer
+
+START_S = 30.0
+CAMERA_PHASE = 0.125
+"""When within its period the camera captures: a quarter of a fingertip's period after the first of them."""
+SWITCH_S = 0.0005
+"""How long a busy thread may keep the interpreter while another's image is due."""
+
+
+class Renderer:
+    """The drawing process as its parent sees it."""
+
+    def __init__(self, plan: BenchPlan, clock: SharedClock, first: Snapshot, host: str) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._feed, feed = context.Pipe()
+        self._calls, calls = context.Pipe()
+        self._lock = threading.Lock()
+        self._process = context.Process(
+            target=_render, args=(plan, clock.start_ns, first, host, feed, calls), name="fake cameras"
+        )
+        self._process.start()
+        feed.close()
+        calls.close()
+
+    def urls(self) -> dict[str, str]:
+        """Wait until the streams are up; return where each serial is served."""
+        return self._answer(START_S)
+
+    def feed(self, snapshot: Snapshot) -> None:
+        """Tell the process how the world is now. Raises `DeviceError` when it is gone."""
+        try:
+            self._feed.send(snapshot)
+        except OSError as error:
+            raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
+
+    def call(self, serial: str, method: str, **arguments: Any) -> Any:
+        """Call a method of a stream's server. Raises what it raises."""
+        with self._lock:
+            self._calls.send((serial, method, arguments))
+            return self._answer(START_S)
+
+    def stop(self) -> None:
+        """End the process."""
+        self._feed.close()
+        self._calls.close()
+        self._process.join(5.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _answer(self, timeout_s: float) -> Any:
+        try:
+            if self._calls.poll(timeout_s):
+                answer = self._calls.recv()
+                if isinstance(answer, Exception):
+                    raise answer
+                return answer
+        except (EOFError, OSError) as error:
+            raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
+        raise DeviceError(f"fake cameras: no answer from their process within {timeout_s:g} s")
+
+
+def _render(
+    plan: BenchPlan, start_ns: int, first: Snapshot, host: str, feed: Connection, calls: Connection
+) -> None:
+    """Run the process: until the parent closes the pipes, or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which stops this process
+    be_punctual()
+    sys.setswitchinterval(SWITCH_S)
+    cv2.setNumThreads(1)
+    clock = SharedClock(start_ns)
+    world = MirroredWorld(plan.layout, first)
+    threading.Thread(target=_keep_fed, args=(world, feed), daemon=True).start()
+    servers: dict[str, MjpegServer] = {}
+    try:
+        # Sensors run freely. Here they share one processor, so each draws while the others rest.
+        phases = [i / len(plan.digits) for i in range(len(plan.digits))]
+        for source, phase in zip((*plan.digits, plan.camera), (*phases, CAMERA_PHASE), strict=True):
+            drawn = source.make(world, clock, FaultScript())
+            servers[source.serial] = _serve(drawn, clock, host, phase)
+        calls.send({serial: server.url for serial, server in servers.items()})
+        _answer_calls(servers, calls)
+    except RigError as error:
+        calls.send(error)
+    finally:
+        for server in servers.values():
+            server.stop()
+
+
+def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase: float) -> MjpegServer:
+    server = MjpegServer(
+        serial=source.serial,
+        render=partial(_drawn, source),
+        rate_hz=source.rate_hz,
+        clock=clock,
+        host=host,
+        kind="digit" if isinstance(source, FakeDigit) else "camera",
+        on_light=source.set_light if isinstance(source, FakeDigit) else None,
+        phase=phase,
+    )
+    server.start()
+    return server
+
+
+def _drawn(source: FakeDigit | FakeCamera, time_ns: int) -> Image:
+    """A frame of the world at `time_ns`, with noise of its own."""
+    return source.draw(time_ns, np.random.default_rng((unit_seed(source.serial), time_ns)))
+
+
+def _keep_fed(world: MirroredWorld, feed: Connection) -> None:
+    with suppress(EOFError, OSError):
+        while True:
+            world.feed(feed.recv())
+
+
+def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> None:
+    """Do what the parent asks of the servers, until it closes the pipe or is gone."""
+    while True:
+        try:
+            serial, method, arguments = calls.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            calls.send(getattr(servers[serial], method)(**arguments))
+        except RigError as error:
+            calls.send(error)

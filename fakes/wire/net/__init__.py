@@ -1,0 +1,1 @@
+"""Sockets in threads, loopback addresses, and the side channel of running fakes."""

@@ -1,0 +1,4 @@
+"""A simulated UR controller behind its own ports: RTDE, script, dashboard; `controller.py` serves it.
+
+Imports `fakes.wire.net` and the world.
+"""

@@ -1,0 +1,241 @@
+"""A simulated UR5e controller on its own ports: what the real client libraries talk to.
+
+30004 real-time data exchange, 29999 dashboard, 30003/30002/30001 scripts (these three only take
+programs; the state streams that a controller sends there are not simulated). Ports are fixed in
+the clients, so each controller needs an address: 127.0.0.1, 127.0.0.2, ...
+
+It must not live in the process of a ur-rtde client: that client's constructors keep the
+interpreter to themselves, and the answer they wait for would never come.
+"""
+
+import logging
+import re
+import selectors
+import threading
+import time
+from typing import Any
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.errors import DeviceError, InputError
+from fakes.wire.ur.commands import COMMANDS
+from fakes.wire.ur.connections import Connection, Feed, Listeners
+from fakes.wire.ur.control_loop import ControlLoop
+from fakes.wire.ur.dashboard import BANNER, Dashboard, LineReader
+from fakes.wire.ur.faults import Faults
+from fakes.wire.ur.interpreter import ScriptRun
+from fakes.wire.ur.robot import CYCLE_NS, Robot
+from fakes.wire.ur.rtde import RtdeSession
+from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
+from fakes.wire.ur.variables import Version
+from fakes.world.world import World
+
+RTDE_PORT, DASHBOARD_PORT = 30004, 29999
+SCRIPT_PORTS = (30001, 30002, 30003)
+TOO_LATE_NS = 250_000_000
+"""Cycles missed by more than this are skipped, not caught up."""
+POLYSCOPE = "5.11.0"
+"""The version that is announced unless another is asked for."""
+BUILDS = {(5, 11): 108249}
+JOIN_S = 2.0
+_log = logging.getLogger(__name__)
+
+
+class URController:
+    """The controller, in a thread of the hosting process.
+
+    clock: the world's time. version: what it says it runs, "5.11.0" or later. release_after_s:
+    how soon a protective stop can be released.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        host: str = "127.0.0.1",
+        version: str = POLYSCOPE,
+        serial_number: str = "20265500001",
+        release_after_s: float = 5.0,
+    ) -> None:
+        self.host = host
+        self._clock = clock
+        self.robot = Robot(world, _version(version), release_after_s)
+        self.faults = Faults(self.robot, self._drop)
+        self._dashboard = Dashboard(self.robot, serial_number, self._run)
+        self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
+        self._selector = selectors.SelectSelector()
+        self._connections: list[Connection] = []
+        self._sessions: dict[Connection, RtdeSession] = {}
+        self._lock = threading.RLock()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._cycle = self._skipped = 0
+        self._cpu_s = 0.0
+        self._program: ControlLoop | ScriptRun | None = None
+
+    def start(self) -> None:
+        """Listen and run. Raises `InputError` when a port is taken."""
+        self._listeners.open()
+        for port, listener in self._listeners.sockets.items():
+            self._selector.register(listener, selectors.EVENT_READ, port)
+        self._cycle = self._clock.now_ns() // CYCLE_NS
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._serve, name=f"controller {self.host}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close everything. Safe to call twice."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join(JOIN_S)
+        for connection in self._connections:
+            connection.closed = True
+        self._bury()
+        self._listeners.close()
+        self._selector.close()
+        self._selector = selectors.SelectSelector()
+
+    def inject(self, kind: str, **arguments: Any) -> None:
+        """Begin a fault (`fakes.wire.ur.faults.KINDS`). Raises `InputError` for an unknown one."""
+        self.faults.check(kind, arguments)
+        with self._lock:
+            self.faults.begin(kind, arguments)
+
+    def snapshot(self) -> dict[str, Any]:
+        """What has happened so far, in JSON values."""
+        with self._lock:
+            robot, sessions = self.robot, list(self._sessions.values())
+            return {
+                "host": self.host,
+                "version": ".".join(map(str, robot.version[:3])),
+                "cycles": self._cycle,
+                "skipped_cycles": self._skipped,
+                "cpu_s": self._cpu_s,
+                "clients": len(self._connections),
+                "streams": sum(session.started for session in sessions),
+                "ignored_packages": sum(session.ignored for session in sessions),
+                "commands": {str(number): n for number, n in sorted(robot.commands.items())},
+                "program_running": robot.running,
+                "program_end": robot.last_error,
+                "skipped_lines": self._program.skipped if isinstance(self._program, ScriptRun) else [],
+                "safety_mode": robot.safety.mode.name,
+                "robot_mode": robot.safety.robot_mode.name,
+                "remote_control": robot.safety.remote_control,
+                "tcp_m": list(robot.body.tcp[:3]),
+            }
+
+    def _serve(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
+                ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
+                with self._lock:
+                    for key, _ in ready:
+                        self._attend(key.data)
+                    self._catch_up()
+        except DeviceError:
+            _log.exception("the simulated controller on %s ends", self.host)
+
+    def _catch_up(self) -> None:
+        due = self._clock.now_ns() // CYCLE_NS
+        if (due - self._cycle) * CYCLE_NS > TOO_LATE_NS:
+            self._skipped += due - 1 - self._cycle
+            self._cycle = due - 1
+        while self._cycle < due:
+            self._cycle += 1
+            self.faults.step(self._cycle * CYCLE_NS)
+            self.robot.cycle(self._cycle * CYCLE_NS)
+            self._publish()
+        if self._cycle % 64 == 0:
+            self._cpu_s = time.thread_time()
+
+    def _publish(self) -> None:
+        faults, time_ns = self.faults, self.robot.time_ns
+        if faults.silent or (faults.frozen and not faults.repeat):
+            return
+        for connection, session in self._sessions.items():
+            if session.due(self._cycle):
+                if not (faults.frozen and connection.last):
+                    connection.last = session.data()
+                connection.send(connection.last, time_ns, droppable=True)
+        self._bury()
+
+    def _attend(self, what: int | Connection) -> None:
+        if isinstance(what, int):
+            self._welcome(what)
+        elif not what.closed:
+            self._hear(what)
+
+    def _welcome(self, port: int) -> None:
+        client = self._listeners.accept(port)
+        if client is None:
+            return
+        feed, session = self._service(port)
+        connection = Connection(client, port, feed)
+        self._connections.append(connection)
+        self._selector.register(client, selectors.EVENT_READ, connection)
+        if session is not None:
+            self._sessions[connection] = session
+        if port == DASHBOARD_PORT and not self.faults.silent:
+            connection.send(BANNER.encode() + b"\n", self.robot.time_ns)
+
+    def _service(self, port: int) -> tuple[Feed, RtdeSession | None]:
+        if port == RTDE_PORT:
+            robot = self.robot
+            session = RtdeSession(robot.bank, robot.version, robot.write_inputs, self.faults.refused)
+            return session.feed, session
+        if port == DASHBOARD_PORT:
+            lines = LineReader()
+            return lambda data: "".join(
+                self._dashboard.reply(t) + "\n" for t in lines.feed(data)
+            ).encode(), None
+        return self._take_programs(ProgramReader()), None
+
+    def _take_programs(self, reader: ProgramReader) -> Feed:
+        def feed(data: bytes) -> bytes:
+            for text in reader.feed(data):
+                if self.robot.safety.remote_control:
+                    self._run(recognise(text))
+            return b""
+
+        return feed
+
+    def _run(self, program: ControlProgram | ScriptProgram) -> bool:
+        if isinstance(program, ControlProgram):
+            run = ControlLoop(self.robot, program, COMMANDS)
+        else:
+            run = ScriptRun(self.robot, program)
+        if not self.robot.run(run):
+            return False
+        self._program = run
+        return True
+
+    def _hear(self, connection: Connection) -> None:
+        data = connection.receive()
+        if data is None:
+            connection.closed = True
+        elif data and not self.faults.silent:
+            try:
+                connection.send(connection.feed(data), self.robot.time_ns)
+            except InputError as error:
+                _log.warning("simulated controller, port %d: %s", connection.port, error)
+                connection.closed = True
+        self._bury()
+
+    def _bury(self) -> None:
+        for connection in [c for c in self._connections if c.closed]:
+            self._connections.remove(connection)
+            self._sessions.pop(connection, None)
+            self._selector.unregister(connection.socket)
+            connection.close()
+
+    def _drop(self) -> None:
+        with self._lock:
+            for connection in self._connections:
+                connection.hang_up()
+
+
+def _version(text: str) -> Version:
+    if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", text):
+        raise InputError(f"controller version '{text}': an e-Series arm's is written as 5.11.0 or 5.25.0")
+    major, minor, bugfix = (int(part) for part in text.split("."))
+    return major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)

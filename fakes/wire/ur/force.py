@@ -1,0 +1,52 @@
+"""The force sensor in the simulated arm's flange: what hangs, what presses, and what zeroing takes away."""
+
+import math
+
+from drivers.types import Vector6
+from fakes.wire.ur.frames import Frame
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench
+from fakes.world.world import World
+
+FLOOR_STIFFNESS_N_M = 10_000.0
+_LOOK_EVERY = 4
+"""The load changes slowly: the world is asked once in four cycles."""
+
+
+class ForceSensor:
+    """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload that was set.
+
+    The sensor has an offset until it is zeroed. floor_z_m: the height at which the TCP meets
+    something hard.
+    """
+
+    def __init__(self, world: World, floor_z_m: float = 0.0) -> None:
+        self._world, self._floor_m = world, floor_z_m
+        self._sensor = FlangeSensor(world.seed)
+        self._zero = self._slow = NOTHING
+        self._cycle = 0
+        self.contact_cycles = 0
+
+    def sense(self, time_ns: int, tcp: Frame) -> Vector6:
+        """The reading of this control cycle."""
+        self._cycle += 1
+        if self._cycle % _LOOK_EVERY == 1:
+            self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
+        depth = self._floor_m - tcp[2]
+        self.contact_cycles = self.contact_cycles + 1 if depth >= 0.0 else 0
+        a, b, c, d, e, f = self._slow
+        push = max(depth, 0.0) * FLOOR_STIFFNESS_N_M
+        return _less(self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero)
+
+    def zero(self, wrench: Vector6) -> None:
+        """Take the present reading as zero."""
+        a, b, c, d, e, f = (z + w for z, w in zip(self._zero, wrench, strict=True))
+        self._zero = (a, b, c, d, e, f)
+
+
+def magnitude(wrench: Vector6) -> float:
+    """Length of the force, N."""
+    return math.hypot(*wrench[:3])
+
+
+def _less(a: Vector6, b: Vector6) -> Vector6:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]

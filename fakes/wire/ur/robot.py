@@ -1,0 +1,257 @@
+"""The simulated controller's inside: arm, safety, program and registers, one control cycle at a time."""
+
+import math
+from collections import Counter
+from typing import Protocol
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from drivers.types import Vector6
+from fakes.devices.arm import TOOL_LENGTH_M
+from fakes.wire.ur.body import STILL, Body, JointStop, OutOfReachError
+from fakes.wire.ur.force import ForceSensor, magnitude
+from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, rotation_between, to_pose, to_ur
+from fakes.wire.ur.kinematics import forward, nearest_inverse, tool
+from fakes.wire.ur.outputs import IoBoard, constants
+from fakes.wire.ur.safety import Safety
+from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
+from fakes.world.kinematics import ELBOW_UP
+from fakes.world.motion import ToolPath
+from fakes.world.trapezoid import Travel
+from fakes.world.world import World
+
+CYCLE_NS = 2_000_000
+CYCLE_S = CYCLE_NS / NS_PER_S
+JOINT_LIMIT_RAD = 2 * math.pi
+SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
+"""rad/s^2 with which the arm stops at a safety stop, and when a program ends in motion."""
+STEADY_CYCLES = 250
+STOPPED, PLAYING, PAUSED = 1, 2, 4
+PHYSICAL_TOOL = tool(TOOL_LENGTH_M)
+
+
+class ProgramError(Exception):
+    """A run-time error of a program: it ends, and a message is on the pendant."""
+
+
+class Program(Protocol):
+    """A program of the controller, run by cycles."""
+
+    def step(self) -> bool:
+        """One cycle; returns whether the program goes on. Raises `ProgramError`."""
+        ...
+
+
+class Robot:
+    """Everything behind the sockets. It moves the world's tool; the tool itself cannot be changed.
+
+    Whatever TCP a client sets, the hand that grasps is `PHYSICAL_TOOL`, which is also the TCP the
+    controller starts with.
+    """
+
+    def __init__(self, world: World, version: Version, release_after_s: float = 5.0) -> None:
+        home = compose(from_pose(world.layout.home), inverse(PHYSICAL_TOOL))
+        joints = nearest_inverse(home, ELBOW_UP)
+        if joints is None:
+            raise InputError(f"bench layout: the arm cannot reach its home {world.layout.home}")
+        self.version = version
+        self.body = Body(joints, PHYSICAL_TOOL)
+        self.safety = Safety(release_after_s)
+        self.bank = OutputBank()
+        self.inputs: dict[str, Value] = {name: zero(kind) for name, kind in INPUTS.items()}
+        self.io = IoBoard(self.bank)
+        self.commands: Counter[int] = Counter()
+        self.time_ns = 0
+        self.paused = False
+        self.last_error = ""
+        self._world, self._force = world, ForceSensor(world)
+        self._wrench: Vector6 = STILL
+        self._program: Program | None = None
+        self._written_ns: dict[str, int] = {}
+        self._watch: tuple[str, int] | None = None
+        constants(self.bank)
+        self._publish_pose()
+
+    # What the control program asks for
+
+    def count(self, command: int) -> None:
+        """Note a command that is carried out."""
+        self.commands[command] += 1
+
+    def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
+        """Inverse kinematics. Raises `ProgramError`, which ends the program, when out of reach."""
+        joints = self.body.reach(base_T_tcp, near)
+        if joints is None or not self.within_limits(joints):
+            raise ProgramError("no inverse kinematics solution")
+        return joints
+
+    def allowed(self, joints: Vector6) -> Vector6:
+        """The joints as they are. Raises `ProgramError` beyond the joints' range."""
+        if not self.within_limits(joints):
+            raise ProgramError("joint target is out of range")
+        return joints
+
+    def within_limits(self, joints: Vector6) -> bool:
+        """Whether the joints can stand there."""
+        return all(abs(q) <= JOINT_LIMIT_RAD for q in joints)
+
+    def reachable(self, base_T_tcp: Frame) -> bool:  # noqa: N803
+        """Whether the TCP can get there."""
+        joints = self.body.reach(base_T_tcp)
+        return joints is not None and self.within_limits(joints)
+
+    def tcp_at(self, joints: Vector6) -> Frame:
+        """`base_T_tcp` at these joint angles."""
+        return compose(forward(joints), self.body.tool)
+
+    def joints_before(self, cycles: int) -> Vector6:
+        """Where the joints were, at most a second ago."""
+        history = self.body.history
+        return history[-1 - max(0, min(cycles, len(history) - 1))]
+
+    def contact_cycles(self) -> int:
+        """For how many cycles the TCP has pressed on something; 0 without contact."""
+        return self._force.contact_cycles
+
+    def steady(self) -> bool:
+        """Whether the arm has stood still for half a second."""
+        return self.body.still_cycles >= STEADY_CYCLES
+
+    def zero_force_sensor(self) -> None:
+        """Take the present force as zero."""
+        self._force.zero(self._wrench)
+
+    def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
+        """Set the payload; its centre of gravity stays when None."""
+        self.bank.set("payload", mass_kg)
+        if cog_m is not None:
+            self.bank.set("payload_cog", cog_m)
+
+    def tool_changed(self) -> None:
+        """Publish the pose of a new TCP."""
+        self._publish_pose()
+
+    def watch(self, register: str, least_hz: float) -> None:
+        """Stop the program when a register is written less often than this (rtde_set_watchdog)."""
+        self._watch = (register, round(NS_PER_S / least_hz)) if least_hz > 0.0 else None
+        self._written_ns[register] = self.time_ns
+
+    def jacobian(self) -> tuple[Vector6, ...]:
+        """Column by column: how the TCP's twist follows each joint's speed."""
+        step, columns = 1e-6, []
+        for i in range(6):
+            q = list(self.body.q)
+            q[i] += step
+            there, here = self.tcp_at(tuple(q)), self.body.tcp  # type: ignore[arg-type]
+            way = (*(b - a for a, b in zip(here[:3], there[:3], strict=True)), *rotation_between(here, there))
+            columns.append(tuple(v / step for v in way))
+        return tuple(columns)
+
+    # What happens to it
+
+    def write_inputs(self, values: dict[str, Value]) -> None:
+        """Take a client's data package."""
+        self.inputs.update(values)
+        for name, value in values.items():
+            self._written_ns[name] = self.time_ns
+            if "_register" in name:
+                self.bank.set(name, value)
+        self.io.apply(values)
+
+    def run(self, program: Program) -> bool:
+        """Start a program in place of the running one; False where no program may run."""
+        if not self.safety.may_move:
+            return False
+        self.end_program("replaced")
+        self._program, self.paused = program, False
+        return True
+
+    def end_program(self, reason: str) -> None:
+        """End the program; the arm brakes."""
+        if self._program is not None:
+            self._program, self._watch, self.last_error = None, None, reason
+        self._brake(PROGRAM_BRAKE)
+
+    @property
+    def running(self) -> bool:
+        """Whether a program runs."""
+        return self._program is not None
+
+    def protective_stop(self) -> None:
+        """The arm stops itself."""
+        self.safety.protective_stop(self.time_ns)
+
+    def cycle(self, time_ns: int) -> None:
+        """One control cycle at its nominal time."""
+        before, tcp = self.body.flange, self.time_ns
+        self.time_ns = time_ns
+        self.safety.step(time_ns)
+        self._keep_safe()
+        self._run_program()
+        if self._moved():
+            self._move_world(before, tcp)
+            self._publish_pose()
+        self._publish()
+
+    def _keep_safe(self) -> None:
+        if self._watch is not None and self.time_ns - self._written_ns[self._watch[0]] > self._watch[1]:
+            self.end_program("watchdog: no communication")
+        if not self.safety.may_move:
+            self._brake(SAFETY_BRAKE)
+            self.end_program("safety stop")
+
+    def _brake(self, deceleration: float) -> None:
+        if self.body.mover is not None and not isinstance(self.body.mover, JointStop):
+            self.body.mover = JointStop(self.body.qd, deceleration)
+
+    def _run_program(self) -> None:
+        if self._program is None or self.paused:
+            return
+        try:
+            if not self._program.step():
+                self.end_program("ended")
+        except ProgramError as error:
+            self.end_program(str(error))
+
+    def _moved(self) -> bool:
+        was_moving = self.body.still_cycles == 0
+        scale = 0.0 if self.paused else self.io.speed_scale if self.running else 1.0
+        try:
+            return self.body.step(CYCLE_S, scale) or was_moving
+        except OutOfReachError:
+            self.protective_stop()
+            self.body.mover = None
+            return True
+
+    def _move_world(self, before: Frame, before_ns: int) -> None:
+        start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
+        travel = Travel(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
+        self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
+
+    def _publish_pose(self) -> None:
+        body, put = self.body, self.bank.set
+        pose = to_ur(body.tcp)
+        for kind in ("actual", "target"):
+            put(f"{kind}_q", body.q)
+            put(f"{kind}_qd", body.qd)
+            put(f"{kind}_TCP_pose", pose)
+            put(f"{kind}_TCP_speed", body.twist)
+        put("target_qdd", body.qdd)
+
+    def _publish(self) -> None:
+        put = self.bank.set
+        self._wrench = self._force.sense(self.time_ns, self.body.tcp)
+        put("timestamp", self.time_ns / NS_PER_S)
+        put("actual_TCP_force", self._wrench)
+        put("ft_raw_wrench", self._wrench)
+        put("tcp_force_scalar", magnitude(self._wrench))
+        put("robot_mode", int(self.safety.robot_mode))
+        put("safety_mode", int(self.safety.mode))
+        put("safety_status", int(self.safety.mode))
+        put("safety_status_bits", self.safety.bits)
+        put("robot_status_bits", (self.safety.robot_mode >= 5) | self.running << 1)
+        put("runtime_state", (PAUSED if self.paused else PLAYING) if self.running else STOPPED)
+
+
+def _tilt(tool_frame: Frame) -> float:
+    return math.atan2(tool_frame[9], tool_frame[3])

@@ -1,0 +1,97 @@
+"""The force-torque sensor in a UR5e's flange: what it feels of the object in the fingers, and how well.
+
+An object that hangs in the fingers pulls with its weight and turns them with weight times lever. Where
+that is more than the pads' friction can turn, they turn it with as much as their friction allows; the
+object's far end stays on its support, which carries the rest and is dragged along.
+"""
+
+import math
+
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.types import Vector6
+from fakes.world.world import World
+
+NOTHING: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SUPPORT_FRICTION = 0.3
+"""Of an object's end that is dragged over the table."""
+BIAS_N, BIAS_NM = 1.0, 0.05
+NOISE_N, NOISE_NM = 0.1, 0.005
+DRIFT_N, DRIFT_NM = 0.15, 0.008
+STEP_N, STEP_NM = 0.05, 0.002
+"""Data sheet of the UR5e: precision 3.5 N and 0.2 N m, accuracy 4.0 N and 0.3 N m, over range, life and
+temperature. How far readings differ within a lift's few seconds it does not say: spread of the bias, of
+each reading and of the drift, and the smallest step, are our judgement, well within those figures."""
+_DRIFT_PERIODS_S = (8.0, 40.0)
+_CYCLE_NS = 2_000_000
+_NOISE_CYCLES = 9973
+
+
+def carried_wrench(world: World, time_ns: int) -> Vector6:
+    """Force (N) and torque (N m) of the held object on the TCP, base axes; zeros without one.
+
+    Both grow with the share of the weight that the fingers have taken on (`Moment.loaded`).
+    """
+    grip = world.grip_at(time_ns)
+    if grip is None:
+        return NOTHING
+    moment, load = grip
+    side = math.copysign(1.0, load.lever_m)
+    across, down = math.cos(moment.object_turn_rad), abs(math.sin(moment.object_turn_rad))
+    wanted_nm = load.weight_n * abs(load.lever_m) * across
+    torque_nm = min(wanted_nm, load.turning_limit_nm)
+    # moments about the fingertips' axis: the support pushes up at the far end, and drags it outwards
+    support_n = (wanted_nm - torque_nm) / (load.reach_m * (across + SUPPORT_FRICTION * down))
+    hanging_n = min(load.weight_n - support_n, load.sliding_limit_n)
+    share = moment.loaded
+    drag_n = -side * SUPPORT_FRICTION * support_n
+    return share * drag_n, 0.0, -share * hanging_n, 0.0, -share * side * torque_nm, 0.0
+
+
+class FlangeSensor:
+    """How a sensor shows a wrench: off by its bias, drifting, noisy, in steps; a new reading every 2 ms.
+
+    seed: draws this sensor's peculiarities.
+    """
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng((seed, 43))
+        self.bias = _six(rng, BIAS_N, BIAS_NM)
+        self._noise = rng.normal(0.0, _spread(NOISE_N, NOISE_NM), (_NOISE_CYCLES, 6)).tolist()
+        self._drift = _six(rng, DRIFT_N, DRIFT_NM)
+        self._rates = (2.0 * math.pi / rng.uniform(*_DRIFT_PERIODS_S, 6)).tolist()
+        self._phases = rng.uniform(0.0, 2.0 * math.pi, 6).tolist()
+
+    def drifted(self, true: Vector6, time_ns: int) -> Vector6:
+        """A wrench with bias and drift added: what changes slowly."""
+        time_s = time_ns / NS_PER_S
+        waves = zip(true, self.bias, self._drift, self._rates, self._phases, strict=True)
+        a, b, c, d, e, f = (w + o + size * math.sin(rate * time_s + p) for w, o, size, rate, p in waves)
+        return a, b, c, d, e, f
+
+    def shown(self, drifted: Vector6, time_ns: int) -> Vector6:
+        """The reading at a time of what `drifted` gave: with noise, in the sensor's steps."""
+        n = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES]
+        a, b, c, d, e, f = drifted
+        return (
+            _stepped(a + n[0], STEP_N),
+            _stepped(b + n[1], STEP_N),
+            _stepped(c + n[2], STEP_N),
+            _stepped(d + n[3], STEP_NM),
+            _stepped(e + n[4], STEP_NM),
+            _stepped(f + n[5], STEP_NM),
+        )
+
+
+def _six(rng: np.random.Generator, force_n: float, torque_nm: float) -> Vector6:
+    a, b, c, d, e, f = rng.normal(0.0, _spread(force_n, torque_nm)).tolist()
+    return a, b, c, d, e, f
+
+
+def _spread(force_n: float, torque_nm: float) -> tuple[float, ...]:
+    return (force_n,) * 3 + (torque_nm,) * 3
+
+
+def _stepped(value: float, step: float) -> float:
+    return round(round(value / step) * step, 6)

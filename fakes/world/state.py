@@ -1,0 +1,158 @@
+"""The simulated world at one instant, what differs from lift to lift, and where the object is then."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.types import Pose, Vector3
+from fakes.objects.catalogue import GraspSite
+from fakes.world.fixture import Fixture
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where things are on the simulated bench (base frame, m) and how wide the fingers open."""
+
+    base_T_table: Pose  # noqa: N815
+    home: Pose
+    open_counts: int = 6
+    """What the position reads when fully open: a software limit, not 0 (manual, gPO)."""
+    max_opening_m: float = 0.120
+    """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
+    opening_per_count_m: float = 0.155 / 249.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The world at one instant. Angles in rad, counter-clockwise as the camera sees them."""
+
+    time_ns: int
+    force_n: float
+    object_turn_rad: float
+    wrist_rad: float
+    torsion_rad: float
+    slide_m: float
+    loaded: float
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What differs from lift to lift, drawn from the world's seed."""
+
+    misplacement_m: tuple[float, float]
+    width_error_m: float
+    friction_factor: float
+    pivot_mm: tuple[float, float]
+    tilt_at_rest: tuple[float, float]
+    tilt_under_load: tuple[float, float]
+    force_shift: float
+    sway_phase: float
+
+    @classmethod
+    def from_rng(cls, rng: np.random.Generator) -> "Draw":
+        """Draw one lift's peculiarities."""
+
+        def pair(spread: float) -> tuple[float, float]:
+            return float(rng.normal(0.0, spread)), float(rng.normal(0.0, spread))
+
+        return cls(
+            misplacement_m=pair(0.0008),
+            width_error_m=float(rng.normal(0.0, 0.0004)),
+            friction_factor=float(rng.uniform(0.8, 1.2)),
+            pivot_mm=pair(1.2),
+            tilt_at_rest=pair(0.008),
+            tilt_under_load=pair(0.012),
+            force_shift=float(rng.normal(0.0, 0.12)),
+            sway_phase=float(rng.uniform(0.0, 2 * math.pi)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """How an object is held: at which site, and how far the hand closed from its middle, m.
+
+    off_m: along the base's x, and up.
+    """
+
+    site: GraspSite
+    off_m: tuple[float, float] = (0.0, 0.0)
+
+
+class WorldView(Protocol):
+    """What the simulated cameras need of the world."""
+
+    @property
+    def layout(self) -> Layout:
+        """Where things are on this bench."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Seed of the present lift's peculiarities."""
+        ...
+
+    @property
+    def draw(self) -> Draw:
+        """The present lift's peculiarities."""
+        ...
+
+    @property
+    def grasp(self) -> Grasp | None:
+        """How the object is held, if it is."""
+        ...
+
+    @property
+    def fixture(self) -> Fixture | None:
+        """The calibration target that is mounted, if any."""
+        ...
+
+    def moment_at(self, time_ns: int) -> Moment:
+        """The world at `time_ns`."""
+        ...
+
+    def object_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_object` at `time_ns`."""
+        ...
+
+    def tool_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_tcp` at `time_ns`."""
+        ...
+
+
+def object_pose(layout: Layout, draw: Draw, grasp: Grasp | None, moment: Moment, tool_m: Vector3) -> Pose:
+    """`base_T_object` at a moment: origin at the centre of mass, x along the object, z up.
+
+    grasp: how the object is held, None while it lies in its place. tool_m: the TCP in base.
+    """
+    right, down = draw.misplacement_m
+    if not moment.held or grasp is None:
+        return layout.base_T_table.translated(x_m=right, z_m=-down)
+    turn = Rotation.from_euler("y", -moment.object_turn_rad)
+    off_x, off_z = grasp.off_m
+    place = np.add(tool_m, (right - off_x, 0.0, -down - moment.slide_m - off_z))
+    return Pose.from_rotation(place - turn.apply((grasp.site.offset_m, 0.0, 0.0)), turn)
+
+
+def between(before: Moment, after: Moment, time_ns: int) -> Moment:
+    """The moment at `time_ns` between two others, mixed in proportion."""
+    f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
+    if before.held != after.held:
+        return replace(after, time_ns=time_ns)
+
+    def mixed(a: float, b: float) -> float:
+        return a + f * (b - a)
+
+    return Moment(
+        time_ns,
+        mixed(before.force_n, after.force_n),
+        mixed(before.object_turn_rad, after.object_turn_rad),
+        mixed(before.wrist_rad, after.wrist_rad),
+        mixed(before.torsion_rad, after.torsion_rad),
+        mixed(before.slide_m, after.slide_m),
+        mixed(before.loaded, after.loaded),
+        after.held,
+    )

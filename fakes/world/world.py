@@ -1,0 +1,202 @@
+"""The one world of the simulated bench: all fakes read it and move it.
+
+It holds the tool, the fingers, the object, and what happens between them. Only fakes may look:
+protocols, drivers and estimators see what a sensor would show.
+"""
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError
+from drivers.types import Pose, Vector3
+from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
+from fakes.world.fixture import Fixture, parse_fixture
+from fakes.world.motion import FingerPath, ToolPath, tool_tilt
+from fakes.world.pivot import gap_m
+from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
+from fakes.world.state import Draw, Grasp, Layout, Moment, between, object_pose
+from fakes.world.trapezoid import Travel
+
+STEP_NS = 2_000_000
+HISTORY_STEPS = 1500
+FINGER_STIFFNESS_N_M = 420.0
+"""Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
+REACH_OF_GRASP_M = 0.03
+_OFF_DIGITS = 6
+"""Hands that close a micrometre from the middle of a grasp close at its middle."""
+
+
+@dataclass(slots=True)
+class World:
+    """Tool, fingers, object and contact, stepped every 2 ms of simulated time.
+
+    Several threads may use one world. `tool` and `fingers` are replaced whole, never changed.
+    """
+
+    layout: Layout
+    seed: int
+    tool: ToolPath = field(init=False)
+    fingers: FingerPath = field(init=False)
+    model: ObjectModel | None = None
+    site: GraspSite | None = None
+    draw: Draw = field(init=False)
+    _rng: np.random.Generator = field(init=False)
+    _slip: SlipDynamics | None = None
+    fixture: Fixture | None = None
+    _off_m: tuple[float, float] = (0.0, 0.0)
+    _grasp_height_m: float = 0.0
+    _grasp_tilt_rad: float = 0.0
+    _history: deque[Moment] = field(init=False)
+    _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        self.draw = Draw.from_rng(self._rng)
+        self.tool = ToolPath.resting(self.layout.home)
+        opened = float(self.layout.open_counts)
+        self.fingers = FingerPath(opened, opened, Travel(0, 0.0, 1.0, 1.0))
+        first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+        self._history = deque([first], maxlen=HISTORY_STEPS)
+
+    @property
+    def grasp(self) -> Grasp | None:
+        """How the object is held, if it is."""
+        return None if self.site is None else Grasp(self.site, self._off_m)
+
+    def lay(self, text: str, seed: int | None = None) -> None:
+        """Do what an operator is asked for: lay an object down, or mount a target ("...@tool").
+
+        seed: draws how it lies, slips and tilts; as before when None. Raises `InputError`.
+        """
+        fixture = parse_fixture(text)
+        self.place(None if fixture else find_object(text), seed)
+        self.fixture = fixture
+
+    def place(self, model: ObjectModel | None, seed: int | None = None) -> None:
+        """An operator puts an object on the table, where the bench file says; None clears the table.
+
+        seed: draws how this object lies, slips and tilts; as before when None.
+        """
+        with self._lock:
+            if seed is not None:
+                self.seed = seed
+                self._rng = np.random.default_rng(seed)
+                self.draw = Draw.from_rng(self._rng)
+            self.model, self.site, self._slip, self.fixture = model, None, None, None
+
+    def opening_at(self, time_ns: int) -> float:
+        """Distance between the two grasping fingertips, m."""
+        closed = self.fingers.position_at(time_ns) - self.layout.open_counts
+        return self.layout.max_opening_m - closed * self.layout.opening_per_count_m
+
+    def squeeze_at(self, time_ns: int) -> float:
+        """How far the fingers are closed beyond the object's surface, m (0 without contact)."""
+        site = self.site or self._reachable_site(time_ns)
+        if site is None:
+            return 0.0
+        width = site.width_m + (0.0 if site.contact.exact else self.draw.width_error_m)
+        return max(0.0, width - self.opening_at(time_ns))
+
+    def moment_at(self, time_ns: int) -> Moment:
+        """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
+        with self._lock:
+            return self._moment_at(time_ns)
+
+    def grip_at(self, time_ns: int) -> tuple[Moment, GripLoad] | None:
+        """The moment at `time_ns` and what acts on the grip then; None while nothing is held."""
+        with self._lock:
+            moment = self._moment_at(time_ns)
+            if not moment.held or self.model is None or self.site is None:
+                return None
+            return moment, self._load(self.model, self.site, moment.force_n)
+
+    def object_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_object`: origin at the centre of mass, x along the object, z up."""
+        with self._lock:
+            return self._object_pose(time_ns)
+
+    def tool_pose_at(self, time_ns: int) -> Pose:
+        """`base_T_tcp`."""
+        return self.tool.pose_at(time_ns)
+
+    def gap_at(self, time_ns: int) -> Vector3:
+        """From the tip in the hand to the hole on the table, base axes, m."""
+        return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
+
+    def _moment_at(self, time_ns: int) -> Moment:
+        while self._history[-1].time_ns < time_ns:
+            self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
+        newest = self._history[-1].time_ns
+        index = len(self._history) - 1 - (newest - time_ns + STEP_NS - 1) // STEP_NS
+        if index < 0:
+            raise DeviceError("simulated world: asked for a moment more than 3 s in the past")
+        if newest == time_ns or index + 1 >= len(self._history):
+            return self._history[-1]
+        return between(self._history[index], self._history[index + 1], time_ns)
+
+    def _object_pose(self, time_ns: int) -> Pose:
+        moment = self._moment_at(time_ns)
+        return object_pose(self.layout, self.draw, self.grasp, moment, self.tool.position_at(time_ns))
+
+    def _reachable_site(self, time_ns: int) -> GraspSite | None:
+        """The grasp site of the placed object that the fingers stand around, if any."""
+        if self.model is None:
+            return None
+        x, _, z = self.tool.position_at(time_ns)
+        table_x, _, table_z = self.layout.base_T_table.position_m
+        if abs(z - table_z) > REACH_OF_GRASP_M:
+            return None
+        nearest = min(self.model.sites, key=lambda site: abs(table_x + site.offset_m - x))
+        off = abs(table_x + nearest.offset_m - x)
+        return nearest if off <= REACH_OF_GRASP_M else None
+
+    def _stepped(self, time_ns: int) -> Moment:
+        wrist = self.tool.tilt_at(time_ns)
+        squeeze = self.squeeze_at(time_ns)
+        if squeeze <= 0.0 or self.model is None:
+            self.site, self._slip = None, None
+            return Moment(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
+        if self._slip is None:
+            self._close_on_object(time_ns, wrist)
+        return self._held(time_ns, squeeze, wrist)
+
+    def _close_on_object(self, time_ns: int, wrist_rad: float) -> None:
+        self.site = self._reachable_site(time_ns)
+        self._slip = SlipDynamics(self._rng, creep_rad=math.radians(self._rng.uniform(0.0, 0.3)))
+        x, _, z = self.tool.position_at(time_ns)
+        table_x, _, table_z = self.layout.base_T_table.position_m
+        middle_x = table_x + (self.site.offset_m if self.site else 0.0)
+        self._off_m = round(x - middle_x, _OFF_DIGITS), round(z - table_z, _OFF_DIGITS)
+        self._grasp_height_m = z
+        self._grasp_tilt_rad = wrist_rad
+
+    def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> Moment:
+        slip, model, site = self._slip, self.model, self.site
+        if slip is None or model is None or site is None:
+            raise DeviceError("simulated world: an object is held by no grasp site")
+        height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
+        loaded = min(height / 0.015, 1.0)
+        sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.draw.sway_phase)
+        force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.draw.force_shift * loaded + sway)
+        slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
+        if slip.fallen:
+            return Moment(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
+        turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
+        return Moment(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
+
+    def _load(self, model: ObjectModel, site: GraspSite, force_n: float) -> GripLoad:
+        left_end = model.com_from_left_m + site.offset_m
+        right_end = model.length_m - left_end
+        return GripLoad(
+            force_n=force_n,
+            weight_n=model.mass_kg * GRAVITY,
+            friction=model.friction * self.draw.friction_factor,
+            patch_radius_m=0.004,
+            lever_m=site.offset_m,
+            reach_m=max(left_end if site.offset_m > 0 else right_end, 0.02),
+        )

@@ -1,0 +1,165 @@
+"""From a bench file to a bench: the one module that names concrete devices."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+from scipy.spatial.transform import Rotation
+
+from calibration.targets.sheets import target_picture
+from drivers.bench import Bench, Fingertip
+from drivers.clock import SystemClock
+from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
+from drivers.types import Image, Pose
+from fakes.clock import SimulatedClock
+from fakes.devices.arm import FakeArm
+from fakes.devices.digit import FakeDigit
+from fakes.devices.gripper import FakeGripper
+from fakes.devices.plan import BenchPlan, CameraPlan, DigitPlan
+from fakes.faults import Fault, FaultScript
+from fakes.world.fixture import Sheet
+from fakes.world.state import Layout
+from fakes.world.world import World
+from protocols.watch import Operator
+from rig.bench.operators import SimulatedOperator
+from rig.config import ArmConfig, BenchConfig, CameraConfig, TactileConfig
+
+TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
+
+
+def build_bench(
+    config: BenchConfig,
+    seed: int = 0,
+    lift: str = "",
+    attempt: int = 0,
+    realtime: bool = False,
+    variation_seed: int | None = None,
+) -> tuple[Bench, Operator]:
+    """Make a bench of simulated devices in this process, and the operator who goes with it.
+
+    seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
+    variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own.
+    """
+    plan = simulated_bench_plan(config)
+    world = World(plan.layout, seed)
+    clock = SimulatedClock(realtime)
+    faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
+    bench = Bench(
+        name=config.name,
+        simulated=True,
+        clock=clock,
+        arm=FakeArm(world, clock, faults),
+        gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
+        fingertips=tuple(
+            Fingertip(
+                replace(digit, variation_seed=variation_seed).make(world, clock, faults),
+                tactile.finger,
+                tactile.sign,
+            )
+            for digit, tactile in zip(plan.digits, config.tactile, strict=True)
+        ),
+        camera=plan.camera.make(world, clock, faults),
+        base_T_camera=config.base_T_camera(),
+        base_T_table=world.layout.base_T_table,
+    )
+    return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
+
+
+def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
+    """Return, by serial, what simulated fingertips truly touch at a time in ns: (H, W) uint8, 0 or 255.
+
+    Empty for a bench that is not in this process. For labels of simulated images alone.
+    """
+    sensors = [tip.sensor for tip in bench.fingertips]
+    return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
+
+
+def build_real_bench(config: BenchConfig) -> Bench:
+    """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
+
+    The makers' libraries are imported here at the earliest, each by the driver that needs it.
+    """
+    clock = SystemClock()
+    return Bench(
+        name=config.name,
+        simulated=config.simulated,
+        clock=clock,
+        arm=_arm(config.arm, clock),
+        gripper=_gripper(config, clock),
+        fingertips=tuple(Fingertip(_digit(t, clock), t.finger, t.sign) for t in config.tactile),
+        camera=_camera(config.camera, clock),
+        base_T_camera=config.base_T_camera(),
+        base_T_table=Pose(config.table.position_m),
+    )
+
+
+def _arm(arm: ArmConfig, clock: SystemClock) -> Arm:
+    from drivers.ur5e.arm import UR5e
+
+    return UR5e(
+        host=arm.host or "",
+        limits=arm.limits.arm_limits(),
+        flange_T_tcp=arm.flange_T_tcp(),
+        payload_kg=arm.payload_kg,
+        payload_cog_m=arm.payload_cog_m,
+        joint_limits_rad=arm.limits.joint_limits_rad(),
+        frequency_hz=arm.frequency_hz,
+        clock=clock,
+    )
+
+
+def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
+    from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
+
+    gripper = config.gripper
+    if gripper.transport == "rtu":
+        link = rtu_link(gripper.device or "")
+    else:
+        link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
+    return Robotiq3F(link, gripper.fingers, config.gripper_limits(), clock)
+
+
+def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:
+    from drivers.video.digit import Digit
+
+    return Digit(tactile.serial, tactile.rate_hz, tactile.size_px, address=tactile.address, clock=clock)
+
+
+def _camera(camera: CameraConfig, clock: SystemClock) -> Camera:
+    from drivers.video.external_camera import ExternalCamera
+
+    return ExternalCamera(camera.serial, camera.address or "", camera.rate_hz, camera.size_px, clock=clock)
+
+
+def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
+    """What the simulated bench of a bench file is made of."""
+    camera = config.camera
+    return BenchPlan(
+        Layout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
+        tuple(
+            DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers)
+            for number, t in enumerate(config.tactile)
+        ),
+        CameraPlan(
+            camera.serial,
+            camera.rate_hz,
+            camera.size_px,
+            camera.focal_px,
+            camera.marker_ids,
+            camera.marker_side_m,
+            camera.marker_dictionary,
+            camera.base_T_camera(),
+            printed_target,
+        ),
+    )
+
+
+@cache
+def printed_target(spec: str) -> Sheet:
+    """The sheet of a calibration target, for the simulated camera. Raises `InputError`."""
+    picture = target_picture(spec)
+    return Sheet(picture.grey, picture.origin_m, picture.px_per_m)
+
+
+def _fault(fault: object) -> Fault:
+    return Fault(**fault.model_dump())  # type: ignore[attr-defined]

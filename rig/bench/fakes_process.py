@@ -1,0 +1,128 @@
+"""Fakes behind wires for a bench file: started here, or in a process beside for one session."""
+
+import multiprocessing
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import DeviceError, InputError, RigError
+from drivers.realtime import punctual
+from fakes.wire.host.host import Addresses, FakesHost, WirePlan
+from fakes.wire.net.loopback import free_address, require_free
+from fakes.wire.net.side_channel import Control
+from fakes.wire.ur.controller import POLYSCOPE
+from rig.bench.assembly import simulated_bench_plan
+from rig.bench.operators import SimulatedOperator
+from rig.config import BenchConfig
+
+START_S = 60.0
+STOP_S = 10.0
+
+
+@contextmanager
+def hosted_fakes(
+    config: BenchConfig, host: str | None, seed: int = 0, polyscope: str = POLYSCOPE
+) -> Iterator[tuple[BenchConfig, FakesHost]]:
+    """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
+
+    They stand for hardware, so they are not late because the computer is busy, where that is granted.
+    host: a loopback address; None takes the first that is free. polyscope: the version that the
+    controller announces. Raises `InputError` for a bench file without [fakes], an address that is
+    taken, and a version that is none.
+    """
+    if config.fakes is None:
+        raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
+    host = host or free_address()
+    require_free(host)
+    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, punctual():
+        gripper = config.gripper
+        rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
+        wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)
+        fakes = FakesHost(simulated_bench_plan(config), wire, host, seed)
+        try:
+            yield addressed(config, fakes.start()), fakes
+        finally:
+            fakes.stop()
+
+
+@contextmanager
+def started_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
+    """Run the fakes of a bench file in a process of their own; yield the bench with their addresses.
+
+    The process ends with this one, whatever ends it. Raises `DeviceError` when it does not start.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(config, theirs), name="fakes")
+    process.start()
+    theirs.close()
+    try:
+        yield _ready(ours)
+    finally:
+        ours.close()
+        process.join(STOP_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+
+def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
+    """Return a bench with the addresses of running fakes filled in."""
+    values = config.model_dump()
+    values["fakes"] = {"control": where.control}
+    values["arm"]["host"] = where.arm
+    if isinstance(where.gripper, str):
+        values["gripper"]["device"] = where.gripper
+    else:
+        values["gripper"]["host"], values["gripper"]["port"] = where.gripper
+    for sensor in (*values["tactile"], values["camera"]):
+        sensor["address"] = where.streams[sensor["serial"]]
+    return BenchConfig.model_validate(values)
+
+
+def fakes_control(config: BenchConfig) -> Control:
+    """Return the side channel of a bench's running fakes. Raises `InputError` when it has none."""
+    if config.fakes is None or config.fakes.control is None:
+        raise InputError(
+            f"bench '{config.name}' names no running fakes: start them with 'rig fakes serve --write FILE' "
+            "and give that FILE"
+        )
+    return Control(config.fakes.control)
+
+
+def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
+    """Return who is asked at a bench of running fakes; seed: of what they lay down."""
+    control = fakes_control(config)
+
+    def place(object_id: str) -> None:
+        control.call("place", object=object_id, seed=seed)
+
+    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed)
+
+
+def _ready(pipe: Connection) -> BenchConfig:
+    try:
+        answer: Any = pipe.recv() if pipe.poll(START_S) else None
+    except (EOFError, OSError):
+        answer = None
+    if isinstance(answer, RigError):
+        raise answer
+    if answer is None:
+        raise DeviceError("fakes: their process did not start; try 'rig fakes serve' to see why")
+    return answer
+
+
+def _serve(config: BenchConfig, pipe: Connection) -> None:
+    """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's: it makes the bench safe first
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with hosted_fakes(config, host=None) as (served, _), suppress(EOFError, OSError):
+            pipe.send(served)
+            pipe.recv()
+    except RigError as error:
+        pipe.send(error)

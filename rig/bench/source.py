@@ -1,0 +1,185 @@
+"""Where the bench of each lift comes from: a new one for each, or one that stands for the session."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+from drivers.bench import Bench
+from drivers.errors import InputError
+from drivers.realtime import punctual
+from protocols.watch import Operator
+from rig.bench.assembly import build_bench, build_real_bench
+from rig.bench.operators import ConsoleOperator
+from rig.config import BenchConfig
+
+SWITCH_S = 0.0005
+"""How long one thread may keep the interpreter while a frame waits for another: Python's own 5 ms is a
+third of the time between two frames."""
+
+
+class BenchSource(Protocol):
+    """Gives each lift (or pose) of a session its bench."""
+
+    def for_lift(
+        self, seed: int, lift: str, attempt: int = 0
+    ) -> AbstractContextManager[tuple[Bench, Operator]]:
+        """Give a connected bench and who is asked at it. Raises `DeviceError`.
+
+        seed: of what is drawn for this lift in a simulated world. lift, attempt: choose its
+        scripted faults.
+        """
+        ...
+
+    @property
+    def after_fault(self) -> bool:
+        """Whether a fault may have left the bench anyhow."""
+        ...
+
+    def displaced(self) -> None:
+        """The object is no longer in its place."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FreshBenches(BenchSource):
+    """A simulated bench of its own for each lift, in whatever process the lift runs.
+
+    variation_seed: draws tactile sensors unlike those of a bench, the same for all lifts.
+    """
+
+    config: BenchConfig
+    realtime: bool = False
+    variation_seed: int | None = None
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Make a bench, connect it, and let go of it after the lift."""
+        bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime, self.variation_seed)
+        with bench.connected():
+            yield bench, operator
+
+    @property
+    def after_fault(self) -> bool:
+        """No bench outlives a fault."""
+        return False
+
+    def displaced(self) -> None:
+        """Nothing to note: each lift begins with a world of its own."""
+
+
+class StandingBench(BenchSource):
+    """One bench for a whole session: opened when the first lift needs it, anew after a fault.
+
+    person: who is asked; first of all, with `introduction`, whether to begin. Where the bench's
+    devices are fakes behind a wire, nobody is asked, and objects are laid into their world.
+    """
+
+    def __init__(self, config: BenchConfig, person: ConsoleOperator, introduction: str) -> None:
+        self._config = config
+        self._person = person
+        self._introduction = introduction
+        self._bench: Bench | None = None
+        self._simulated: Callable[[int], Operator] | None = None
+        self._session = ExitStack()
+        self._connection = ExitStack()
+        self._connected = False
+        self._after_fault = False
+
+    @property
+    def after_fault(self) -> bool:
+        """Whether the last lift ended badly: fingers may be closed, the arm may be anywhere."""
+        return self._after_fault
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Give the one bench; whatever goes wrong in a lift, the next one connects anew.
+
+        While it lasts, the lift goes before other programs of the computer, where it may.
+        """
+        bench = self._bench or self._open()
+        with punctual():
+            if not self._connected:
+                self._connection.enter_context(bench.connected())
+                self._connected = True
+            try:
+                yield bench, self._operator(seed)
+            except BaseException:
+                self._after_fault = True
+                self._let_go()
+                raise
+        self._after_fault = False
+
+    def displaced(self) -> None:
+        """Have the object laid down anew before the next lift."""
+        self._person.displaced()
+
+    def close(self) -> None:
+        """Disconnect, and stop the fakes that were started for this session."""
+        self._let_go()
+        self._session.close()
+
+    def _operator(self, seed: int) -> Operator:
+        return self._person if self._simulated is None else self._simulated(seed)
+
+    def _open(self) -> Bench:
+        config = self._config
+        if config.fakes is None:
+            self._person.confirm(self._introduction)
+        else:
+            config = self._reach_fakes(config)
+        sys.setswitchinterval(SWITCH_S)
+        self._bench = build_real_bench(config)
+        return self._bench
+
+    def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
+        from rig.bench.fakes_process import simulated_operator, started_fakes
+
+        if config.fakes is not None and config.fakes.control is None:
+            config = self._session.enter_context(started_fakes(config))
+        self._simulated = partial(simulated_operator, config)
+        return config
+
+    def _let_go(self) -> None:
+        self._connected = False
+        self._connection.close()
+
+
+@contextmanager
+def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
+    """Make a bench to look at, in real time; fakes behind wires run as long as it is looked at."""
+    if config.in_process:
+        yield build_bench(config, realtime=True)[0]
+        return
+    with ExitStack() as stack:
+        if config.fakes is not None and config.fakes.control is None:
+            from rig.bench.fakes_process import started_fakes
+
+            config = stack.enter_context(started_fakes(config))
+        yield build_real_bench(config)
+
+
+@contextmanager
+def session_bench(
+    config: BenchConfig,
+    person: ConsoleOperator,
+    introduction: str,
+    realtime: bool = False,
+    variation_seed: int | None = None,
+) -> Iterator[BenchSource]:
+    """Return where a session's lifts get their bench, and close it after the session.
+
+    variation_seed: as in `FreshBenches`. Raises `InputError` where it is given for another bench.
+    """
+    if config.in_process:
+        yield FreshBenches(config, realtime, variation_seed)
+        return
+    if variation_seed is not None:
+        raise InputError(f"--randomise: bench '{config.name}' has sensors of its own; use --bench fake")
+    standing = StandingBench(config, person, introduction)
+    try:
+        yield standing
+    finally:
+        standing.close()

@@ -1,0 +1,1 @@
+"""The limits that calibrations keep, and what bad data does to them."""

@@ -1,0 +1,108 @@
+"""The estimators that are compared: one unfiltered pass over the frames, every window afterwards."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from drivers.types import Image
+from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, MATCHERS, PUBLISHED, choose_estimator
+from rig.tactile.paper.axis import METHODS
+from rig.tactile.paper.estimator import AxisEstimator
+from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
+from rig.tactile.paper.window import WindowMean
+from rig.tactile.sample import SlipEstimator, SlipSample, State
+
+NO_SKIP = f"{DEFAULT_ESTIMATOR} --no-skip"
+OURS = (DEFAULT_ESTIMATOR, NO_SKIP)
+PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
+ALIGNMENTS = tuple(MATCHERS)
+CONTENDERS = (*OURS, *ALIGNMENTS, *PAPER)
+WINDOWS = tuple(range(1, 11))
+"""1: no filter. The paper compares 2 to 10."""
+
+
+def complete(name: str, background: Image, aspect: float | None = None) -> SlipEstimator:
+    """Make a contender as a user gets it, with its usual window: for timing. aspect: as `EstimatorChoice`."""
+    choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
+    return choice.make(background, aspect)
+
+
+def unfiltered(
+    background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS
+) -> dict[str, SlipEstimator]:
+    """Make contenders that give the angles before any window; the paper's share one contact mask.
+
+    A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
+    """
+    finder = SharedContact(background)
+    return {name: _unfiltered(name, background, aspect, finder) for name in names}
+
+
+def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
+    """Return the samples of an unfiltered pass as the contender gives them with a window of n."""
+    if name.endswith(PUBLISHED):
+        script = ScriptFilter(window)
+        return [
+            s if s.state is State.LOST else replace(s, angle_deg=script.update(s.angle_deg)) for s in samples
+        ]
+    if window == 1:
+        return list(samples)
+    mean = WindowMean(_Replayed(samples), window)
+    unseen = np.empty((0, 0, 3), np.uint8)
+    return [mean.update(unseen, sample.time_ns) for sample in samples]
+
+
+class SharedContact(ContactFinder):
+    """A contact finder that several estimators ask about the same frame."""
+
+    def __init__(self, background: Image) -> None:
+        super().__init__(background)
+        self._of: Image | None = None
+        self._found: Contact | None = None
+
+    def find(self, image: Image) -> Contact:
+        """Return the contact in a frame; the same array again is not looked at again."""
+        if self._found is None or image is not self._of:
+            self._of, self._found = image, super().find(image)
+        return self._found
+
+
+@dataclass(slots=True)
+class ScriptPass(SlipEstimator):
+    """The published script's angle of each frame before its filter, on our contact mask."""
+
+    finder: ContactFinder
+    angle: ScriptAngle
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Return the script's angle as it is, None without contact; state `lost` where it raises."""
+        contact = self.finder.find(image)
+        if contact.mask is None:
+            return SlipSample(time_ns, State.NO_CONTACT)
+        try:
+            angle_deg = self.angle(stretched(contact.mask))
+        except (ScriptError, cv2.error):
+            return SlipSample(time_ns, State.LOST)
+        return SlipSample(time_ns, State.TRACKING, angle_deg)
+
+
+class _Replayed(SlipEstimator):
+    """Gives stored samples again, in order."""
+
+    def __init__(self, samples: Sequence[SlipSample]) -> None:
+        self._samples = iter(samples)
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Return the next sample."""
+        return next(self._samples)
+
+
+def _unfiltered(name: str, background: Image, aspect: float | None, finder: ContactFinder) -> SlipEstimator:
+    if name.endswith(PUBLISHED):
+        return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])
+    if name in METHODS:
+        return AxisEstimator(finder, METHODS[name])
+    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background, aspect)

@@ -1,0 +1,182 @@
+"""What may go wrong with a clip's images on their way to the estimator: pure functions, seeded."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import seconds
+from drivers.types import Image
+from fakes.studio.clips import Clip
+
+Disturbance = Callable[[Clip, np.random.Generator], Clip]
+Filter = Callable[[Image], Image]
+LED_PATTERN = (1.0, -1.0, 0.5)
+"""Which way red, green and blue go wrong when LEDs do."""
+GAP_S = 0.25
+
+
+def nothing(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Leave the clip as it is."""
+    return clip
+
+
+def noise(sigma_grey: float) -> Disturbance:
+    """Add white noise to every frame, on top of the sensor's own."""
+    return partial(_noisy, sigma_grey)
+
+
+def blur(sigma_px: float) -> Disturbance:
+    """Defocus frames and background alike."""
+    return partial(_each, partial(_blurred, sigma_px), True)
+
+
+def jpeg(quality: int) -> Disturbance:
+    """Encode and decode every frame; the background is kept as it was."""
+    return partial(_each, partial(_recoded, quality), False)
+
+
+def resized(width: int, height: int) -> Disturbance:
+    """Bring frames and background to another size."""
+    return partial(_each, partial(_resized, (width, height)), True)
+
+
+def landscape(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Turn frames and background by a quarter, as a sensor mounted lying down."""
+    lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)), True, clip, rng)
+    return replace(lying, aspect=None if clip.aspect is None else 1.0 / clip.aspect)
+
+
+def uncalibrated(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Do not tell the pixels' aspect."""
+    return replace(clip, aspect=None)
+
+
+def gains(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
+    """Scale the channels by 1 + error * pattern since the background was taken."""
+    return partial(_lit, (1.0, 1.0), error, np.asarray(pattern, float), 0.0)
+
+
+def drift(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
+    """Let the channels' gains drift from 1 to 1 + error * pattern over the clip."""
+    return partial(_lit, (0.0, 1.0), error, np.asarray(pattern, float), 0.0)
+
+
+def offset(grey: float) -> Disturbance:
+    """Add a constant to every frame but the background: stray light."""
+    return partial(_lit, (0.0, 0.0), 0.0, np.zeros(3), grey)
+
+
+def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Lose half of the frames at random."""
+    return _kept(clip, rng.random(len(clip.frames)) < 0.5)
+
+
+def gap(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Lose a quarter of a second in mid-turn."""
+    times = np.array(clip.time_ns)
+    begins = clip.moves_ns + seconds(0.2)
+    return _kept(clip, (times < begins) | (times >= begins + seconds(GAP_S)))
+
+
+def every(step: int) -> Disturbance:
+    """Keep every n-th frame: a camera that is slower."""
+    return lambda clip, rng: _kept(clip, np.arange(len(clip.frames)) % step == 0)
+
+
+def duplicated(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Deliver the frame before again in every third frame's place, at the new frame's time."""
+    frames = list(clip.frames)
+    truth = clip.angle_deg.copy()
+    for i in range(2, len(frames), 3):
+        frames[i], truth[i] = frames[i - 1], truth[i - 1]
+    return replace(clip, frames=tuple(frames), angle_deg=truth)
+
+
+def torn(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Take the lower part of every tenth frame from three frames before."""
+    frames = list(clip.frames)
+    for i in range(5, len(frames), 10):
+        cut = int(rng.integers(frames[i].shape[0] // 4, 3 * frames[i].shape[0] // 4))
+        frames[i] = np.concatenate([clip.frames[i][:cut], clip.frames[i - 3][cut:]])
+    return replace(clip, frames=tuple(frames))
+
+
+def late(clip: Clip, rng: np.random.Generator) -> Clip:
+    """Deliver every tenth frame after the one that follows it."""
+    order = np.arange(len(clip.frames))
+    for i in range(5, len(order) - 1, 10):
+        order[i], order[i + 1] = order[i + 1], order[i]
+    return _in_order(clip, order)
+
+
+def _noisy(sigma_grey: float, clip: Clip, rng: np.random.Generator) -> Clip:
+    # A field larger than the frame, moved about, is as good as fresh noise and costs little.
+    height, width = clip.background.shape[:2]
+    field = rng.normal(0.0, sigma_grey, (height + 64, width + 64, 3)).astype(np.float32)
+
+    def disturbed(image: Image) -> Image:
+        down, across = rng.integers(0, 64, 2)
+        return _grey(image + field[down : down + height, across : across + width])
+
+    return replace(clip, frames=tuple(map(disturbed, clip.frames)))
+
+
+def _each(change: Filter, background: bool, clip: Clip, rng: np.random.Generator) -> Clip:
+    return replace(
+        clip,
+        background=change(clip.background) if background else clip.background,
+        frames=tuple(change(frame) for frame in clip.frames),
+    )
+
+
+def _blurred(sigma_px: float, image: Image) -> Image:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
+
+
+def _recoded(quality: int, image: Image) -> Image:
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB), np.uint8)
+
+
+def _resized(size: tuple[int, int], image: Image) -> Image:
+    way = cv2.INTER_AREA if size[0] < image.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, size, interpolation=way), np.uint8)
+
+
+def _lit(
+    share: tuple[float, float],
+    error: float,
+    pattern: NDArray[np.float64],
+    grey: float,
+    clip: Clip,
+    rng: np.random.Generator,
+) -> Clip:
+    """Change the light by a share of the error that goes linearly from the first frame to the last."""
+    shares = np.linspace(*share, len(clip.frames))
+    frames = (
+        _grey(frame * (1.0 + s * error * pattern).astype(np.float32) + np.float32(grey))
+        for s, frame in zip(shares, clip.frames, strict=True)
+    )
+    return replace(clip, frames=tuple(frames))
+
+
+def _grey(values: NDArray[np.float32]) -> Image:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def _kept(clip: Clip, keep: NDArray[np.bool_]) -> Clip:
+    return _in_order(clip, np.flatnonzero(keep))
+
+
+def _in_order(clip: Clip, order: NDArray[np.intp]) -> Clip:
+    return replace(
+        clip,
+        frames=tuple(clip.frames[i] for i in order),
+        time_ns=tuple(clip.time_ns[i] for i in order),
+        angle_deg=clip.angle_deg[order],
+    )

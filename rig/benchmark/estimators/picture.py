@@ -1,0 +1,165 @@
+"""The benchmark's picture: run time against error, and error by window."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from rig.benchmark.estimators.benchmark import BenchmarkResult
+from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, PAPER, WINDOWS
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, PUBLISHED
+
+# The palette of Okabe and Ito, told apart with any colour vision; shapes differ too.
+_LOOKS = {
+    DEFAULT_ESTIMATOR: ("#0072B2", "o"),
+    NO_SKIP: ("#0072B2", "o"),
+    "ecc": ("#009E73", "s"),
+    "polar": ("#56B4E9", "D"),
+    "skeleton": ("#D55E00", "^"),
+    "ellipse": ("#B07800", "v"),
+    "pca": ("#CC79A7", "P"),
+}
+_LABEL_GAP = 0.062
+"""Least distance between two labels, as a share of the axes' height."""
+_DPI = 130
+_USUAL_WINDOW = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One estimator in the picture: median time in ms, MARE in degrees by window."""
+
+    name: str
+    time_ms: float
+    mare_deg: dict[int, float]
+
+    @property
+    def window(self) -> int:
+        """The window it is used with: the paper's is 2, the others have none."""
+        return _USUAL_WINDOW if self.name in PAPER else 1
+
+    @property
+    def usual_deg(self) -> float:
+        """MARE with the window it is used with."""
+        return self.mare_deg[self.window]
+
+
+def draw(result: BenchmarkResult) -> bytes:
+    """Return the picture as PNG: left the front of run time and error, right the error by window."""
+    points = [point for name in CONTENDERS if (point := _point(result, name))]
+    figure = Figure(figsize=(14.0, 6.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    simulated = "SIMULATED: " if result.simulated else ""
+    figure.suptitle(f"{simulated}rotational error over {result.lifts} lifts, both fingertips fused")
+    _front(left, result, points)
+    _by_window(right, points)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def pareto(points: Sequence[Point]) -> list[Point]:
+    """Return the points that no other beats in both time and error, by time."""
+    front: list[Point] = []
+    for point in sorted(points, key=lambda p: (p.time_ms, p.usual_deg)):
+        if not front or point.usual_deg < front[-1].usual_deg:
+            front.append(point)
+    return front
+
+
+def spread_labels(places: Sequence[float], gap: float) -> list[float]:
+    """Move label places in 0 to 1 apart to at least `gap`, in order, near to where they were."""
+    order = sorted(range(len(places)), key=lambda i: places[i])
+    gap = min(gap, 1.0 / max(len(places) - 1, 1))
+    moved = [min(max(places[i], 0.0), 1.0) for i in order]
+    for i in range(1, len(moved)):
+        moved[i] = max(moved[i], moved[i - 1] + gap)
+    highest = 1.0
+    for i in reversed(range(len(moved))):
+        moved[i] = min(moved[i], highest)
+        highest = moved[i] - gap
+    result = [0.0] * len(places)
+    for i, place in zip(order, moved, strict=True):
+        result[i] = place
+    return result
+
+
+def _point(result: BenchmarkResult, name: str) -> Point | None:
+    scores = {w: result.scores.get((name, w)) for w in WINDOWS}
+    mare = {w: score.mare.mean_deg for w, score in scores.items() if score and score.mare}
+    point = Point(name, result.timing.contenders[name].contact.p50_ms, mare)
+    return point if mare and point.window in mare else None
+
+
+def _front(axes: Axes, result: BenchmarkResult, points: Sequence[Point]) -> None:
+    front = pareto(points)
+    axes.plot(
+        [p.time_ms for p in front], [p.usual_deg for p in front],
+        color="0.85", linewidth=7, solid_capstyle="round", zorder=1,
+    )  # fmt: skip
+    for point in points:
+        values = list(point.mare_deg.values())
+        style = _style(point.name)
+        axes.plot([point.time_ms] * len(values), values, color=style["color"], linewidth=1, zorder=2)
+        axes.plot([point.time_ms], [point.usual_deg], markersize=9, zorder=3, **style)
+    axes.set(
+        xscale="log", yscale="log", xlabel="frame in to angle out, median, ms (one thread)",
+        ylabel="MARE over phases B and C, degrees",
+    )  # fmt: skip
+    title = "Run time against error\nlines up: windows to 10; grey: nothing is both faster and closer"
+    axes.set_title(title, fontsize=10)
+    published = result.timing.published.stage
+    if published.count:
+        axes.axvline(published.p50_ms, color="0.4", linestyle=":", zorder=1)
+        axes.text(
+            published.p50_ms, 0.66, "published second stage alone", color="0.3", fontsize=9, rotation=90,
+            ha="center", va="center", transform=axes.get_xaxis_transform(), zorder=5,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 2.0},
+        )  # fmt: skip
+    _finish(axes, points, [(p.time_ms, p.usual_deg) for p in points])
+
+
+def _by_window(axes: Axes, points: Sequence[Point]) -> None:
+    shown = [p for p in points if p.name != NO_SKIP]
+    for point in shown:
+        axes.plot(list(point.mare_deg), list(point.mare_deg.values()), markersize=5, **_style(point.name))
+    axes.set(
+        yscale="log", xlabel="window: mean of the last n angles (1: none)", xticks=WINDOWS,
+        ylabel="MARE over phases B and C, degrees",
+    )  # fmt: skip
+    axes.set_title("Error by window", fontsize=10)
+    _finish(axes, shown, [(max(p.mare_deg), p.mare_deg[max(p.mare_deg)]) for p in shown])
+
+
+def _finish(axes: Axes, points: Sequence[Point], ends: Sequence[tuple[float, float]]) -> None:
+    """Plain ticks, a grid, and every label in the right margin with a line to its point."""
+    axes.grid(True, which="major", color="0.9")
+    axes.spines[["top", "right"]].set_visible(False)
+    for axis in (axes.yaxis, axes.xaxis) if axes.get_xscale() == "log" else (axes.yaxis,):
+        axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_locator(NullLocator())
+    low, high = np.log(axes.get_ylim())
+    places = spread_labels([float((np.log(y) - low) / (high - low)) for _, y in ends], _LABEL_GAP)
+    for point, end, place in zip(points, ends, places, strict=True):
+        axes.annotate(
+            point.name, xy=end, xycoords="data", xytext=(1.04, place), textcoords="axes fraction",
+            va="center", fontsize=10, color="0.15",
+            arrowprops={"arrowstyle": "-", "color": _style(point.name)["color"], "linewidth": 0.8},
+        )  # fmt: skip
+
+
+def _style(name: str) -> dict[str, Any]:
+    color, marker = _LOOKS[name.removesuffix(PUBLISHED)]
+    hollow = name.endswith(PUBLISHED) or name == NO_SKIP
+    return {
+        "color": color,
+        "marker": marker,
+        "markerfacecolor": "white" if hollow else color,
+        "linestyle": "--" if hollow else "-",
+    }

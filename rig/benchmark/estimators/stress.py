@@ -1,0 +1,247 @@
+"""Stress sets: clips with known angles under one disturbance at a time, for every estimator compared."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from fakes.studio.clips import TWO_BALLS, Clip, Scene, opposite, render_clip
+from rig.benchmark.estimators import disturbances as d
+from rig.benchmark.estimators.contenders import unfiltered
+from rig.benchmark.estimators.scores import Score, SeriesScore, score_all, score_series
+from rig.experiments.seeds import derived_seed
+from rig.tactile.sample import SlipSample
+
+CONTACTS = ("t1:1", "t3:2", "5:1", "t5:2")
+MORE_CONTACTS = ("1:2", "7:1", "t2:1", "t4:1", "t6:0", "t7:1")
+ROUND_CONTACTS = tuple(f"{name}:{site}" for name in ("3", "16", "12") for site in (0, 1))
+"""Smooth balls and a dome, of the objects 3, 12 and 16: their turn cannot be seen."""
+NAMES = ("slip", "ecc", "polar", "skeleton", "ellipse", "pca")
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One stress: how the standard scene differs, and what happens to its images.
+
+    contacts: instead of the standard ones. full: only in the long run. refused: whether the right
+    answer is none.
+    """
+
+    group: str
+    name: str
+    change: d.Disturbance = d.nothing
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    contacts: tuple[str, ...] = ()
+    full: bool = False
+    refused: bool = False
+    both_signs: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StressTask:
+    """What one worker does in one go: all conditions of a group, for one contact and seed."""
+
+    group: str
+    contact: str
+    seed: int
+    full: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ClipScore:
+    """One clip of one estimator under one condition; median_ms: of a frame, while others run beside it."""
+
+    condition: str
+    estimator: str
+    score: SeriesScore
+    median_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class StressRow:
+    """All clips of one estimator under one condition."""
+
+    group: str
+    condition: str
+    estimator: str
+    refused: bool
+    clips: int
+    score: Score
+    median_ms: float
+
+
+def conditions(full: bool = False) -> list[Condition]:
+    """Return the conditions of the plain or of the long run, groups together."""
+    return [c for c in CONDITIONS if full or not c.full]
+
+
+def stress_tasks(full: bool, seed: int) -> list[StressTask]:
+    """Return the pieces of work, the same for the same seed."""
+    seeds = range(seed, seed + (3 if full else 1))
+    groups = dict.fromkeys(c.group for c in conditions(full))
+    return [
+        StressTask(group, contact, s, full)
+        for s in seeds
+        for group in groups
+        for contact in _contacts(group, full)
+    ]
+
+
+def run_stress(task: StressTask) -> list[ClipScore]:
+    """Score every estimator on the clips of a task; what a worker process does."""
+    cv2.setNumThreads(1)
+    scores = []
+    for condition in conditions(task.full):
+        if condition.group != task.group or task.contact not in _contacts_of(condition, task.full):
+            continue
+        scene = Scene(task.contact, seed=task.seed, **condition.scene)
+        for shown in (scene, opposite(scene)) if condition.both_signs else (scene,):
+            rng = np.random.default_rng(derived_seed(task.seed, condition.name, task.contact))
+            clip = condition.change(render_clip(shown), rng)
+            scores += [_scored(condition, task, shown, name, clip) for name in NAMES]
+    return scores
+
+
+def stress_rows(scores: Sequence[ClipScore], full: bool = False) -> list[StressRow]:
+    """Put clips together, condition by condition in the order of the table."""
+    rows = []
+    for condition in conditions(full):
+        for name in NAMES:
+            of = [s for s in scores if s.condition == condition.name and s.estimator == name]
+            if of:
+                score = score_all([s.score for s in of])
+                cost = float(np.median([s.median_ms for s in of]))
+                rows.append(
+                    StressRow(condition.group, condition.name, name, condition.refused, len(of), score, cost)
+                )
+    return rows
+
+
+def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> ClipScore:
+    estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
+    samples, costs = [], []
+    for frame, time_ns in zip(clip.frames, clip.time_ns, strict=True):
+        began = time.perf_counter()
+        samples.append(estimator.update(frame, time_ns))
+        costs.append(time.perf_counter() - began)
+    key = f"{task.contact.partition(':')[0]}/{task.contact} {scene.angle_deg:+.0f} deg"
+    return ClipScore(condition.name, name, _series_score(key, samples, clip), 1e3 * float(np.median(costs)))
+
+
+def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> SeriesScore:
+    """Score from the beginning of the turn on, zero being the mean over the rest before it.
+
+    A sample counts at the time it was asked for: a late or repeated frame gets the last answer again.
+    """
+    still = [
+        s.angle_deg
+        for s, t in zip(samples, clip.time_ns, strict=True)
+        if t < clip.moves_ns and s.angle_deg is not None
+    ]
+    zero = float(np.mean(still[-10:])) if still else None
+    moving = [i for i, t in enumerate(clip.time_ns) if t >= clip.moves_ns]
+    answers = [samples[i].angle_deg for i in moving]
+    return score_series(
+        key,
+        [None if a is None or zero is None else a - zero for a in answers],
+        [samples[i].sigma_deg for i in moving],
+        [float(clip.angle_deg[i]) for i in moving],
+    )
+
+
+def _contacts_of(condition: Condition, full: bool) -> tuple[str, ...]:
+    return condition.contacts or (CONTACTS + MORE_CONTACTS if full else CONTACTS)
+
+
+def _contacts(group: str, full: bool) -> list[str]:
+    of = (_contacts_of(c, full) for c in conditions(full) if c.group == group)
+    return list(dict.fromkeys(contact for contacts in of for contact in contacts))
+
+
+def _light() -> list[Condition]:
+    group, white = "light", (1.0, 0.0, -1.0)
+    return [
+        Condition(group, "LEDs 15 % off since the background", d.gains(0.15)),
+        Condition(group, "LEDs 30 % off since the background", d.gains(0.30)),
+        Condition(group, "LEDs drift by 15 %", d.drift(0.15)),
+        Condition(group, "LEDs drift by 30 %", d.drift(0.30)),
+        Condition(group, "brightness drifts by -20 %", d.drift(-0.2, (1, 1, 1))),
+        Condition(group, "brightness drifts by +20 %", d.drift(0.2, (1, 1, 1)), full=True),
+        Condition(group, "white balance drifts by 10 %", d.drift(0.1, white)),
+        Condition(group, "10 grey of stray light", d.offset(10.0)),
+    ]
+
+
+def _image() -> list[Condition]:
+    return [
+        Condition("image", "undisturbed", both_signs=True),
+        *(Condition("image", f"noise {s} grey", d.noise(s), full=s == 2) for s in (2, 4, 8)),
+        *(Condition("image", f"blur {s} px", d.blur(s), full=s == 1) for s in (1, 2, 4)),
+        *(Condition("image", f"JPEG quality {q}", d.jpeg(q), full=q == 95) for q in (95, 80, 50, 20)),
+    ]
+
+
+def _stream() -> list[Condition]:
+    group = "stream"
+    return [
+        Condition(group, "half the frames dropped", d.dropped),
+        Condition(group, "0.25 s gap in the turn", d.gap),
+        Condition(group, "every third frame a duplicate", d.duplicated),
+        Condition(group, "every tenth frame torn", d.torn),
+        Condition(group, "every tenth frame late", d.late),
+        Condition(group, "30 fps", d.every(2)),
+    ]
+
+
+def _motion() -> list[Condition]:
+    fast = {"rate_deg_s": 120.0}
+    return [
+        *(
+            Condition("motion", f"{rate} deg/s", scene={"rate_deg_s": float(rate)}, full=rate == 10)
+            for rate in (10, 80, 120)
+        ),
+        Condition("motion", "120 deg/s at 30 fps", scene={**fast, "rate_hz": 30.0}),
+        *(
+            Condition("motion", f"turn by {a:+d} deg", scene={"angle_deg": float(a), "rate_deg_s": 60.0})
+            for a in (60, 90, -90)
+        ),
+        Condition("motion", "turn by +200 deg", scene={"angle_deg": 200.0, **fast}, full=True),
+    ]
+
+
+def _contact() -> list[Condition]:
+    group = "contact"
+    several = ("11:0", "14:0", TWO_BALLS)
+    return [
+        Condition(group, "gel torsion 1.5 deg", scene={"lag_deg": 1.5}),
+        Condition(group, "gel torsion 3 deg", scene={"lag_deg": 3.0}),
+        Condition(group, "force grows by 50 %", scene={"pressed": 0.5}),
+        Condition(group, "clipped by the border", scene={"center_mm": (5.0, 6.0)}),
+        Condition(group, "several contacts", contacts=several, both_signs=True),
+        Condition(group, "pixels' aspect not known", d.uncalibrated),
+        Condition(group, "other sensor unit", scene={"unit": 5}),
+        Condition(group, "another sensor unit", scene={"unit": 33}, full=True),
+    ]
+
+
+def _size() -> list[Condition]:
+    sizes = ((60, 80), (120, 160), (480, 640))
+    return [
+        *(Condition("size", f"{w} x {h} px", d.resized(w, h)) for w, h in sizes),
+        Condition("size", "320 x 240 px, lying", d.landscape),
+    ]
+
+
+def _round() -> list[Condition]:
+    of: dict[str, Any] = {"contacts": ROUND_CONTACTS, "refused": True}
+    return [
+        Condition("round", "smooth round contacts", **of),
+        Condition("round", "smooth round contacts, other unit", scene={"unit": 5}, **of),
+        Condition("round", "smooth round contacts, 1.5 N", scene={"force_n": 1.5}, full=True, **of),
+    ]
+
+
+CONDITIONS = (*_image(), *_light(), *_stream(), *_motion(), *_contact(), *_size(), *_round())

@@ -1,0 +1,4 @@
+"""Contact masks: networks and the classical mask against labels, and their run time.
+
+Imports the tables of `rig.benchmark.estimators`.
+"""

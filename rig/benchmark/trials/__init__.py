@@ -1,0 +1,4 @@
+"""The paper's Tables III and IV on the same simulated lifts.
+
+Imports `rig.benchmark.estimators`.
+"""

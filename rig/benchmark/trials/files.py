@@ -1,0 +1,36 @@
+"""The files that `rig benchmark trials` leaves."""
+
+import json
+from pathlib import Path
+
+from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.trials.benchmark import TrialsResult, as_json
+from rig.benchmark.trials.picture import draw
+from rig.benchmark.trials.tables import notes, table_four, table_three
+from rig.pages.page import render
+
+FIGURES, PICTURE, PAGE = "results.json", "trials.png", "index.html"
+
+
+def write_trials(folder: Path, result: TrialsResult) -> None:
+    """Write results, picture and page into a folder that there is."""
+    picture = draw(result)
+    (folder / FIGURES).write_text(json.dumps(as_json(result), indent=1) + "\n", encoding="utf-8")
+    (folder / PICTURE).write_bytes(picture)
+    (folder / PAGE).write_text(page(result, picture), encoding="utf-8")
+
+
+def page(result: TrialsResult, picture: bytes) -> str:
+    """Return the HTML page, with the PNG picture inside."""
+    return render(
+        "rig.benchmark.trials",
+        "trials.html",
+        lifts=result.lifts,
+        frames=result.frames,
+        seed=result.settings.seed,
+        of=machine(),
+        minutes=f"{result.wall_s / 60.0:.1f}",
+        picture=picture,
+        tables=[table_three(result), table_four(result)],
+        notes=notes(result),
+    )

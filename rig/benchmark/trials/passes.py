@@ -1,0 +1,161 @@
+"""One pass over a lift as the paper compares: one fingertip, 30 frames per second, error over phase B.
+
+Networks look at each frame once for all angle methods, and windows are applied afterwards.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import cv2
+
+from drivers.clock import seconds
+from drivers.types import ArmState, Frame, Image
+from protocols.watch import Phase
+from rig.benchmark.estimators.contenders import filtered
+from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
+from rig.benchmark.estimators.scores import SeriesScore, score_series
+from rig.benchmark.trials.systems import make_system
+from rig.lift.measurement import ZERO_S, Fingertip
+from rig.sessions.reading import recorded_arm_states
+from rig.tactile.contact.finder import Contact
+from rig.tactile.contact.network import load_network
+from rig.tactile.contact.segmenter import Segmenter
+from rig.tactile.paper.axis import METHODS
+from rig.tactile.paper.estimator import AxisEstimator
+from rig.tactile.sample import SlipEstimator, SlipSample
+
+PERIOD_S = 1.0 / 30.0
+"""The paper's sensors run at 30 frames per second; a bench's faster ones are thinned to that."""
+JITTER_S = 0.003
+TABLE_WINDOWS = (2, 4, 6, 8, 10)
+"""Of the paper's Table III."""
+WINDOWS = (1, *TABLE_WINDOWS)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialPass:
+    """One lift. scores: by method and window, over phase B; frame_s: wall time per frame by method."""
+
+    scores: dict[tuple[str, int], SeriesScore]
+    frame_s: dict[str, list[float]]
+    frames: int
+
+
+class NetworkContact:
+    """A network's contacts, found once per frame for several angle methods. cost_s: of the last one."""
+
+    def __init__(self, segmenter: Segmenter) -> None:
+        self._segmenter = segmenter
+        self._of: Image | None = None
+        self._found: Contact | None = None
+        self.cost_s = 0.0
+
+    def find(self, image: Image) -> Contact:
+        """Return the contact in a frame; the same array again is not looked at again."""
+        if self._found is None or image is not self._of:
+            began = perf_counter()
+            self._of, self._found = image, self._segmenter.find(image)
+            self.cost_s = perf_counter() - began
+        return self._found
+
+
+def combination(network: str, method: str) -> str:
+    """Return the name of a network with an angle method."""
+    return f"{network} and {method}"
+
+
+def pass_lift(
+    folder: Path,
+    tips: Tips,
+    networks: Mapping[str, str],
+    systems: Sequence[str],
+    files: Mapping[str, Path],
+    row: Mapping[str, Any],
+) -> TrialPass:
+    """Run networks and systems over one stored lift of the first fingertip.
+
+    networks: shipped name or file by the title that stands in the table. files: of systems, see
+    `make_system`. Raises `InputError` for a network that cannot be loaded, `SessionError` for a damaged
+    recording.
+    """
+    cv2.setNumThreads(1)
+    serial = next(iter(tips))
+    lift = open_lift(folder, tips, row)
+    background, frames = lift.backgrounds[serial], list(thinned(_until_hold(lift, serial)))
+    states = [s for s in recorded_arm_states(lift.recording) if s.time_ns >= lift.phases[Phase.GRASP]]
+    passes = {n: _timed(make_system(n, files, background, tips[serial]), frames, states) for n in systems}
+    late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - seconds(ZERO_S)]
+    for title, file in networks.items():
+        passes |= _network_passes(title, Segmenter(load_network(file), background), late)
+    truth = truth_at(lift, {n: samples for n, (samples, _) in passes.items()})
+    scores = {
+        (name, window): _scored(lift, tips[serial].sign, filtered(name, samples, window), truth)
+        for name, (samples, _) in passes.items()
+        for window in WINDOWS
+    }
+    in_b = sum(f.time_ns >= lift.phases[Phase.LIFT] for f in frames)
+    return TrialPass(scores, {name: cost_s for name, (_, cost_s) in passes.items()}, in_b)
+
+
+def thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
+    """Yield of frames those that are about a thirtieth of a second apart or more."""
+    last_ns: int | None = None
+    for frame in frames:
+        if last_ns is None or frame.time_ns - last_ns >= seconds(PERIOD_S - JITTER_S):
+            last_ns = frame.time_ns
+            yield frame
+
+
+def _until_hold(lift: RecordedLift, serial: str) -> Iterator[Frame]:
+    return (f for f in lift.frames(serial) if f.time_ns < lift.phases[Phase.HOLD])
+
+
+def _timed(
+    estimator: SlipEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
+) -> tuple[list[SlipSample], list[float]]:
+    """Give an estimator the frames, and before each the arm's states until then."""
+    samples, cost_s, waiting = [], [], deque(states)
+    for frame in frames:
+        began = perf_counter()
+        while waiting and waiting[0].time_ns <= frame.time_ns:
+            estimator.arm(waiting.popleft())
+        samples.append(estimator.update(frame.image, frame.time_ns))
+        cost_s.append(perf_counter() - began)
+    return samples, cost_s
+
+
+def _network_passes(
+    title: str, segmenter: Segmenter, frames: Sequence[Frame]
+) -> dict[str, tuple[list[SlipSample], list[float]]]:
+    finder = NetworkContact(segmenter)
+    estimators = {m: AxisEstimator(finder, METHODS[m]) for m in METHODS}
+    passes: dict[str, tuple[list[SlipSample], list[float]]] = {
+        combination(title, method): ([], []) for method in METHODS
+    }
+    for frame in frames:
+        finder.find(frame.image)
+        for method, estimator in estimators.items():
+            samples, cost_s = passes[combination(title, method)]
+            began = perf_counter()
+            samples.append(estimator.update(frame.image, frame.time_ns))
+            cost_s.append(finder.cost_s + perf_counter() - began)
+    return passes
+
+
+def _scored(
+    lift: RecordedLift, sign: int, samples: Sequence[SlipSample], truth: Mapping[int, float | None]
+) -> SeriesScore:
+    """Score one fingertip's signed angle since the end of phase A."""
+    tip, lift_ns = Fingertip(sign), lift.phases[Phase.LIFT]
+    tip.set_zero(samples, lift_ns)
+    answers = [tip.answer(s) for s in samples if s.time_ns >= lift_ns]
+    return score_series(
+        f"{lift.row['object']}/{lift.row['lift']}",
+        [a.angle_deg for a in answers],
+        [a.sigma_deg for a in answers],
+        [truth[s.time_ns] for s in samples if s.time_ns >= lift_ns],
+    )

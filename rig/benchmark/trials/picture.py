@@ -1,0 +1,84 @@
+"""The picture of `rig benchmark trials`: run time against error, a point per system."""
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from rig.benchmark.estimators.picture import spread_labels
+from rig.benchmark.trials.benchmark import NETWORKS, OURS, TrialsResult
+from rig.benchmark.trials.passes import combination
+from rig.benchmark.trials.systems import STILL, title
+from rig.benchmark.trials.tables import head, systems, usual_window
+from rig.tactile.estimators import DEFAULT_ESTIMATOR
+from rig.tactile.paper.axis import METHODS
+
+_LABEL_GAP = 0.034
+_DPI = 130
+# of Okabe and Ito, told apart with any colour vision; shapes differ too
+_OURS, _NETWORKS, _OTHERS = ("#0072B2", "o"), ("#B07800", "s"), ("#009E73", "^")
+
+
+def draw(result: TrialsResult) -> bytes:
+    """Return the picture as PNG."""
+    figure = Figure(figsize=(10.5, 7.0), layout="constrained")
+    axes = figure.subplots()
+    shown = [
+        (name, result.ms[name], mare.mean_deg)
+        for name in systems(result)
+        if name != STILL and (mare := result.scores[name, usual_window(name)].mare)
+    ]
+    for name, ms, error in shown:
+        colour, marker = _look(name)
+        axes.plot([ms], [error], marker, color=colour, markersize=8)
+    _still(axes, result)
+    axes.set(
+        xscale="log", yscale="log", xlabel="frame in to angle out, median, ms (one thread)",
+        ylabel="MARE over phase B, degrees", title=head(result),
+    )  # fmt: skip
+    _finish(axes, shown)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _look(name: str) -> tuple[str, str]:
+    if name == DEFAULT_ESTIMATOR:
+        return _OURS
+    by_network = {combination(network, m) for network in (*NETWORKS.values(), OURS) for m in METHODS}
+    return _NETWORKS if name in by_network else _OTHERS
+
+
+def _still(axes: Axes, result: TrialsResult) -> None:
+    """Draw what saying 0 all the time would give."""
+    still = result.scores[STILL, 1].mare
+    if still is not None:
+        axes.axhline(still.mean_deg, color="0.6", linestyle=":", zorder=1)
+        axes.text(
+            0.01, still.mean_deg, title(STILL), transform=axes.get_yaxis_transform(), va="bottom",
+            fontsize=9, color="0.35",
+        )  # fmt: skip
+
+
+def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
+    """Plain ticks, a grid, and every label in the right margin with a line to its point."""
+    axes.margins(x=0.05, y=0.06)
+    axes.grid(True, which="major", color="0.9")
+    axes.spines[["top", "right"]].set_visible(False)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_locator(NullLocator())
+    low, high = np.log(axes.get_ylim())
+    at = [float((np.log(error) - low) / (high - low)) for *_, error in shown]
+    for (name, ms, error), place in zip(shown, spread_labels(at, _LABEL_GAP), strict=True):
+        axes.annotate(
+            title(name), xy=(ms, error), xytext=(1.03, place), textcoords="axes fraction", va="center",
+            fontsize=9, color="0.15",
+            arrowprops={
+                "arrowstyle": "-", "color": _look(name)[0], "linewidth": 0.7, "alpha": 0.6,
+                "relpos": (0.0, 0.5),
+            },
+        )  # fmt: skip

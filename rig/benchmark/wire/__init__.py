@@ -1,0 +1,1 @@
+"""The real drivers on the bench behind wires: a lift in real time, and faults in mid-lift."""

@@ -1,0 +1,219 @@
+"""Faults in mid-lift, one after the other, on the bench behind wires: seen, made safe, recovered from.
+
+A trial in which the first attempt at each lift meets a fault while the object hangs in the
+fingers, and the next attempt has to succeed after what a person at the bench would do. What the
+rig claims is held against the simulated world: where its tool truly moved, and when.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError
+from drivers.interfaces import Arm, Motion
+from drivers.types import ArmLimits, ArmState, Pose
+from protocols.watch import Operator
+from rig.bench.fakes_process import fakes_control, started_fakes
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import StandingBench
+from rig.benchmark.wire.fault_cases import CASES, FaultCase
+from rig.config import BenchConfig, load_bench
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.sessions.files import read_lines
+from rig.sessions.layout import RESULTS
+from rig.tactile.estimators import choose_estimator
+
+SAFE_WITHIN_S = 1.0
+RISEN_M = 0.008
+"""The fault comes when the object has been lifted this far: phase B."""
+POLL_S = 0.01
+
+
+@dataclass(slots=True)
+class FaultResult:
+    """What came of a case.
+
+    Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
+    after it, when the simulated tool then stood still. faults: outcomes of failed attempts.
+    given_up: the next lift did not run within three attempts. recovered: it ran.
+    """
+
+    case: FaultCase
+    injected_ns: int = 0
+    detected_ns: int = 0
+    still_ns: int = 0
+    faults: list[str] = field(default_factory=list)
+    given_up: bool = False
+    recovered: bool = False
+
+    @property
+    def detected_s(self) -> float | None:
+        """From the fault until the rig stopped the arm; None when it never did."""
+        return (self.detected_ns - self.injected_ns) / NS_PER_S if self.detected_ns else None
+
+    @property
+    def safe_s(self) -> float | None:
+        """From the rig's stop until the tool stood still."""
+        return max(0, self.still_ns - self.detected_ns) / NS_PER_S if self.detected_ns else None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fault was seen, named, made safe in time, and recovered from."""
+        named = any(self.case.named.lower() in fault.lower() for fault in self.faults)
+        return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S and self.recovered
+
+
+class TimedArm(Arm):
+    """An arm that notes when it was first told to stop."""
+
+    def __init__(self, arm: Arm, stopped: Callable[[int], None]) -> None:
+        self._arm = arm
+        self._stopped = stopped
+
+    @property
+    def limits(self) -> ArmLimits:
+        """Those of the arm."""
+        return self._arm.limits
+
+    def connect(self) -> None:
+        """Connect the arm."""
+        self._arm.connect()
+
+    def disconnect(self) -> None:
+        """Disconnect the arm."""
+        self._arm.disconnect()
+
+    def state(self) -> ArmState:
+        """State of the arm."""
+        return self._arm.state()
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        """Move the arm."""
+        return self._arm.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
+
+    def stop(self) -> None:
+        """Stop the arm, and note when."""
+        self._stopped(time.monotonic_ns())
+        self._arm.stop()
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Recover the arm."""
+        self._arm.recover(confirm)
+
+
+class FaultyBench(StandingBench):
+    """The bench behind wires, with a fault in the first attempt at each lift that comes to mid-lift.
+
+    Lift n meets the n-th case. Between attempts somebody mends what the rig cannot.
+    """
+
+    def __init__(self, config: BenchConfig, results: list[FaultResult]) -> None:
+        super().__init__(config, ConsoleOperator(lambda _: True), "")
+        self._control = fakes_control(config)
+        self._results = results
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        """Give the bench, mended where the time has come, with the fault on its way."""
+        result = self._results[int(lift.rpartition("/")[2]) - 1]
+        if len(result.faults) >= result.case.mended_after:
+            self._control.call("fault", device="all", kind="clear")
+        with super().for_lift(seed, lift, attempt) as (bench, operator):
+            if result.injected_ns:
+                yield bench, operator
+                return
+            timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: self._note_stop(result, now_ns)))
+            over = threading.Event()
+            injector = threading.Thread(target=self._inject, args=(result, over), daemon=True)
+            injector.start()
+            try:
+                yield timed, operator
+            finally:
+                over.set()
+                injector.join()
+                result.still_ns = self._still_since(result.detected_ns)
+
+    def _note_stop(self, result: FaultResult, now_ns: int) -> None:
+        if result.injected_ns and not result.detected_ns:
+            result.detected_ns = now_ns
+
+    def _inject(self, result: FaultResult, over: threading.Event) -> None:
+        """Wait until the object hangs in the fingers, well on its way up, then let it go wrong."""
+        held_at: float | None = None
+        while not over.wait(POLL_S):
+            status = self._control.call("world")
+            height = status["tool_m"][2]
+            held_at = (height if held_at is None else held_at) if status["held"] else None
+            if held_at is not None and height - held_at > RISEN_M:
+                result.injected_ns = time.monotonic_ns()
+                for device, kind, arguments in result.case.injected:
+                    self._control.call("fault", device=device, kind=kind, **arguments)
+                return
+
+    def _still_since(self, since_ns: int) -> int:
+        """When the tool first stood still after `since_ns`, by the simulated world."""
+        status = self._control.call("world")
+        for began, ended in status["tool_motions_ns"]:
+            began_ns, ended_ns = began + status["start_ns"], ended + status["start_ns"]
+            if began_ns <= since_ns < ended_ns:
+                return ended_ns
+        return since_ns
+
+
+def run_faults(
+    folder: Path,
+    cases: tuple[FaultCase, ...] = CASES,
+    progress: Callable[[FaultResult], None] = lambda result: None,
+    bench: BenchConfig | None = None,
+) -> list[FaultResult]:
+    """Run the cases as a trial of as many lifts, kept in `folder`; return what came of each.
+
+    bench: the bench behind wires, by default `wire`.
+    Raises `DeviceError` unless each case's lift is on disk in the end.
+    """
+    results = [FaultResult(case) for case in cases]
+    attempts: list[FaultResult] = []
+
+    def note(done: int, total: int, row: dict[str, Any]) -> None:
+        result = results[row["lift"] - 1]
+        attempts.append(result)
+        if row["accepted"]:
+            result.recovered = bool(result.injected_ns) and not result.given_up
+            progress(result)
+        elif result.injected_ns:
+            result.faults.append(row["fault"])
+
+    with (
+        started_fakes(bench or load_bench("wire")) as config,
+        closing(FaultyBench(config, results)) as benches,
+    ):
+        settings = TrialSettings(config, 0, choose_estimator())
+        run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
+        _run_to_the_end(run, attempts)
+    kept = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
+    if len(kept) != len(cases):
+        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
+    return results
+
+
+def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> None:
+    """Run the trial; where three attempts at a lift fail, so has its case, and the trial is resumed.
+
+    attempts: the cases of the attempts so far. Raises `DeviceError` where a lift fails again after that.
+    """
+    while True:
+        try:
+            run(resume=bool(attempts))
+            return
+        except DeviceError:
+            if not attempts or attempts[-1].given_up:
+                raise
+            attempts[-1].given_up = True

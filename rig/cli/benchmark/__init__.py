@@ -1,0 +1,1 @@
+"""`rig benchmark` and its subcommands."""

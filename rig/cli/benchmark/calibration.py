@@ -1,0 +1,94 @@
+"""`rig benchmark calibration`: the limits the calibrations have to keep."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
+
+if TYPE_CHECKING:
+    from rig.benchmark.calibration.benchmark import CalibrationReport
+
+
+def calibration(
+    trials: Annotated[int, typer.Option("--trials", min=20, help="Hand-eye trials.")] = 200,
+    seed: SeedOption = 0,
+    out: Annotated[Path | None, typer.Option("--out", help="JSON file of the result.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure the calibrations against their limits, on simulated and, where they are, real data.
+
+    Exit code 4 when a limit is missed, or bad data went through without being refused.
+
+    Examples:
+      rig benchmark calibration
+
+      rig benchmark calibration --trials 50 --json
+
+    """
+    import os
+    import time
+
+    # many small matrices: threads of the linear algebra only wait for one another
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from rig.benchmark.calibration.benchmark import run
+
+    began = time.perf_counter()
+    report = run(say, seed, trials)
+    figures = {**_plain(report), "wall_s": round(time.perf_counter() - began, 1)}
+    if out is not None:
+        from rig.sessions.files import write_json
+
+        write_json(out, figures)
+    if json:
+        emit_json(figures)
+    else:
+        _print(report)
+        say(f"{figures['wall_s']:.0f} s")
+    if not report.passed:
+        say("rig: a limit was missed, or bad data went through: see the table")
+        raise typer.Exit(Exit.LIMIT_MISSED)
+
+
+def _plain(report: "CalibrationReport") -> dict[str, Any]:
+    rows = [{"name": r.name, "value": r.value, "asked": r.asked, "met": r.met} for r in report.rows]
+    cases = [
+        {"group": c.case.group, "case": c.case.name, "said": c.said}
+        | {"refused": c.refused, "right": c.right, "wrong": c.wrong}
+        for c in report.cases
+    ]  # fmt: skip
+    return {"passed": report.passed, "measured": rows, "bad_data": cases}
+
+
+def _print(report: "CalibrationReport") -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from rig.cli.tables import table_console
+
+    console = table_console(width=170)
+    table = Table(
+        "measured", "value", "asked", "", title="Calibrations: simulated data unless 'real' or 'photos'"
+    )
+    for row in report.rows:
+        verdict = {None: "", True: "met", False: "MISSED"}[row.met]
+        table.add_row(
+            escape(row.name), "" if row.value is None else f"{row.value:.3g}", escape(row.asked), verdict
+        )
+    console.print(table)
+    bad = Table(
+        "bad data",
+        "case",
+        "refused",
+        "right",
+        "wrong",
+        "said",
+        title="Refused with the right reason, or right",
+    )
+    for case in report.cases:
+        counts = (str(n) if n else "" for n in (case.refused, case.right, case.wrong))
+        bad.add_row(case.case.group, escape(case.case.name), *counts, escape(case.said[:70]))
+    console.print(bad)
+    total = [sum(getattr(case, kind) for case in report.cases) for kind in ("refused", "right", "wrong")]
+    console.print(f"{len(report.cases)} cases: {total[0]} refused, {total[1]} right, {total[2]} wrong")

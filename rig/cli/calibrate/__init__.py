@@ -1,0 +1,1 @@
+"""`rig calibrate` and its subcommands."""

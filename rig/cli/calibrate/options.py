@@ -1,0 +1,87 @@
+"""What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.common import ask, emit_json, say, tell
+
+if TYPE_CHECKING:
+    from rig.calibrate.bench import Station
+    from rig.calibrate.outcome import Filed, Outcome
+
+FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
+OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder of the calibration file and its page.")]
+TargetOption = Annotated[
+    str,
+    typer.Option(
+        "--target",
+        help="charuco:8x6:25:18:DICT_5X5_100[:legacy], chessboard:9x6:25[:px], marker:60:DICT_4X4_50:0.",
+    ),
+]
+CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file: ours, ROS or OpenCV.")]
+CameraSerial = Annotated[str, typer.Option("--serial", help="Of the camera.")]
+PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures of the folder.")]
+PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
+
+
+def station(bench: str, seed: int, out: Path | None, yes: bool) -> "Station":
+    """Where a calibration is collected, and who is asked before something moves. Raises `InputError`."""
+    from rig.bench.operators import ConsoleOperator
+    from rig.calibrate.bench import Station
+    from rig.config import load_bench
+
+    return Station(load_bench(bench), seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say)
+
+
+def _folder(out: Path | None, bench: str) -> Path:
+    """Where calibrations go: --out, or where trials on the bench look for them."""
+    from rig.config.calibrations import calibrations_folder
+
+    return out or calibrations_folder(bench)
+
+
+def file_all(outcomes: Sequence["Outcome"], out: Path | None, bench: str, json: bool) -> None:
+    """File the outcomes of one collection; one that is refused is raised after all are on disk."""
+    from drivers.errors import CalibrationError
+
+    filed: list[Filed] = []
+    refused: list[CalibrationError] = []
+    for outcome in outcomes:
+        try:
+            filed.append(filed_and_said(outcome, out, bench))
+        except CalibrationError as error:
+            refused.append(error)
+            say(str(error))
+    if json:
+        emit_json({"calibrations": [each.figures for each in filed], "refused": [str(e) for e in refused]})
+    else:
+        for each in filed:
+            print(each.path, each.page, sep="\n")
+    if refused:
+        raise CalibrationError(f"{len(refused)} of {len(outcomes)} were refused; see their pages")
+
+
+def file_and_say(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:
+    """File an outcome, say what it is worth, and print where file and page are."""
+    filed = filed_and_said(outcome, out, bench)
+    if json:
+        emit_json(filed.figures)
+    else:
+        print(filed.path)
+        print(filed.page)
+
+
+def filed_and_said(outcome: "Outcome", out: Path | None, bench: str) -> "Filed":
+    """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
+    from rig.calibrate.outcome import file_outcome
+
+    filed = file_outcome(outcome, _folder(out, bench))
+    say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")
+    for name, text in outcome.numbers.items():
+        say(f"  {name}: {text}")
+    for left_out in outcome.rejected:
+        say(f"  left out {left_out.id}: {left_out.reason}")
+    return filed

@@ -1,0 +1,176 @@
+"""`rig calibrate tactile, gripper, tcp, sync`: gels, fingers, the tool's tip, clocks."""
+
+from typing import Annotated
+
+import typer
+
+from rig.cli.calibrate.options import (
+    FromOption,
+    OutFolder,
+    file_all,
+    file_and_say,
+    station,
+)
+from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
+
+_BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
+
+
+def tactile(
+    source: FromOption = None,
+    balls_mm: Annotated[
+        list[float] | None,
+        typer.Option("--ball-mm", help="Diameter of a ball to press on a bench; two sizes are good. Repeat."),
+    ] = None,
+    presses: Annotated[int, typer.Option("--presses", min=8, max=100, help="Places for each ball.")] = 16,
+    mm_per_px: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--mm-per-px", help="With --from: scale along x and y, where it is known."),
+    ] = None,
+    serial: Annotated[str, typer.Option("--serial", help="Of the sensor.")] = "unknown",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Find a gel's scale along x and y, and how its colours tell its slopes, from ball presses.
+
+    On a bench with --ball-mm the fingers press each ball at many places of both gels; the arm's steps
+    give the scale. Without --ball-mm nothing moves: every fingertip is looked at untouched, kept as
+    its reference, and compared with the one before (LEDs, gel, drift).
+
+    The folder of --from holds background.png (untouched), catalog.csv and its pictures. catalog.csv:
+    image, diameter(mm); where known x_mm, y_mm (how far the ball was moved, right and down as the
+    picture shows it: they give mm per px) and background (another untouched picture for this one).
+    The balls are found by themselves.
+
+    Examples:
+      rig calibrate tactile --bench fake
+
+      rig calibrate tactile --bench fake --ball-mm 5 --ball-mm 9.5
+
+      rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
+
+    """
+    from rig.calibrate.bench_tactile import collect_presses, collect_references
+    from rig.calibrate.tactile import tactile_from_folder
+
+    if source is not None:
+        file_and_say(tactile_from_folder(source, serial, mm_per_px), out, bench, json)
+    elif balls_mm:
+        file_all(collect_presses(station(bench, seed, out, yes), balls_mm, presses), out, bench, json)
+    else:
+        # nothing moves, so there is nothing to agree to
+        file_all(collect_references(station(bench, seed, out, yes=True)), out, bench, json)
+
+
+def gripper(
+    source: FromOption = None,
+    blocks_mm: Annotated[
+        list[float] | None,
+        typer.Option("--block-mm", help="Width of a block to close on at a bench. Repeat."),
+    ] = None,
+    serial: Annotated[str, typer.Option("--serial", help="Of the gripper.")] = "unknown",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Make the table of opening over counts, closing and opening, monotone, with its hysteresis.
+
+    On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels
+    feel them, and open until they do not.
+
+    The folder of --from holds gripper.csv: counts, opening_mm, direction (closing or opening); and,
+    where a scale or force sensor was at hand, force.csv: signal (current or counts), force_n.
+
+    Examples:
+      rig calibrate gripper --bench fake
+
+      rig calibrate gripper --from measured --serial R3F-1
+
+    """
+    from rig.calibrate.bench_fingers import collect_openings
+    from rig.calibrate.tables import gripper_from_folder
+
+    if source is not None:
+        outcome = gripper_from_folder(source, serial)
+    else:
+        outcome = collect_openings(station(bench, seed, out, yes), blocks_mm or _BLOCKS_MM)
+    file_and_say(outcome, out, bench, json)
+
+
+def tcp(
+    source: FromOption = None,
+    poses: Annotated[int, typer.Option("--poses", min=4, max=60, help="Tilts on a bench.")] = 12,
+    serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Find the tool's tip by pivoting: the tip in one small hole at many tilts.
+
+    On a bench a pointed tip is in the fingers; the arm tilts it over the hole, and you step it in by
+    typing how far it still has to go (x y z in mm, base axes; empty when it sits).
+
+    The folder of --from holds poses.csv, one row for each seated pose: id, x_m, y_m, z_m and qx, qy,
+    qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them). The tip comes out in the frame of these poses.
+
+    Examples:
+      rig calibrate tcp --bench fake
+
+      rig calibrate tcp --from pivot
+
+    """
+    from rig.calibrate.bench_tip import collect_tip
+    from rig.calibrate.tables import tcp_from_folder
+
+    if source is not None:
+        outcome = tcp_from_folder(source, serial)
+    else:
+        outcome = collect_tip(station(bench, seed, out, yes), poses)
+    file_and_say(outcome, out, bench, json)
+
+
+def sync(
+    source: FromOption = None,
+    first: Annotated[str, typer.Option("--reference", help="Stream whose clock counts.")] = "robot",
+    second: Annotated[str, typer.Option("--stream", help="Stream to be moved.")] = "camera",
+    search: Annotated[float, typer.Option("--search", min=0.01, max=10, help="Largest offset, s.")] = 0.5,
+    object_name: Annotated[
+        str,
+        typer.Option(
+            "--object", help="What carries the markers on a bench: a block by its width, or an object."
+        ),
+    ] = "gauge:30",
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    yes: YesOption = False,
+    out: OutFolder = None,
+    json: JsonOption = False,
+) -> None:
+    """Find the time offset, and the drift, between streams that saw one wiggle.
+
+    On a bench the arm holds an object with markers and moves it up and down by a centimetre; the
+    camera and both fingertips are put on the arm's clock.
+
+    The folder of --from holds <name>.csv of both streams: time_ns (or t_s) and value, anything that
+    the motion changes; the longer, faster and less regular, the better.
+
+    Examples:
+      rig calibrate sync --bench fake
+
+      rig calibrate sync --from wiggle --reference robot --stream camera
+
+    """
+    from rig.calibrate.bench_clocks import collect_streams
+    from rig.calibrate.tables import sync_from_folder
+
+    if source is not None:
+        file_and_say(sync_from_folder(source, first, second, search), out, bench, json)
+    else:
+        file_all(collect_streams(station(bench, seed, out, yes), object_name, search), out, bench, json)

@@ -1,0 +1,149 @@
+"""The calibrations beside a bench file: found, checked against its serials, put into use."""
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from calibration.camera.files import camera_from
+from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
+from calibration.verdict import Verdict
+from drivers.errors import CalibrationError
+from rig.config import BenchConfig, load_bench
+from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceInUse
+
+FOLDER = "calibrations"
+
+
+def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
+    """Read a bench with the calibrations of `calibrations/` beside its file (built-in benches: here).
+
+    say: told of each file in use, its age and verdict. Raises `InputError` for the bench file,
+    `CalibrationError` for a calibration that belongs to another device or is damaged.
+    """
+    config = load_bench(name_or_path)
+    found = find_calibrations(config, calibrations_folder(name_or_path))
+    for file in found.files.values():
+        age = age_text(age_days(file.created, datetime.now(UTC)))
+        say(f"calibration in use: {file.file}, {age} old, {file.verdict}")
+    return config.model_copy(update={"calibrations": found}) if found.files else config
+
+
+def calibrations_folder(name_or_path: str) -> Path:
+    """Where a bench's calibrations are: `calibrations/` beside its file; built-in benches: here."""
+    path = Path(name_or_path)
+    return (path.parent if path.is_file() else Path()) / FOLDER
+
+
+def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
+    """Read what a folder holds for the devices of a bench; nothing where there is no such folder.
+
+    A kind that is there for other devices only is refused: the wrong one would go unseen. One that
+    was refused when it was made is left out. Raises `CalibrationError`.
+    """
+    used: dict[str, Any] = {"files": {}, "pixel_aspect": {}, "time_shift_s": {}}
+    serial = config.camera.serial
+    sensors = [serial, *(t.serial for t in config.tactile)]
+    _use(config, folder, "camera", {"camera": serial}, used, _camera)
+    _use(config, folder, "hand-eye", {"camera": serial}, used, _hand_eye)
+    _use(config, folder, "gripper", {"gripper": config.name}, used, _gripper)
+    for tactile in config.tactile:
+        _use(config, folder, "tactile", {"tactile": tactile.serial}, used, _tactile)
+    for sensor in sensors:
+        _use(config, folder, "sync", {"reference": "arm", "stream": sensor}, used, _sync)
+    return CalibrationsInUse.model_validate(used)
+
+
+def _use(
+    config: BenchConfig,
+    folder: Path,
+    kind: str,
+    serials: Mapping[str, str],
+    used: dict[str, Any],
+    take: Callable[[CalibrationFile, str, dict[str, Any]], bool],
+) -> None:
+    """Find the newest file of a kind for these serials, and take from it what is used."""
+    path = _find(folder, kind, serials)
+    if path is None:
+        return
+    file = load(path, kind, serials, allow_refused=True)
+    if file.judgement.verdict is Verdict.REFUSED:
+        return
+    if file.inputs.get("simulated") and not config.simulated:
+        raise CalibrationError(
+            f"{path}: was made on simulated devices, bench '{config.name}' is real; calibrate it, "
+            "or move the file away"
+        )
+    try:
+        if not take(file, str(path), used):
+            return
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
+    used["files"]["-".join([kind, *serials.values()])] = FileInUse(
+        file=str(path),
+        sha256=sha256(path.read_bytes()).hexdigest(),
+        created=file.created,
+        verdict=str(file.judgement.verdict),
+    )
+
+
+def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
+    """The kind's file for these serials; None where the folder has none of that kind.
+
+    Raises `CalibrationError` where all of its kind belong to other devices. Streams and fingertips
+    are several of one kind: there, another one's file says nothing about this one.
+    """
+    wanted = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
+    if wanted.is_file():
+        return wanted
+    others = [] if kind in ("sync", "tactile") else sorted(folder.glob(f"{kind}-*.yaml"))
+    if others:
+        check_serials(others[0], load(others[0], kind, allow_refused=True).serials, serials)
+    return None
+
+
+def _camera(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+    camera = camera_from(file.value, where)
+    used["camera"] = CameraInUse(
+        matrix=tuple(camera.matrix.ravel().tolist()), distortion=tuple(camera.distortion.tolist())
+    )
+    return True
+
+
+def _hand_eye(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+    """Only a camera that stands has its place in the base's frame."""
+    if file.value.get("setup") != "eye-to-hand":
+        return False
+    x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
+    a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
+    used["base_T_camera"] = PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d))
+    return True
+
+
+def _tactile(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+    if "pixel_aspect" not in file.value:
+        return False
+    used["pixel_aspect"][file.serials["tactile"]] = float(file.value["pixel_aspect"])
+    return True
+
+
+def _gripper(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+    table = file.value.get("closing")
+    if not isinstance(table, Mapping):
+        return False
+    pairs = zip(table["counts"], table["opening_m"], strict=True)
+    used["opening"] = tuple((float(counts), float(opening)) for counts, opening in pairs)
+    return True
+
+
+def _sync(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+    used["time_shift_s"][file.serials["stream"]] = float(file.value["add_to_stream_s"])
+    return True
+
+
+def _numbers(file: CalibrationFile, where: str, key: str, count: int) -> list[Any]:
+    values = file.value.get(key)
+    if not isinstance(values, list) or len(values) != count:
+        raise CalibrationError(f"{where}: has no {key} of {count} numbers; make it again with rig calibrate")
+    return values

@@ -1,0 +1,213 @@
+"""One attempt at a lift, from its plan to its row: what a worker process runs."""
+
+import io
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.errors import CalibrationError, DeviceError
+from drivers.types import Pose
+from protocols.grasps import find_grasp_file
+from protocols.slip_trial import LiftPlan, run_lift
+from protocols.steps import make_ready
+from protocols.watch import Watch
+from rig.bench.assembly import TOOL_DOWN
+from rig.bench.source import BenchSource, FreshBenches
+from rig.config import BenchConfig
+from rig.experiments.seeds import derived_seed
+from rig.lift.latency import TimedWatch
+from rig.lift.marker_truth import MarkerTruth
+from rig.lift.measurement import LiftMeasurement
+from rig.lift.result import Outcome, lift_result, stage_times
+from rig.live.feed import LiveFeed
+from rig.live.watch import LiveWatch
+from rig.sessions.recorder import LiftRecorder
+from rig.tactile.estimators import EstimatorChoice
+
+LEAST_LIFT = 0.4
+"""A lift rises to a random share of the object file's height, from this share to all of it."""
+MAX_TRIAL_TURN_DEG = 15.0
+MAX_FAULTS_IN_A_ROW = 3
+"""Rig faults in a row that end a trial or a recording: by then a person has to look."""
+
+LIVE_KEYS = ("number", "attempt", "object", "name", "lift")
+"""What of a lift's row tells lookers-on which lift it is."""
+NOBODY = LiveFeed()
+
+
+@dataclass(frozen=True, slots=True)
+class LiftTask:
+    """One lift to do: its number in the session, its object, its number for that object (from 1)."""
+
+    number: int
+    object_id: str
+    lift: int
+    attempt: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name in logs and fault scripts, e.g. "t1/3"."""
+        return f"{self.object_id}/{self.lift}"
+
+    @property
+    def recording(self) -> str:
+        """File of this attempt inside the session."""
+        suffix = f"-attempt{self.attempt}" if self.attempt else ""
+        return f"lifts/{self.number:03d}{suffix}.mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSettings:
+    """What all lifts of a trial share."""
+
+    bench: BenchConfig
+    seed: int
+    estimator: EstimatorChoice
+    realtime: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What came of it: the row for `lifts.jsonl`, the line for `timing.jsonl`, the recording."""
+
+    row: dict[str, Any]
+    timing: dict[str, Any]
+    recording: bytes
+
+
+def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
+    """Draw position, turn, grip and height of a lift from its seed and its object's file."""
+    grasps = find_grasp_file(task.object_id)
+    rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
+    places = [position for position in grasps.position if position.lift_height_m > 0.0]
+    place = places[int(rng.integers(len(places)))]
+    low, high = grasps.grip_counts
+    turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
+    return LiftPlan(
+        object_id=grasps.id,
+        object_name=grasps.name,
+        position=place.name,
+        base_T_grasp=grasp_pose(base_T_table, place.offset_m, turn),
+        width_m=place.width_m,
+        grip_counts=int(rng.integers(low, high + 1)),
+        lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
+    )
+
+
+def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803
+    """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
+
+    turn_deg is counter-clockwise as the external camera sees it (about the base's -y axis).
+    """
+    turned = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
+    return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
+
+
+def attempt_lift(
+    settings: TrialSettings,
+    task: LiftTask,
+    benches: BenchSource | None = None,
+    live: LiveFeed = NOBODY,
+) -> Attempt:
+    """Carry out one lift and evaluate it.
+
+    A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
+    benches: where its bench comes from; a simulated bench of its own when None. live: who looks on.
+    """
+    cv2.setNumThreads(1)
+    began = time.perf_counter()
+    benches = benches or FreshBenches(settings.bench, settings.realtime)
+    seed = derived_seed(settings.seed, task.object_id, task.lift, *([task.attempt] if task.attempt else []))
+    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
+    stream = io.BytesIO()
+    recorder = LiftRecorder(stream)
+    watched = new_measurement(settings, recorder)
+    head = _head(task, plan, seed, settings.bench.simulated)
+    shown = LiveWatch(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
+    error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
+    if shown:
+        shown.close()
+    if error is None:
+        row, series = lift_result(watched)
+        watched.record_results(series)
+    else:
+        row = {"outcome": Outcome.FAULT.value, "fault": fault_text(error)}
+    if row["outcome"] in (Outcome.FALLEN, Outcome.FAULT):
+        benches.displaced()
+    recorder.close()
+    row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}
+    timing = {
+        "number": task.number,
+        "attempt": task.attempt,
+        "wall_s": time.perf_counter() - began,
+        "stages": stage_times(watched),
+        **({"capture_to_angle": latency} if latency else {}),
+    }
+    return Attempt(row, timing, stream.getvalue())
+
+
+def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:
+    """Make the watch of one lift, the same for a lift as it happens and for its replay."""
+    camera = settings.bench.camera
+    truth = MarkerTruth(
+        camera.marker_ids,
+        camera.marker_dictionary,
+        settings.bench.base_T_camera(),
+        settings.bench.intrinsics(),
+        search_everywhere=not settings.estimator.skip,
+    )
+    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
+    shifts = settings.bench.calibrations.time_shift_s
+    return LiftMeasurement(signs, settings.estimator, truth, recorder, settings.bench.pixel_aspects(), shifts)
+
+
+def _carry_out(
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: Watch
+) -> tuple[DeviceError | CalibrationError | None, float, dict[str, dict[str, float]]]:
+    """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
+
+    A simulated clock stands still while angles are worked out, so there nothing is late.
+    """
+    clock: Clock | None = None
+    timed: TimedWatch | None = None
+    began_ns = 0
+    fault: DeviceError | CalibrationError | None = None
+    try:
+        with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
+            clock, began_ns = bench.clock, bench.clock.now_ns()
+            make_ready(bench, operator, benches.after_fault)
+            operator.place(plan.object_id, plan.object_name)
+            timed = TimedWatch(watch, clock) if isinstance(clock, SystemClock) else None
+            run_lift(bench, plan, timed or watch)
+    except (DeviceError, CalibrationError) as error:
+        fault = error
+    bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
+    return fault, bench_s, timed.percentiles_ms() if timed else {}
+
+
+def fault_text(error: Exception) -> str:
+    """Say what failed, and how the bench was left."""
+    notes = "; ".join(getattr(error, "__notes__", []))
+    return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
+
+
+def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> dict[str, Any]:
+    return {
+        "number": task.number,
+        "attempt": task.attempt,
+        "object": task.object_id,
+        "name": plan.object_name,
+        "lift": task.lift,
+        "position": plan.position,
+        "grip_counts": plan.grip_counts,
+        "lift_height_m": plan.lift_height_m,
+        "force_n": None,
+        "seed": seed,
+        "simulated": simulated,
+        "recording": task.recording,
+    }

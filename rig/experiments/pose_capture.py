@@ -1,0 +1,100 @@
+"""Watches that take images while the hand grasps: the reference first, then each pose."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.types import ArmState, Frame, GripperState, Image
+from protocols.watch import Phase
+from rig.tactile.contact.finder import ContactFinder
+
+FRAMES_APART = 3
+"""Images of one grip are this many frames apart, so that they differ by more than noise."""
+
+
+@dataclass(slots=True)
+class PoseCapture:
+    """A watch that takes images with contact, turn about from each fingertip.
+
+    true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
+    taken. Nothing here looks at them.
+    """
+
+    finders: dict[str, ContactFinder]
+    taken: list[tuple[Frame, int, float]] = field(default_factory=list)
+    true_masks: dict[str, Callable[[int], Image]] = field(default_factory=dict)
+    masks: list[Image] = field(default_factory=list)
+    rejected: int = 0
+    _grip_counts: int = 0
+    _wanted: int = 0
+    _touching: dict[str, bool] = field(default_factory=dict)
+    _areas: dict[str, float] = field(default_factory=dict)
+    _last: dict[str, int] = field(default_factory=dict)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Phases are a lift's; a pose has none."""
+
+    def arm(self, state: ArmState) -> None:
+        """The pose is in the plan."""
+
+    def gripper(self, state: GripperState) -> None:
+        """The grip is in the plan."""
+
+    def want(self, images: int, grip_counts: int) -> None:
+        """Take this many more images at a grip."""
+        self._wanted, self._grip_counts = len(self.taken) + images, grip_counts
+
+    def satisfied(self) -> bool:
+        """Whether they have been taken."""
+        return len(self.taken) >= self._wanted
+
+    def touching(self, serial: str) -> bool:
+        """Whether the newest frame of a fingertip shows contact."""
+        return self._touching.get(serial, False)
+
+    def frame(self, frame: Frame) -> None:
+        """Look for contact; take the image when one of this fingertip is wanted."""
+        finder = self.finders.get(frame.serial)
+        if finder is None:
+            return
+        area = finder.find(frame.image).area_px
+        self._touching[frame.serial] = area > 0
+        if self.satisfied() or not self._due(frame):
+            return
+        if area > 0:
+            self.taken.append((frame, self._grip_counts, area))
+            if frame.serial in self.true_masks:
+                self.masks.append(self.true_masks[frame.serial](frame.time_ns))
+        else:
+            self.rejected += 1
+        self._last[frame.serial] = frame.sequence
+
+    def _due(self, frame: Frame) -> bool:
+        if frame.sequence - self._last.get(frame.serial, -FRAMES_APART) < FRAMES_APART:
+            return False
+        counts = {serial: sum(f.serial == serial for f, _, _ in self.taken) for serial in self.finders}
+        return counts[frame.serial] == min(counts.values())
+
+
+@dataclass(slots=True)
+class ReferenceCapture:
+    """A watch that keeps the fingertips' frames without contact."""
+
+    frames: dict[str, list[Image]]
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """No phases."""
+
+    def arm(self, state: ArmState) -> None:
+        """Nothing moves."""
+
+    def gripper(self, state: GripperState) -> None:
+        """Nothing moves."""
+
+    def touching(self, serial: str) -> bool:
+        """Nothing touches."""
+        return False
+
+    def frame(self, frame: Frame) -> None:
+        """Keep a fingertip's frame."""
+        if frame.serial in self.frames:
+            self.frames[frame.serial].append(frame.image)

@@ -1,0 +1,155 @@
+"""The slip trial: five accepted lifts for each object, every one on disk as soon as it ends."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import DeviceError, InputError
+from drivers.types import Pose
+from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
+from protocols.slip_trial import LIFT_S
+from protocols.steps import TRAVEL_SPEED_M_S
+from rig.bench.source import BenchSource
+from rig.experiments.lift_attempt import (
+    MAX_FAULTS_IN_A_ROW,
+    NOBODY,
+    Attempt,
+    LiftTask,
+    TrialSettings,
+    attempt_lift,
+    plan_lift,
+)
+from rig.experiments.process_pool import run_tasks
+from rig.live.feed import LiveFeed
+from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
+from rig.sessions.layout import RESULTS
+from rig.sessions.session import Session, open_session, session_request
+
+_log = logging.getLogger("rig.experiments.trial")
+
+
+def trial_request(settings: TrialSettings, objects: list[str], lifts: int) -> dict[str, Any]:
+    """Return what identifies a trial in its manifest, and must be the same to continue it."""
+    return session_request(
+        "trial",
+        settings.bench,
+        settings.seed,
+        objects=objects,
+        lifts_per_object=lifts,
+        estimator=settings.estimator.name,
+        window=settings.estimator.window,
+        skip=settings.estimator.skip,
+    )
+
+
+def resolve_objects(names: list[str] | None) -> list[str]:
+    """Return object ids from ids or names, the paper's nine when none are given.
+
+    Raises `InputError` for an unknown object, or for one named twice.
+    """
+    ids = [find_grasp_file(name).id for name in names or TRIAL_OBJECTS]
+    twice = next((i for i in ids if ids.count(i) > 1), None)
+    if twice:
+        raise InputError(f"object {twice} is named twice: use --lifts for more lifts of one object")
+    return ids
+
+
+def describe_plan(settings: TrialSettings, objects: list[str], lifts: int) -> str:
+    """Say what a trial will do with the arm and the gripper, lift by lift."""
+    table = Pose(settings.bench.table.position_m)
+    lines = [f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):"]
+    for task in _all_tasks(objects, lifts):
+        plan = plan_lift(settings, task, table)
+        x, y, z = plan.base_T_grasp.position_m
+        lines.append(
+            f"  {task.name:>6} {plan.object_name}: grasp at ({x:.3f}, {y:.3f}, {z:.3f}) m, "
+            f"{plan.grip_counts} counts past contact, lift {plan.lift_height_m:.3f} m in {LIFT_S} s"
+        )
+    return "\n".join([*lines, "Begin?"])
+
+
+def run_trial(
+    folder: Path,
+    settings: TrialSettings,
+    objects: list[str],
+    lifts: int,
+    jobs: int = 1,
+    resume: bool = False,
+    benches: BenchSource | None = None,
+    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
+    live: LiveFeed = NOBODY,
+) -> TrialSummary:
+    """Run a trial, or what is left of it, and return its summary.
+
+    benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
+    progress is called after each attempt with lifts accepted, lifts wanted, and the row. live: who
+    looks on while lifts happen.
+    Raises `InputError` or `RecordingError` as `open_session` does, `DeviceError` after three
+    rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
+    """
+    with open_session(folder, trial_request(settings, objects, lifts), RESULTS["trial"], resume) as session:
+        if not session.complete:
+            tasks = remaining_tasks(session, objects, lifts)
+            _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
+            _carry_on(session, settings, tasks, jobs, benches, progress, live)
+            session.finish(order=("number", "attempt"))
+            for row in session.rows:
+                _log.info("lift %s/%s: %s", row["object"], row["lift"], row["outcome"])
+        summary = summarize_trial(session.rows)
+        session.write("lifts.csv", lifts_csv(session.rows).encode())
+        return summary
+
+
+def remaining_tasks(session: Session, objects: list[str], lifts: int) -> list[LiftTask]:
+    """Return the lifts not yet accepted, each with the number of attempts already made."""
+    accepted = {row["number"] for row in session.rows if row["accepted"]}
+    made = [row["number"] for row in session.rows]
+    return [
+        replace(t, attempt=made.count(t.number))
+        for t in _all_tasks(objects, lifts)
+        if t.number not in accepted
+    ]
+
+
+def _all_tasks(objects: list[str], lifts: int) -> list[LiftTask]:
+    pairs = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
+    return [LiftTask(number, *pair) for number, pair in enumerate(pairs, start=1)]
+
+
+def _carry_on(
+    session: Session,
+    settings: TrialSettings,
+    tasks: list[LiftTask],
+    jobs: int,
+    benches: BenchSource | None,
+    progress: Callable[[int, int, dict[str, Any]], None],
+    live: LiveFeed,
+) -> None:
+    accepted = sum(row["accepted"] for row in session.rows)
+    total = accepted + len(tasks)
+    faults = 0
+    work = partial(attempt_lift, settings, benches=benches, live=live)
+    for task, attempt in run_tasks(work, tasks, jobs):
+        _keep(session, task, attempt)
+        if attempt.row["accepted"]:
+            accepted, faults = accepted + 1, 0
+        else:
+            faults += 1
+            tasks.insert(0, replace(task, attempt=task.attempt + 1))
+        progress(accepted, total, attempt.row)
+        if faults >= MAX_FAULTS_IN_A_ROW:
+            raise DeviceError(
+                f"trial: {faults} rig faults in a row, the last: {attempt.row['fault']}; "
+                f"{accepted} of {total} lifts are done: mend the fault, then continue with --resume"
+            )
+
+
+def _keep(session: Session, task: LiftTask, attempt: Attempt) -> None:
+    """Recording first, line last: a line in the results says that all of the lift is there."""
+    session.write(task.recording, attempt.recording)
+    session.add(attempt.row, attempt.timing)
+    if not attempt.row["accepted"]:
+        _log.warning("lift %s attempt %d: %s", task.name, task.attempt, attempt.row["fault"])

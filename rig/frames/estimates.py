@@ -1,0 +1,169 @@
+"""Estimates for a series of recorded frames: the samples, their common zero, table and figures."""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import InputError
+from rig.frames.series import FrameSeries
+from rig.frames.times import FrameTime
+from rig.tactile.sample import SlipEstimator, SlipSample, State
+
+COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state")
+# The zero is the first frame of stable full contact: over the next frames the contact's area
+# stays within this share, and it has reached this share of what it is from there on.
+STABLE_FRAMES, STABLE_AREA, FULL_AREA = 5, 0.05, 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the estimator said about the frame taken at a time."""
+
+    time: FrameTime
+    sample: SlipSample
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The answers for one series. angles_deg, sigmas_deg: from the zero, None where refused.
+
+    zero: see `zeroed`.
+    """
+
+    answers: tuple[Answer, ...]
+    angles_deg: tuple[float | None, ...]
+    sigmas_deg: tuple[float | None, ...]
+    zero: FrameTime | None
+    zero_note: str
+    unreadable: int
+
+
+def estimate_series(series: FrameSeries, estimator: SlipEstimator) -> tuple[Answer, ...]:
+    """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
+    return tuple(
+        Answer(
+            frame.time,
+            SlipSample(frame.time.time_ns, State.LOST)
+            if frame.image is None
+            else estimator.update(frame.image, frame.time.time_ns),
+        )
+        for frame in series
+    )
+
+
+def zeroed(
+    answers: Sequence[Answer], reference: FrameTime | None, keep_zero: bool = False, sign: int = 1
+) -> Estimate:
+    """Take the angles from the zero, the answer at the reference time or of the first stable contact.
+
+    keep_zero leaves the estimator's own zero, as the published script has one. sign: +1, or -1 for
+    a fingertip that sees the object from behind. Raises `InputError` for a reference time outside
+    the series or where there is no answer.
+    """
+    unreadable = sum(
+        answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 for answer in answers
+    )
+    place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)
+    zero = None if place is None else answers[place]
+    zero_deg = 0.0 if zero is None else zero.sample.angle_deg or 0.0
+    samples = [answer.sample for answer in answers]
+    return Estimate(
+        answers=tuple(answers),
+        angles_deg=tuple(None if s.angle_deg is None else sign * (s.angle_deg - zero_deg) for s in samples),
+        sigmas_deg=tuple(
+            None if s.angle_deg is None else s.sigma_since(zero and zero.sample) for s in samples
+        ),
+        zero=zero and zero.time,
+        zero_note=note,
+        unreadable=unreadable,
+    )
+
+
+def rows(estimate: Estimate) -> list[dict[str, Any]]:
+    """Return a row per frame: t_s (text as given), angle_deg, sigma_deg (None where refused), state."""
+    return [
+        {
+            "t_s": answer.time.text,
+            "angle_deg": None if angle is None else round(angle, 4),
+            "sigma_deg": _rounded(sigma),
+            "state": answer.sample.state.value,
+        }
+        for answer, angle, sigma in zip(
+            estimate.answers, estimate.angles_deg, estimate.sigmas_deg, strict=True
+        )
+    ]
+
+
+def table(estimate: Estimate) -> str:
+    """Return the CSV text `t_s,angle_deg,sigma_deg,state`, empty fields where refused."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([row[column] for column in COLUMNS] for row in rows(estimate))
+    return text.getvalue()
+
+
+def figures(estimate: Estimate) -> dict[str, Any]:
+    """Return frames, answered, refused by state, the zero, and wall time per frame in ms."""
+    refused = Counter(
+        answer.sample.state.value
+        for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
+        if angle is None
+    )
+    cost_ms = [1e3 * sum(a.sample.stage_s.values()) for a in estimate.answers if a.sample.stage_s]
+    return {
+        "frames": len(estimate.answers),
+        "answered": len(estimate.answers) - sum(refused.values()),
+        "refused": dict(sorted(refused.items())),
+        "unreadable": estimate.unreadable,
+        "reference_time_s": None if estimate.zero is None else float(estimate.zero.text),
+        "reference": estimate.zero_note,
+        "median_ms": round(float(np.median(cost_ms)), 3) if cost_ms else None,
+        "p99_ms": round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple[int | None, str]:
+    if reference is not None:
+        return _frame_at(answers, reference), "as asked"
+    answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
+    if not answered:
+        return None, "none: no frame was answered"
+    areas = np.array([answer.sample.contact_area_px for answer in answers])
+    stable = next((i for i in answered if _is_stable(areas[i:])), None)
+    if stable is None:
+        return answered[0], "first answered frame; no stable contact was seen"
+    return stable, "first frame of stable full contact"
+
+
+def _is_stable(areas: np.ndarray) -> bool:
+    """Whether the contact at the first of these areas is as large as it stays."""
+    near = areas[: STABLE_FRAMES + 1]
+    later = areas[areas > 0]
+    within = np.abs(near - areas[0]) <= STABLE_AREA * areas[0]
+    return len(near) > STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
+
+
+def _frame_at(answers: Sequence[Answer], reference: FrameTime) -> int:
+    """Return the frame nearest to the reference time, which has to be answered."""
+    first, last = answers[0].time, answers[-1].time
+    if not first.time_ns <= reference.time_ns <= last.time_ns:
+        raise InputError(
+            f"--reference-time {reference.text}: the frames run from {first.text} to {last.text} s"
+        )
+    place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
+    if answers[place].sample.angle_deg is None:
+        state = answers[place].sample.state.value
+        raise InputError(
+            f"--reference-time {reference.text}: no angle there ({state}): choose a frame with one"
+        )
+    return place

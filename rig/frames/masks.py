@@ -1,0 +1,247 @@
+"""Contact masks of anyone's images: files or folders in, a mask of each at its own size out."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.frames.series import (
+    IMAGE_ENDINGS,
+    FrameSeries,
+    TimedFrame,
+    is_session,
+    make_background,
+    read_image,
+)
+from rig.frames.times import FrameTime
+from rig.sessions.files import read_lines
+from rig.sessions.session import read_manifest
+from rig.tactile.contact.finder import NO_CONTACT, ContactFinder
+from rig.tactile.contact.network import load_network
+from rig.tactile.contact.network_input import NetworkInput
+from rig.tactile.contact.segmenter import (
+    FrameState,
+    Segmentation,
+    Segmenter,
+    check_margin,
+    contact_of,
+    frame_exposure,
+    moved_outline,
+)
+
+CLASSICAL = "classical"
+DEFAULT_MODEL = "ours"
+UNREADABLE = "unreadable"
+
+
+class FrameSegmenter(Protocol):
+    """Finds the contact in frames and says what each frame was."""
+
+    def segment(self, image: Image) -> Segmentation:
+        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentChoice:
+    """How contacts are found.
+
+    model: `classical`, a shipped network's name or an ONNX file. margin: as in `Segmenter`.
+    """
+
+    model: str = DEFAULT_MODEL
+    margin: float = 0.0
+    threads: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageGroup:
+    """Images of one sensor. background: its frame without contact, None where none is needed."""
+
+    files: tuple[Path, ...]
+    background: Image | None
+    note: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentedImage:
+    """What became of one file. image, segmentation: None where it could not be read."""
+
+    file: Path
+    image: Image | None
+    segmentation: Segmentation | None
+    cost_s: float
+
+    @property
+    def state(self) -> str:
+        """The frame's state as tables say it."""
+        return UNREADABLE if self.segmentation is None else self.segmentation.state.value
+
+    @property
+    def mask(self) -> Image:
+        """(H, W) uint8, 0 or 255; empty without contact, (0, 0) where nothing could be read."""
+        if self.segmentation is not None and self.segmentation.contact.mask is not None:
+            return self.segmentation.contact.mask
+        return np.zeros((0, 0) if self.image is None else self.image.shape[:2], np.uint8)
+
+
+class ClassicalSegmenter:
+    """The mask by plain image processing, behind the same call as a network's."""
+
+    def __init__(self, background: Image, margin: float) -> None:
+        self._background, self._margin = background, check_margin(margin)
+
+    def segment(self, image: Image) -> Segmentation:
+        """Return the contact and the frame's state; every image stands for itself."""
+        # A finder lets contacts end later than begin; a new one forgets the image before.
+        contact = ContactFinder(self._background).find(image)
+        state = frame_exposure(image)
+        if state is not None:
+            return Segmentation(NO_CONTACT, state)
+        if contact.mask is None:
+            return Segmentation(NO_CONTACT, FrameState.NO_CONTACT)
+        return Segmentation(contact_of(moved_outline(contact.mask, self._margin)), FrameState.CONTACT)
+
+
+MakeSegmenter = Callable[[Image | None], FrameSegmenter]
+"""Makes what finds the contact in the frames of the sensor with a background. Raises `InputError`."""
+
+
+def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
+    """Return what makes the segmenter of each sensor; a network is loaded once. Raises `InputError`."""
+    if choice.model == CLASSICAL:
+        return lambda background: _classical(background, choice.margin)
+    network = load_network(choice.model, choice.threads)
+    return lambda background: Segmenter(network, background, choice.margin)
+
+
+def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:
+    """Make what finds the contact in one sensor's frames. Raises `InputError`."""
+    return segmenter_maker(choice)(background)
+
+
+def needs_background(choice: SegmentChoice) -> bool:
+    """Whether the images have to be compared with a frame without contact. Raises `InputError`."""
+    if choice.model == CLASSICAL:
+        return True
+    return load_network(choice.model).recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE
+
+
+def image_groups(paths: Sequence[Path], background: str | None, compare: bool) -> list[ImageGroup]:
+    """Return the images of files, folders and sessions of `rig record`, by sensor.
+
+    background: as `rig.frames.series.make_background` takes it; a session's own by default. compare: whether
+    one is needed at all. Raises `InputError`.
+    """
+    groups, files = [], []
+    for path in paths:
+        if is_session(path):
+            groups += _session_groups(path, background, compare)
+        else:
+            files += _files(path)
+    if files:
+        groups.append(_group(files, background, compare))
+    return groups
+
+
+def segment_groups(groups: Sequence[ImageGroup], choice: SegmentChoice) -> Iterator[SegmentedImage]:
+    """Segment image after image; one that cannot be read is kept as such. Raises `InputError`."""
+    make = segmenter_maker(choice)
+    for group in groups:
+        segmenter = make(group.background)
+        for file in group.files:
+            image = _readable(file)
+            began = perf_counter()
+            try:
+                found = None if image is None else segmenter.segment(image)
+            except InputError as error:
+                raise InputError(f"{file}: {error}") from error
+            yield SegmentedImage(file, image, found, perf_counter() - began)
+
+
+def output_names(groups: Sequence[ImageGroup], out: Path, ending: str) -> dict[Path, Path]:
+    """Return the file in `out` for each image, by its stem.
+
+    Raises `InputError` where two images share a stem, or a file would replace an image.
+    """
+    names: dict[Path, Path] = {}
+    taken: dict[Path, Path] = {}
+    for file in (file for group in groups for file in group.files):
+        name = out / f"{file.stem}{ending}"
+        if name in taken:
+            raise InputError(f"{file} and {taken[name]} would both become {name}: segment them apart")
+        if name.resolve() == file.resolve():
+            raise InputError(f"{name} would replace the image itself: choose another --out")
+        names[file], taken[name] = name, file
+    return names
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder for results. Raises `InputError` where that cannot be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): choose another --out") from error
+
+
+def _classical(background: Image | None, margin: float) -> FrameSegmenter:
+    if background is None:
+        raise InputError("the classical mask compares with a frame without contact: give --background")
+    return ClassicalSegmenter(background, margin)
+
+
+def _session_groups(session: Path, background: str | None, compare: bool) -> list[ImageGroup]:
+    manifest = read_manifest(session)
+    if manifest.get("kind") != "record":
+        raise InputError(
+            f"{session}: is a '{manifest.get('kind')}' session; give one of rig record, or a folder of images"
+        )
+    taken: dict[str, list[Path]] = {}
+    for row in read_lines(session / "poses.jsonl"):
+        for image in row["images"] if row["accepted"] else ():
+            taken.setdefault(image["serial"], []).append(session / image["file"])
+    if not taken:
+        raise InputError(f"{session}: no images yet; continue the recording with --resume")
+    groups = []
+    for serial, files in sorted(taken.items()):
+        if background is not None or not compare:
+            groups.append(_group(files, background, compare))
+        else:
+            own = read_image(session / "reference" / f"{serial}.png")
+            groups.append(ImageGroup(tuple(files), own, f"background of {serial}: the session's own"))
+    return groups
+
+
+def _group(files: list[Path], background: str | None, compare: bool) -> ImageGroup:
+    if not compare:
+        return ImageGroup(tuple(files), None, "background: none needed")
+
+    def read() -> Iterator[TimedFrame]:
+        return (TimedFrame(file.name, FrameTime("0", 0), _readable(file)) for file in files)
+
+    series = FrameSeries(str(files[0].parent), read)
+    return ImageGroup(tuple(files), *make_background(background, series))
+
+
+def _files(path: Path) -> list[Path]:
+    """Return an image, or the images of a folder sorted by name."""
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder: check the path")
+    if path.is_file():
+        return [path]
+    files = sorted(f for f in path.iterdir() if f.suffix.lower() in IMAGE_ENDINGS and f.name[0] != ".")
+    if not files:
+        raise InputError(f"{path}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}): check the path")
+    return files
+
+
+def _readable(file: Path) -> Image | None:
+    try:
+        return read_image(file)
+    except InputError:
+        return None

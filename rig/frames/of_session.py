@@ -1,0 +1,63 @@
+"""The tactile frames of a session, lift by lift and sensor by sensor, as anyone's frames."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import SessionError
+from drivers.types import Image
+from protocols.watch import Phase
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import FrameTime
+from rig.sessions.files import read_lines
+from rig.sessions.layout import RESULTS
+from rig.sessions.reading import phase_times, recorded_frames
+from rig.sessions.recorder import seconds_text
+from rig.sessions.session import manifest_bench, read_manifest
+from rig.tactile.contact.background import mean_background
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionSeries:
+    """One fingertip in one lift: its sign, its frame without contact, its frames from phase A on.
+
+    aspect: width over height of its pixels on the gel, None where unknown.
+    """
+
+    lift: str
+    serial: str
+    sign: int
+    aspect: float | None
+    background: Image
+    frames: FrameSeries
+
+
+def session_frames(folder: Path) -> list[SessionSeries]:
+    """Return the fingertips of all accepted lifts of a trial. Raises `SessionError`."""
+    manifest = read_manifest(folder)
+    if manifest.get("kind") != "trial":
+        raise SessionError(f"{folder}: is a '{manifest.get('kind')}' session without lifts; give its images")
+    rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
+    if not rows:
+        raise SessionError(f"{folder}: no finished lift yet; run the trial with --resume first")
+    aspects = manifest_bench(folder, manifest).pixel_aspects()
+    return [
+        _series(folder / row["recording"], serial, sign, aspects.get(serial))
+        for row in rows
+        for serial, sign in manifest["signs"].items()
+    ]
+
+
+def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:
+    grasp_ns = phase_times(recording)[Phase.GRASP]
+    reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
+
+    def read() -> Iterator[TimedFrame]:
+        for frame in recorded_frames(recording, serial):
+            if frame.time_ns >= grasp_ns:
+                time = FrameTime(seconds_text(frame.time_ns), frame.time_ns)
+                yield TimedFrame(f"frame {frame.sequence}", time, frame.image)
+
+    return SessionSeries(
+        recording.stem, serial, sign, aspect, mean_background(reference), FrameSeries(str(recording), read)
+    )

@@ -1,0 +1,238 @@
+"""Anyone's tactile frames: a folder of images, a single image or a video.
+
+Frames are read one at a time, in order, each with its time. A frame that cannot be read is kept
+as a gap; the reader of the series decides what to say about it.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.frames.times import FrameTime, times_at_rate, times_from_table
+from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
+
+IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+FOLDER_FPS = 60.0
+# Without --background the background is made from the frames; fewer than this say too little.
+ENOUGH_FRAMES = 9
+# How a complete JPEG or PNG ends; decoders hand out the readable half of one cut short in silence.
+FILE_ENDS = {b"\xff\xd8": b"\xff\xd9", b"\x89P": b"IEND"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedFrame:
+    """A frame with its time. image: (H, W, 3) uint8 RGB, None where it could not be read."""
+
+    name: str
+    time: FrameTime
+    image: Image | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameSeries:
+    """Frames in order; iterating reads them anew each time. notes: what was assumed or amiss."""
+
+    name: str
+    read: Callable[[], Iterator[TimedFrame]]
+    notes: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[TimedFrame]:
+        """Read the frames. Raises `InputError` at the first one of another size."""
+        shape: tuple[int, ...] | None = None
+        for frame in self.read():
+            if frame.image is not None:
+                shape = shape or frame.image.shape
+                if frame.image.shape != shape:
+                    seen, first = size_text(frame.image.shape), size_text(shape)
+                    raise InputError(
+                        f"{self.name}: '{frame.name}' is {seen}, the first {first}: keep one size"
+                    )
+            yield frame
+
+    def images(self) -> Iterator[Image]:
+        """Read the frames that can be read."""
+        return (frame.image for frame in self if frame.image is not None)
+
+
+def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = None) -> FrameSeries:
+    """Open a folder of images (sorted by name, numbers by value), an image or a video file.
+
+    timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz; by default a
+    video's own and 60 for images. Raises `InputError` where there is nothing to read.
+    """
+    if timestamps is not None and fps is not None:
+        raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder: check the path")
+    if path.is_dir() or path.suffix.lower() in IMAGE_ENDINGS:
+        return _image_series(path, timestamps, fps)
+    return _video_series(path, timestamps, fps)
+
+
+def is_session(path: Path) -> bool:
+    """Whether a folder is a recorded session; `rig.frames.of_session` reads its frames."""
+    return (path / "session.json").exists()
+
+
+def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
+    """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on where it is from.
+
+    spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all
+    frames; None, which is `auto` where there are nine frames or more. Raises `InputError`.
+    """
+    first = next(series.images(), None)
+    if first is None:
+        raise InputError(f"{series.name}: no frame can be read: copy it anew")
+    if spec is None or spec == "auto":
+        return _auto(spec, series)
+    if spec.startswith("first:"):
+        return _first(spec, series)
+    background = read_image(Path(spec))
+    if background.shape != first.shape:
+        seen, wanted = size_text(background.shape), size_text(first.shape)
+        raise InputError(f"{spec}: the background is {seen}, the frames are {wanted}: use one size")
+    return background, f"background: {spec}"
+
+
+def read_image(path: Path) -> Image:
+    """Read an image file as (H, W, 3) uint8 RGB. Raises `InputError` naming it."""
+    image = _decoded(path)
+    if image is None:
+        raise InputError(f"{path}: not a complete image: copy it anew or leave it out")
+    return image
+
+
+def size_text(shape: tuple[int, ...]) -> str:
+    """Return a size as people read it, width x height."""
+    return f"{shape[1]} x {shape[0]} px"
+
+
+def _auto(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
+    frames = _spread(series)
+    if spec is None and len(frames) < ENOUGH_FRAMES:
+        raise InputError(f"{series.name}: {len(frames)} frames make no background: give --background IMAGE")
+    note = "background: made from the frames themselves (auto)"
+    hint = "" if spec else "; --background IMAGE or first:N is surer where contacts hardly move"
+    return auto_background(frames), note + hint
+
+
+def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
+    number = spec.removeprefix("first:")
+    count = int(number) if number.isdecimal() and len(number) < 7 else 0
+    if count < 1:
+        raise InputError(f"--background {spec}: give the number of frames without contact, as in first:10")
+    images = [image for _, image in zip(range(count), series.images(), strict=False)]
+    if len(images) < count:
+        raise InputError(f"--background {spec}: only {len(images)} frames can be read: give fewer")
+    return mean_background(images), f"background: mean of the first {count} frames"
+
+
+def _spread(series: FrameSeries) -> list[Image]:
+    """Return frames evenly spread over a series of unknown length, 60 to 120 of a long one."""
+    kept: list[Image] = []
+    step = 1
+    for index, image in enumerate(series.images()):
+        if index % step == 0:
+            kept.append(image)
+        if len(kept) > 2 * MAX_FRAMES:
+            kept, step = kept[::2], 2 * step
+    return kept
+
+
+def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
+    files = _image_files(path) if path.is_dir() else [path]
+    if not any(_decoded(file) is not None for file in files):
+        raise InputError(f"{path}: not one complete image ({files[0].name} is damaged): copy it anew")
+    times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
+    assumed = timestamps is None and fps is None and len(files) > 1
+    notes = (
+        (f"times: {FOLDER_FPS:g} frames per second assumed; see --fps and --timestamps",) if assumed else ()
+    )
+
+    def read() -> Iterator[TimedFrame]:
+        return (TimedFrame(f.name, t, _decoded(f)) for f, t in zip(files, times, strict=True))
+
+    return FrameSeries(str(path), read, notes)
+
+
+def _image_files(folder: Path) -> list[Path]:
+    try:
+        inside = list(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
+    files = [f for f in inside if f.suffix.lower() in IMAGE_ENDINGS and not f.name.startswith(".")]
+    if not files:
+        raise InputError(f"{folder}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}): check the path")
+    return sorted(files, key=_natural)
+
+
+def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sort key in which 2.png comes before 10.png."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
+
+
+def _decoded(path: Path) -> Image | None:
+    """Decode an image file to RGB; None where it is missing, damaged or cut short."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    end = FILE_ENDS.get(data[:2])
+    # In the second half: a JPEG's preview in its head has an end of its own.
+    if not data or (end is not None and data.rfind(end) < len(data) // 2):
+        return None
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    except cv2.error:
+        return None
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
+    count, announced, own_fps = _video_facts(path)
+    times = _times([str(i) for i in range(count)], timestamps, own_fps if fps is None else fps)
+    cut = f"{path}: {announced} frames announced, {count} can be read: is the file complete?"
+    notes = (cut,) if count < announced else ()
+
+    def read() -> Iterator[TimedFrame]:
+        for index, (image, time) in enumerate(zip(_video_images(path), times, strict=False)):
+            yield TimedFrame(str(index), time, image)
+
+    return FrameSeries(str(path), read, notes)
+
+
+def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:
+    return times_at_rate(len(names), fps) if table is None else times_from_table(table, names)
+
+
+def _video_facts(path: Path) -> tuple[int, int, float]:
+    """Return frames that can be read, frames announced, and the frame rate in Hz."""
+    capture = cv2.VideoCapture(str(path))
+    try:
+        announced, fps = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+        count = 0
+        while capture.grab():
+            count += 1
+    finally:
+        capture.release()
+    if count == 0:
+        raise InputError(
+            f"{path}: neither images nor a video that can be read: give a folder, image or video"
+        )
+    return count, max(0, int(announced)), float(fps)
+
+
+def _video_images(path: Path) -> Iterator[Image]:
+    capture = cv2.VideoCapture(str(path))
+    try:
+        while (read := capture.read())[0]:
+            yield np.asarray(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB), np.uint8)
+    finally:
+        capture.release()

@@ -1,0 +1,255 @@
+"""The true angle of the object: two markers as the external camera sees them, the wrist taken off.
+
+Angles are positive counter-clockwise as the camera sees them. The same pictures, times and poses
+give the same numbers bit for bit, online and in replay: there is one way through this code.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.markers.pair import MarkerCorners, MarkerTracker, Refusal
+from calibration.markers.planar import FEWEST_FRAMES, Intrinsics, PlaneReference, fit_plane, in_plane_angle
+from drivers.clock import NS_PER_S
+from drivers.errors import CalibrationError, InputError
+from drivers.types import Image, Pose
+from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
+
+__all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthSeries:
+    """The true angle over time; refused frames are absent.
+
+    time_ns: (N,) int64, increasing. angle_deg: (N,) float64 since the zero, unwrapped over time
+    with a break (back into (-180, 180]) across gaps over 50 ms. sigma_deg: (N,) float64, one
+    sigma of each frame, without the zero's own zero_sigma_deg. tilt_deg: angle between the
+    camera's axis and the markers' normal, None without intrinsics. refused: frames by reason.
+    """
+
+    time_ns: NDArray[np.int64]
+    angle_deg: NDArray[np.float64]
+    sigma_deg: NDArray[np.float64]
+    zero_sigma_deg: float
+    tilt_deg: float | None
+    refused: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sighting:
+    time_ns: int
+    seen: MarkerCorners
+    camera_R_tcp: Rotation  # noqa: N815
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Zero:
+    plane: PlaneReference
+    camera_R_tcp: Rotation  # noqa: N815
+    axis: NDArray[np.float64]
+    angle_deg: float
+    sigma_deg: float
+
+
+class MarkerTruth:
+    """Measures the object's angle while a lift runs, or again from its stored pictures.
+
+    ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
+    base_T_camera: from the hand-eye calibration. intrinsics: of the external camera; without
+    them the markers' tilt is unknown, lens distortion stays, and the wrist is taken off about
+    the camera's axis instead of the markers' normal. search_everywhere: search each whole picture.
+    """
+
+    def __init__(
+        self,
+        ids: tuple[int, int],
+        dictionary: str,
+        base_T_camera: Pose,  # noqa: N803
+        intrinsics: Intrinsics | None = None,
+        search_everywhere: bool = False,
+    ) -> None:
+        self._tracker = MarkerTracker(ids, dictionary, search_everywhere)
+        self._camera_R_base = base_T_camera.rotation.inv()
+        self._intrinsics = intrinsics
+        self._sightings: list[_Sighting] = []
+        self._unseen: list[tuple[int, Refusal]] = []
+        self._late = 0
+        self._newest_ns: int | None = None
+        self._still: list[_Sighting] = []
+        self._seen_before = 0
+        self._zero: _Zero | None = None
+        self._angles = _Angles()
+        self._before: list[_Sighting] = []
+
+    def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> MarkerCorners | None:  # noqa: N803
+        """Take one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
+
+        base_T_tcp: where the wrist was at that time. Returns the corners, or None where the
+        frame is refused (counted by reason). Raises `InputError` for another kind of picture.
+        """
+        if self._newest_ns is not None and time_ns <= self._newest_ns:
+            self._late += 1
+            return None
+        self._newest_ns = time_ns
+        seen = self._tracker.detect(_grey(image))
+        if seen is None:
+            self._unseen.append((time_ns, self._tracker.refusal or Refusal.NOT_FOUND))
+            return None
+        sighting = _Sighting(time_ns, seen, self._camera_R_base * base_T_tcp.rotation)
+        self._sightings.append(sighting)
+        if self._zero is not None:
+            self._angles.add(sighting, self._zero)
+        return seen
+
+    def set_zero(self, from_ns: int, to_ns: int, earliest_ns: int | None = None) -> None:
+        """Make the mean of the frames from `from_ns` to `to_ns`, both included, the zero.
+
+        Contract: the last frames of phase A, before the lift. earliest_ns: where fewer than 10 of
+        those show both markers, the last 10 from this time on are taken instead; without it none are.
+        All frames so far are measured (again) against the zero. Raises `CalibrationError` with what
+        was seen when fewer than 10 frames show both markers. The zero is worked out when an angle is
+        asked for, as frames go on coming: see `measure_zero`.
+        """
+        still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns]
+        if len(still) < FEWEST_FRAMES and earliest_ns is not None:
+            from_ns = min(from_ns, earliest_ns)
+            still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns][-FEWEST_FRAMES:]
+        if len(still) < FEWEST_FRAMES:
+            raise CalibrationError(self._too_few(len(still), from_ns, to_ns))
+        self._still, self._zero = still, None
+        self._seen_before = len(self._sightings) - 1
+
+    def measure_zero(self) -> None:
+        """Work the zero out, unless it is. Raises `CalibrationError`: the markers move, or fit no plane."""
+        if self._zero is not None or not self._still:
+            return
+        still = self._still
+        plane = fit_plane(np.array([s.seen.corners_px for s in still]), self._intrinsics)
+        wrist = Rotation.concatenate([s.camera_R_tcp for s in still]).mean()
+        # a camera's z axis points away from it; a turn that it sees as counter-clockwise is about -z
+        axis = np.array([0.0, 0.0, -1.0]) if plane.normal_camera is None else plane.normal_camera
+        raw = _Zero(plane, wrist, np.asarray(axis, np.float64), 0.0, 0.0)
+        angles = np.array([_measure(s, raw)[0] for s in still])
+        sigma = float(angles.std(ddof=1) / np.sqrt(len(angles)))
+        self._zero = _Zero(plane, wrist, raw.axis, float(angles.mean()), sigma)
+        # What was seen before it was set is measured when somebody asks for the series.
+        self._before = self._sightings[: self._seen_before]
+        self._angles = _Angles()
+        for sighting in self._sightings[self._seen_before :]:
+            self._angles.add(sighting, self._zero)
+
+    def latest_angle_deg(self) -> float | None:
+        """The newest angle, for display; None before the zero and 50 ms after the last answer."""
+        self.measure_zero()
+        if not self._angles.time_ns or self._newest_ns is None:
+            return None
+        stale = self._newest_ns - self._angles.time_ns[-1] > LONGEST_GAP_NS
+        return None if stale else self._angles.angle_deg[-1]
+
+    def latest_corners_px(self) -> NDArray[np.float64] | None:
+        """Both markers in the newest picture, (2, 4, 2) px, for display; None where they were refused."""
+        newest = self._sightings[-1] if self._sightings else None
+        return newest.seen.corners_px if newest and newest.time_ns == self._newest_ns else None
+
+    def series(self) -> TruthSeries:
+        """All angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero` does."""
+        self.measure_zero()
+        if self._zero is None:
+            raise CalibrationError("markers: the angle has no zero yet; it is set at the end of phase A")
+        before = _Angles()
+        for sighting in self._before:
+            before.add(sighting, self._zero)
+        since = self._angles
+        refused = Counter(reason.value for _, reason in self._unseen)
+        refused[Refusal.OUT_OF_PLANE.value] = before.out_of_plane + since.out_of_plane
+        refused[Refusal.OLD_TIME.value] = self._late
+        return TruthSeries(
+            time_ns=np.array(before.time_ns + since.time_ns, np.int64),
+            angle_deg=np.array(before.angle_deg + since.angle_deg, np.float64),
+            sigma_deg=np.array(before.sigma_deg + since.sigma_deg, np.float64),
+            zero_sigma_deg=self._zero.sigma_deg,
+            tilt_deg=self._zero.plane.tilt_deg,
+            refused={reason: count for reason, count in sorted(refused.items()) if count},
+        )
+
+    def series_since_zero(self) -> TruthSeries:
+        """The angles from the first frame of the zero on. Raises what `series` raises."""
+        whole = self.series()
+        first = int(np.searchsorted(whole.time_ns, self._still[0].time_ns))
+        return replace(
+            whole,
+            time_ns=whole.time_ns[first:],
+            angle_deg=whole.angle_deg[first:],
+            sigma_deg=whole.sigma_deg[first:],
+        )
+
+    def _too_few(self, count: int, from_ns: int, to_ns: int) -> str:
+        reasons = Counter(str(reason) for time_ns, reason in self._unseen if from_ns <= time_ns <= to_ns)
+        misses = ", ".join(f"{n} x {reason}" for reason, n in sorted(reasons.items())) or "none refused"
+        span_s = (to_ns - from_ns) / NS_PER_S
+        return (
+            f"external camera: {count} frames in {span_s:.2f} s show both markers ({misses}), the zero "
+            f"needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
+        )
+
+
+class _Angles:
+    """Angles measured against one zero, in time order."""
+
+    def __init__(self) -> None:
+        self.time_ns: list[int] = []
+        self.angle_deg: list[float] = []
+        self.sigma_deg: list[float] = []
+        self.out_of_plane = 0
+
+    def add(self, sighting: _Sighting, zero: _Zero) -> None:
+        angle, sigma, in_plane = _measure(sighting, zero)
+        if not in_plane:
+            self.out_of_plane += 1
+            return
+        joined = self.time_ns and sighting.time_ns - self.time_ns[-1] <= LONGEST_GAP_NS
+        near = self.angle_deg[-1] if joined else 0.0
+        self.time_ns.append(sighting.time_ns)
+        self.angle_deg.append(near + _wrapped(angle - zero.angle_deg - near))
+        self.sigma_deg.append(sigma)
+
+
+def interpolate(series: TruthSeries, time_ns: int) -> float | None:
+    """The true angle at a time, deg: linear over gaps of at most 50 ms, None elsewhere (contract)."""
+    after = int(np.searchsorted(series.time_ns, time_ns))
+    if after < len(series.time_ns) and series.time_ns[after] == time_ns:
+        return float(series.angle_deg[after])
+    if after == 0 or after == len(series.time_ns):
+        return None
+    start, end = int(series.time_ns[after - 1]), int(series.time_ns[after])
+    if end - start > LONGEST_GAP_NS:
+        return None
+    low, high = series.angle_deg[after - 1], series.angle_deg[after]
+    return float(low + (high - low) * ((time_ns - start) / (end - start)))
+
+
+def _measure(sighting: _Sighting, zero: _Zero) -> tuple[float, float, bool]:
+    """Angle without the wrist's part (deg, wrapped), its sigma, and whether the turn was in the plane."""
+    angle = in_plane_angle(sighting.seen.corners_px, zero.plane)
+    turn = (sighting.camera_R_tcp * zero.camera_R_tcp.inv()).as_quat()
+    # twist of a rotation about an axis (swing-twist decomposition)
+    wrist_deg = float(np.degrees(2.0 * np.arctan2(turn[:3] @ zero.axis, turn[3])))
+    return _wrapped(angle.angle_deg - wrist_deg), angle.sigma_deg, angle.in_plane
+
+
+def _wrapped(angle_deg: float) -> float:
+    """The same angle in (-180, 180]."""
+    return 180.0 - float((180.0 - angle_deg) % 360.0)
+
+
+def _grey(image: Image) -> Image:
+    if image.ndim == 2:
+        return image
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise InputError(f"external camera: a (H, W, 3) uint8 RGB picture is needed, got {image.shape}")
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)  # type: ignore[return-value]

@@ -1,0 +1,220 @@
+"""What is measured during one lift: the watch that records, estimates and compares.
+
+The same object watches a lift as it happens and a recording of it, so that a replay gives the
+same results bit for bit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drivers.clock import seconds
+from drivers.errors import StaleFrameError
+from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.slip_trial import SETTLE_S
+from protocols.watch import Phase
+from rig.lift.fusion import FusedSample, TipAnswer, fuse
+from rig.lift.marker_truth import MarkerTruth, TruthSeries
+from rig.lift.onset import OnsetAlarm
+from rig.sessions.images import stored
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.tactile.contact.background import mean_background
+from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.sample import SlipEstimator, SlipSample, State
+
+ZERO_S = 0.4
+"""How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed).
+
+Where a slow camera or a hidden marker leaves fewer, all the time at rest before the lift is looked at.
+"""
+FALLEN_S = 0.2
+TOUCH_FRAMES = 2
+"""Contact counts when this many frames in a row show it, so that one noisy frame stops nothing."""
+
+
+@dataclass(slots=True)
+class Fingertip:
+    """What is known of one fingertip during a lift."""
+
+    sign: int
+    reference: list[Image] = field(default_factory=list)
+    estimator: SlipEstimator | None = None
+    samples: list[SlipSample] = field(default_factory=list)
+    zero_deg: float | None = None
+    zero_sample: SlipSample | None = None
+    touching_frames: int = 0
+    first_sequence: int | None = None
+    last_sequence: int = 0
+    frames: int = 0
+
+    def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
+        """Sign an estimate and take it from its zero; without a zero there is no answer."""
+        angle = self._turned(sample)
+        if angle is None:
+            return TipAnswer(sample, None, None)
+        rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
+        last = None if before is None else self._turned(before)
+        since = None if before is None or last is None else (before.time_ns, last)
+        return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
+
+    def set_zero(self, samples: Sequence[SlipSample], time_ns: int) -> None:
+        """Take the mean of what was answered in the last moments before a time as zero."""
+        since = time_ns - seconds(ZERO_S)
+        late = [s for s in samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
+        angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
+        self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
+        self.zero_sample = late[-1] if late else None
+
+    def newest(self) -> TipAnswer:
+        """Return the newest answer; there has to be a sample."""
+        return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
+
+    def _turned(self, sample: SlipSample) -> float | None:
+        if sample.angle_deg is None or self.zero_deg is None:
+            return None
+        return self.sign * (sample.angle_deg - self.zero_deg)
+
+    def count(self, sequence: int) -> None:
+        """Count a frame; gaps in the sequence are drops."""
+        self.first_sequence = sequence if self.first_sequence is None else self.first_sequence
+        self.last_sequence = sequence
+        self.frames += 1
+
+    @property
+    def dropped(self) -> int:
+        """Frames that were captured but never arrived."""
+        if self.first_sequence is None:
+            return 0
+        return self.last_sequence - self.first_sequence + 1 - self.frames
+
+
+class LiftMeasurement:
+    """Watches one lift.
+
+    signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
+    time_shift_s: added to a sensor's times, by serial, where its clock was calibrated.
+    """
+
+    def __init__(
+        self,
+        signs: Mapping[str, int],
+        estimator: EstimatorChoice,
+        truth: MarkerTruth,
+        recorder: LiftRecorder | None = None,
+        aspects: Mapping[str, float | None] | None = None,
+        time_shift_s: Mapping[str, float] | None = None,
+    ) -> None:
+        self.tips = {serial: Fingertip(sign) for serial, sign in signs.items()}
+        self.camera = Fingertip(0)
+        self.truth = truth
+        self.fused: list[FusedSample] = []
+        self.alarm = OnsetAlarm()
+        self.phases: dict[Phase, int] = {}
+        self._estimator = estimator
+        self._aspects = aspects or {}
+        self._shift_ns = {serial: seconds(shift) for serial, shift in (time_shift_s or {}).items()}
+        self._recorder = recorder
+        self._tcp: Pose | None = None
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase: references end with A, zeros are taken at B."""
+        self.phases[phase] = time_ns
+        if self._recorder:
+            self._recorder.phase(phase, time_ns)
+        if phase is Phase.GRASP:
+            self._make_estimators()
+        elif phase is Phase.LIFT:
+            self._set_zero(time_ns)
+        elif phase is Phase.LOWER:
+            # Not before: it takes as long as a frame, and an angle from the fingertips would come late.
+            self.truth.measure_zero()
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state: the wrist's turn is not the object's, and some estimators feel through it."""
+        self._tcp = state.base_T_tcp
+        for tip in self.tips.values():
+            if tip.estimator is not None:
+                tip.estimator.arm(state)
+        if self._recorder:
+            self._recorder.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state, for the record."""
+        if self._recorder:
+            self._recorder.gripper(state)
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame: to the record first, then to the estimator or to the truth."""
+        frame, jpeg = stored(frame)
+        if self._recorder:
+            self._recorder.image(frame, jpeg)
+        if frame.serial in self._shift_ns:
+            frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
+        tip = self.tips.get(frame.serial)
+        if tip is not None:
+            self._tactile(tip, frame)
+        else:
+            self.camera.count(frame.sequence)
+            if self._tcp is not None and Phase.GRASP in self.phases:
+                self.truth.update(frame.image, frame.time_ns, self._tcp)
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip has shown contact in its last frames."""
+        return self.tips[serial].touching_frames >= TOUCH_FRAMES
+
+    def fallen(self, until_ns: int) -> bool:
+        """Whether no fingertip has felt anything for the last moments before `until_ns`."""
+        since = until_ns - seconds(FALLEN_S)
+        late = [s for tip in self.tips.values() for s in tip.samples if since <= s.time_ns < until_ns]
+        return bool(late) and all(s.state is State.NO_CONTACT for s in late)
+
+    def record_results(self, series: TruthSeries) -> None:
+        """Add angles and states to the recording, behind the frames they came from."""
+        if self._recorder is None:
+            return
+        for serial, tip in self.tips.items():
+            for sample in tip.samples:
+                answer = tip.answer(sample)
+                self._record_angle(slip_topic(serial), answer.angle_deg, answer.sigma_deg, sample)
+        for fused in self.fused:
+            self._record_angle(FUSED_TOPIC, fused.angle_deg, fused.sigma_deg, fused)
+        for time_ns, angle, sigma in zip(series.time_ns, series.angle_deg, series.sigma_deg, strict=True):
+            value = {"angle_deg": float(angle), "sigma_deg": float(sigma), "state": "tracking"}
+            self._recorder.values(TRUTH_TOPIC, "rig.Angle", int(time_ns), value)
+
+    def _record_angle(
+        self, topic: str, angle: float | None, sigma: float | None, sample: SlipSample | FusedSample
+    ) -> None:
+        value = {"angle_deg": angle, "sigma_deg": sigma, "state": sample.state.value}
+        if isinstance(sample, SlipSample):
+            value["contact_area_px"] = sample.contact_area_px
+        if self._recorder:
+            self._recorder.values(topic, "rig.Angle", sample.time_ns, value)
+
+    def _tactile(self, tip: Fingertip, frame: Frame) -> None:
+        tip.count(frame.sequence)
+        if tip.estimator is None:
+            tip.reference.append(frame.image)
+            return
+        sample = tip.estimator.update(frame.image, frame.time_ns)
+        tip.samples.append(sample)
+        tip.touching_frames = 0 if sample.state is State.NO_CONTACT else tip.touching_frames + 1
+        if Phase.LIFT in self.phases:
+            others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
+            fused = fuse(tip.newest(), others)
+            self.fused.append(fused)
+            self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
+
+    def _make_estimators(self) -> None:
+        for serial, tip in self.tips.items():
+            if not tip.reference:
+                raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
+            background = mean_background(tip.reference)
+            tip.estimator = self._estimator.make(background, self._aspects.get(serial), tip.sign)
+            tip.reference = []
+
+    def _set_zero(self, time_ns: int) -> None:
+        self.truth.set_zero(time_ns - seconds(ZERO_S), time_ns, earliest_ns=time_ns - seconds(SETTLE_S))
+        for tip in self.tips.values():
+            tip.set_zero(tip.samples, time_ns)

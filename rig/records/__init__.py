@@ -1,1 +1,0 @@
-"""Session folders: what is kept of every lift and pose, and how it is read back."""

@@ -1,0 +1,4 @@
+"""Session folders: what is kept of every lift and pose, and how it is read back.
+
+Imports `rig.config` alone.
+"""

@@ -1,0 +1,105 @@
+"""Reading the lifts of a session back."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from drivers.errors import SessionError
+from drivers.types import ArmMode, ArmState, Frame, Pose
+from protocols.watch import Phase, Watch
+from rig.sessions.images import decoded
+from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, image_topic
+
+
+def show_again(path: Path, watch: Watch) -> None:
+    """Give a recorded lift to a watch exactly as it was given when it happened.
+
+    Raises `SessionError` when the recording is missing or damaged.
+    """
+    pose = b""
+    for topic, time_ns, sequence, data in recorded_messages(path):
+        if topic == PHASE_TOPIC:
+            watch.phase(Phase(json.loads(data)["phase"]), time_ns)
+        elif topic == ARM_TOPIC:
+            pose = data
+        elif topic == JOINTS_TOPIC:
+            watch.arm(_arm_state(pose, json.loads(data), time_ns))
+        elif topic.startswith(image_topic("")):
+            watch.frame(_frame(data, time_ns, sequence))
+
+
+def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
+    """Yield one source's frames in order. Raises `SessionError`."""
+    for _, time_ns, sequence, data in recorded_messages(path, image_topic(serial)):
+        yield _frame(data, time_ns, sequence)
+
+
+def recorded_arm_states(path: Path) -> Iterator[ArmState]:
+    """Yield the arm's states in order. Raises `SessionError`."""
+    pose = b""
+    for topic, time_ns, _, data in recorded_messages(path, ARM_TOPIC, JOINTS_TOPIC):
+        if topic == ARM_TOPIC:
+            pose = data
+        else:
+            yield _arm_state(pose, json.loads(data), time_ns)
+
+
+def phase_times(path: Path) -> dict[Phase, int]:
+    """Return when each phase of a recorded lift began, ns. Raises `SessionError`."""
+    return {Phase(value["phase"]): value["time_ns"] for value in recorded_values(path, PHASE_TOPIC)}
+
+
+def recorded_values(path: Path, topic: str) -> list[dict[str, Any]]:
+    """Return the JSON values of a topic, each with its `time_ns`. Raises `SessionError`."""
+    messages = recorded_messages(path, topic)
+    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in messages]
+
+
+def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
+    """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics."""
+    try:
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            for _, channel, message in reader.iter_messages(topics or None, log_time_order=False):
+                yield channel.topic, message.log_time, message.sequence, message.data
+    except FileNotFoundError as error:
+        raise SessionError(f"{path}: the recording is missing") from error
+    except (McapError, EOFError, OSError, ValueError) as error:
+        raise SessionError(f"{path}: the recording is damaged ({error})") from error
+
+
+def recorded_pose(data: bytes) -> Pose:
+    """Return `base_T_tcp` of a message of the arm's topic."""
+    pose = PoseInFrame.FromString(data).pose
+    position, quaternion = pose.position, pose.orientation
+    return Pose(
+        (position.x, position.y, position.z),
+        (quaternion.x, quaternion.y, quaternion.z, quaternion.w),
+    )
+
+
+def recorded_jpeg(data: bytes) -> bytes:
+    """Return the stored bytes of a message of an image topic."""
+    return CompressedImage.FromString(data).data
+
+
+def _frame(data: bytes, time_ns: int, sequence: int) -> Frame:
+    message = CompressedImage.FromString(data)
+    return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
+
+
+def _arm_state(data: bytes, joints: dict[str, Any], time_ns: int) -> ArmState:
+    """Put together what the recorder keeps as a pose and as joints."""
+    return ArmState(
+        time_ns=time_ns,
+        base_T_tcp=recorded_pose(data),
+        joints_rad=tuple(joints["joints_rad"]),
+        wrench=tuple(joints["wrench"]),
+        mode=ArmMode(joints["mode"]),
+    )

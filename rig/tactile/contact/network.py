@@ -1,0 +1,115 @@
+"""A segmentation network in an ONNX file, run with onnxruntime.
+
+The file's metadata says what the network is fed and how its answer is read (`rig train` and `rig model
+import` write it). A file without it is taken by its channels: three are the frame, six the
+difference and the frame.
+"""
+
+import json
+from dataclasses import dataclass
+from importlib.resources import as_file
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.tactile.contact.model_files import MODELS, open_session
+from rig.tactile.contact.network_input import NetworkInput
+
+SHIPPED = ("ours", "ours-full", "pspnet")
+HOW = "rig train or rig model import"
+METADATA_KEY = "rig"
+PAPER_THRESHOLD = 0.7
+MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
+_FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How a network is used.
+
+    threshold: share above which a pixel is contact. convex: whether it learnt labels whose parts are
+    convex (`rig.labels.outline`), so that parts of a mask may be replaced by their hulls.
+    """
+
+    inputs: NetworkInput
+    threshold: float
+    convex: bool = False
+
+    def metadata(self) -> str:
+        """Return the text that goes into an ONNX file."""
+        return json.dumps({"inputs": self.inputs.value, "threshold": self.threshold, "convex": self.convex})
+
+
+class Network:
+    """A network ready to answer. size: (width, height) in px at which it looks."""
+
+    def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
+        self._session, self.name = session, name
+        entry = _checked_entry(session, name)
+        self._key, self._dtype = entry.name, _FLOATS[entry.type]
+        self.size = (int(entry.shape[3]), int(entry.shape[2]))
+        self.recipe = _recipe(session, int(entry.shape[1]), name)
+
+    def logits(self, planes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the logits (h, w) float32 of planes (C, h, w) float32; contact is positive."""
+        fed = planes[None].astype(self._dtype, copy=False)
+        answer = self._session.run(None, {self._key: fed})[0]
+        return np.asarray(answer, np.float32)[0, 0]
+
+
+def load_network(name: str | Path, threads: int = 1) -> Network:
+    """Load a shipped network by its name, or an ONNX file.
+
+    threads: of one inference; the answer does not depend on it. Raises `InputError` for a file
+    that is missing, damaged or no segmentation network.
+    """
+    with as_file(MODELS / f"{name}.onnx") as shipped:
+        path = shipped if str(name) in SHIPPED else Path(name)
+        if not path.is_file():
+            raise InputError(
+                f"{name}: there is no such network: give {' or '.join(SHIPPED)}, or the path of an ONNX file"
+            )
+        return Network(open_session(path, threads, HOW), str(name))
+
+
+def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:
+    """Return the network's one input; raise `InputError` unless it maps (1, 3 or 6, h, w) to (1, 1, h, w)."""
+    entries, answers = session.get_inputs(), session.get_outputs()
+    entry, answer = entries[0], answers[0]
+    shape = list(entry.shape)
+    good = (
+        len(entries) == 1
+        and entry.type in _FLOATS
+        and len(shape) == 4
+        and not (isinstance(shape[0], int) and shape[0] != 1)
+        and shape[1] in (3, 6)
+        and all(isinstance(side, int) and MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in shape[2:])
+        and list(answer.shape)[1:] == [1, *shape[2:]]
+    )
+    if not good:
+        raise InputError(
+            f"{name}: maps {entry.type} {shape} to {list(answer.shape)}: a segmentation network maps float "
+            "(1, 3 or 6, h, w) to (1, 1, h, w)"
+        )
+    return entry
+
+
+def _recipe(session: onnxruntime.InferenceSession, channels: int, name: str) -> Recipe:
+    text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    by_channels = NetworkInput.FRAME if channels == 3 else NetworkInput.FRAME_AND_DIFFERENCE
+    if text is None:
+        return Recipe(by_channels, PAPER_THRESHOLD)
+    try:
+        card = json.loads(text)
+        recipe = Recipe(
+            NetworkInput(card["inputs"]), float(card["threshold"]), bool(card.get("convex", False))
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{name}: its metadata cannot be read ({error}): export it again") from error
+    if recipe.inputs is not by_channels or not 0.0 < recipe.threshold < 1.0:
+        raise InputError(f"{name}: its metadata ({text}) does not fit {channels} channels: export it again")
+    return recipe

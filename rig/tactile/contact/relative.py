@@ -1,0 +1,125 @@
+"""How a frame differs from the frame without contact, whatever the light's strength.
+
+The light of a DIGIT-like sensor multiplies: LEDs dim, white balance drifts, corners are dark; stray
+light adds. A frame is therefore brought to the background's light by a gain and an offset per
+channel, and its difference is taken relative to the background. Everything happens on a reduced copy.
+"""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.sample import check_frame
+
+# Added to the background before dividing: in the dark corners a grey level of noise is no contact.
+DARK_OFFSET = 20.0
+# The gain looks at the means of blocks of so many pixels a side (single pixels would put their noise
+# into every gradient at once) and trusts the two fifths of them that fit it best, as a wide contact
+# can cover more than half of a fingertip.
+GAIN_BLOCK_PX, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
+# Stray light adds to a frame; how far a fit of gain and offset is pulled to one without offset.
+OFFSET_RIDGE = 0.01
+# Keeps a black background from dividing by zero, grey levels squared.
+NEGLIGIBLE = 1e-3
+# A frame darker than this share of the background is black: nothing to scale up.
+DARKEST_GAIN = 0.02
+CHANNELS = 3
+# Long side of the copy that is looked at: a quarter of a DIGIT's, fine for gel that is 0.2 mm soft.
+WORK_LONG_SIDE_PX = 80
+
+
+class RelativeDifference:
+    """Compares the frames of one sensor with its background.
+
+    background: (H, W, 3) uint8 RGB, a frame without contact. size: (width, height) in px of the
+    reduced copy.
+    """
+
+    def __init__(self, background: Image, size: tuple[int, int]) -> None:
+        check_frame(background)
+        self.size = size
+        work = self.reduced(background).astype(np.float32)
+        self._weight = 1.0 / (work + DARK_OFFSET)
+        self._relative = work * self._weight
+        self._sample = _sample(work)
+        self._light_terms = np.concatenate([self._sample, self._sample**2])
+        self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
+        self._trusted = max(1, int(GAIN_TRUSTED * self._sample.shape[1]))
+
+    def reduced(self, image: Image) -> Image:
+        """Return the reduced copy, (h, w, 3) uint8."""
+        # Halving is a fast path of OpenCV, several times faster than any other reduction.
+        while min(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) >= 2.0 and _even(image):
+            half = (image.shape[1] // 2, image.shape[0] // 2)
+            image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def of(self, work: Image) -> NDArray[np.float32]:
+        """Return the relative difference of a reduced copy from the background, (h, w, 3) float32."""
+        gain, offset = self._light_of(work)
+        # Four values are a scalar to OpenCV.
+        light = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
+        light = cv2.subtract(light, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
+        return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative), np.float32)
+
+    def _light_of(self, work: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return gain and offset per channel of a reduced copy against the background's light."""
+        seen = _sample(work)
+        seen_terms = np.concatenate([seen, seen * self._sample])
+        gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)
+        offset = np.zeros(CHANNELS)
+        for _ in range(GAIN_ROUNDS):
+            misfit = np.abs(seen - gain[:, None] * self._sample - offset[:, None]) * self._sample_weight
+            best = np.argpartition(misfit[0] + misfit[1] + misfit[2], self._trusted - 1)[: self._trusted]
+            share = np.zeros(seen.shape[1])
+            share[best] = 1.0 / self._trusted
+            gain, offset = _line(self._light_terms @ share, seen_terms @ share)
+        return np.maximum(gain, DARKEST_GAIN), offset
+
+
+def _even(image: Image) -> bool:
+    return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
+
+
+def _sample(work: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the means of blocks of pixels, (3, N)."""
+    size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
+    blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(np.asarray(blocks).reshape(-1, 3).T, np.float64)
+
+
+def _line(light: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Fit seen = gain light + offset per channel; a proportion where the light varies little.
+
+    light: (6,), the means of the light and of its square. seen: (6,), those of what is seen and of its
+    product with the light.
+    """
+    mean_light, mean_seen = light[:CHANNELS], seen[:CHANNELS]
+    pull = OFFSET_RIDGE * mean_light
+    together = seen[CHANNELS:] + (pull - mean_light) * mean_seen + NEGLIGIBLE
+    gain = together / (light[CHANNELS:] + (pull - mean_light) * mean_light + NEGLIGIBLE)
+    return gain, mean_seen - gain * mean_light
+
+
+def upper_median(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the upper median of each column of (N, K); np.median costs several times as much."""
+    middle = len(values) // 2
+    return np.partition(values, middle, axis=0)[middle]
+
+
+def work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
+    """Return width and height in px of the reduced copy: square on the gel, as near as whole pixels go."""
+    height, width = shape[:2]
+    wanted = width * aspect / height
+    longest = min(WORK_LONG_SIDE_PX, max(height, width))
+    heights = range(max(8, int(0.9 * longest * min(1.0, 1.0 / wanted))), longest + 1)
+
+    def misfit(rows: int) -> float:
+        columns = round(rows * wanted)
+        return abs(columns / rows / wanted - 1.0) + 0.0005 * (longest - max(rows, columns))
+
+    best = min((h for h in heights if 8 <= round(h * wanted) <= longest), key=misfit, default=longest)
+    return round(best * wanted), best

@@ -1,0 +1,156 @@
+"""The direction of a contact's long axis, by the three methods the paper compares.
+
+Angles are image angles: theta = -atan2(dy, dx), counter-clockwise positive as seen, and as an
+axis has no head they are known modulo 180 degrees.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.paper.thinning import thin
+
+Contour = NDArray[np.float32] | NDArray[np.int32]
+
+# cv2.fitEllipse needs five points.
+MIN_POINTS = 5
+# Points that stray less than this from a line (standard deviation) enclose nothing.
+MIN_SPREAD_PX = 0.3
+# An ellipse whose half axis exceeds this multiple of its points' extent is a fit gone wrong.
+MAX_OVERSHOOT = 2.0
+# Larger ellipses are drawn at this half axis: half the height of the paper's picture, which bounds
+# the time that thinning takes on the frames of larger cameras.
+MAX_DRAWN_PX = 160.0
+# Room around the drawn ellipse: thinning never removes a picture's outermost pixels.
+MARGIN_PX = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A long axis: angle_deg in (-90, 90], elongation = long over short axis, 1 where round."""
+
+    angle_deg: float
+    elongation: float
+
+
+AxisMethod = Callable[[Contour], Axis | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """A fitted ellipse: centre in px, half axes long and short in px, angle as in `Axis`."""
+
+    center_px: tuple[float, float]
+    long_px: float
+    short_px: float
+    angle_deg: float
+
+
+def largest_contour(mask: Image) -> NDArray[np.int32] | None:
+    """Return the contour of largest area in an (H, W) mask, (N, 1, 2) int32 x and y; None if empty."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(max(contours, key=cv2.contourArea), np.int32) if contours else None
+
+
+def pca_axis(contour: Contour) -> Axis | None:
+    """Return the direction in which the contour's points spread most (paper: PCA).
+
+    contour: (N, 1, 2) or (N, 2), px. None for fewer than five points, a point or a line.
+    """
+    points = _points(contour)
+    spread = None if points is None else _spread(points)
+    if points is None or spread is None:
+        return None
+    xx, xy, yy = spread
+    angle = -0.5 * math.degrees(math.atan2(2 * xy, xx - yy))
+    return Axis(wrapped(angle), _elongation(points))
+
+
+def fit_ellipse(contour: Contour) -> Ellipse | None:
+    """Fit an ellipse to a contour's points; None where the points fix none (few, in line)."""
+    found = _points(contour)
+    if found is None or _spread(found) is None:
+        return None
+    points = found.astype(np.float32).reshape(-1, 1, 2)
+    (x, y), (width, height), turn = cv2.fitEllipse(points)
+    extent = float((found.max(axis=0) - found.min(axis=0)).max())
+    sides = sorted((float(width) / 2, float(height) / 2))
+    sound = (
+        all(map(math.isfinite, (x, y, *sides, turn))) and 0 < sides[0] <= sides[1] < MAX_OVERSHOOT * extent
+    )
+    if not sound:
+        return None
+    # OpenCV's angle is that of `width`, clockwise; the long axis is `height` unless wider.
+    angle = -(turn if width > height else turn + 90.0)
+    return Ellipse((float(x), float(y)), sides[1], sides[0], wrapped(angle))
+
+
+def ellipse_axis(contour: Contour) -> Axis | None:
+    """Return the long axis of the ellipse fitted to the contour (paper: ellipse fitting)."""
+    ellipse = fit_ellipse(contour)
+    return None if ellipse is None else Axis(ellipse.angle_deg, ellipse.long_px / ellipse.short_px)
+
+
+def skeleton_axis(contour: Contour) -> Axis | None:
+    """Return the direction of the thinned ellipse (paper: skeleton thinning, section III-A).
+
+    The ellipse fitted to the contour is drawn filled, thinned to a line one pixel wide, and a
+    straight line is fitted to that. None also where the skeleton is a single point.
+    """
+    ellipse = fit_ellipse(contour)
+    if ellipse is None:
+        return None
+    pixels = cv2.findNonZero(thin(_drawn(ellipse)))
+    if pixels is None or len(pixels) < 2:
+        return None
+    dx, dy = cv2.fitLine(pixels, cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]
+    return Axis(wrapped(-math.degrees(math.atan2(dy, dx))), ellipse.long_px / ellipse.short_px)
+
+
+def wrapped(angle_deg: float) -> float:
+    """Bring an axis angle to (-90, 90]."""
+    return 90.0 - (90.0 - angle_deg) % 180.0
+
+
+def _drawn(ellipse: Ellipse) -> Image:
+    """Draw the filled ellipse in a picture that just holds it, (H, W) uint8."""
+    scale = min(1.0, MAX_DRAWN_PX / ellipse.long_px)
+    long_px, short_px = ellipse.long_px * scale, ellipse.short_px * scale
+    radius = math.ceil(long_px) + MARGIN_PX
+    center = tuple(value % 1.0 + radius for value in ellipse.center_px)
+    picture = np.zeros((2 * radius + 2, 2 * radius + 2), np.uint8)
+    cv2.ellipse(picture, (center, (2 * long_px, 2 * short_px), -ellipse.angle_deg), 255, -1)
+    return picture
+
+
+def _spread(points: NDArray[np.float64]) -> tuple[float, float, float] | None:
+    """Return the points' covariance xx, xy, yy; None where they lie in a point or on a line."""
+    x, y = (points - points.mean(axis=0)).T
+    xx, xy, yy = (float(u @ v) / (len(points) - 1) for u, v in ((x, x), (x, y), (y, y)))
+    middle, half = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    return (xx, xy, yy) if middle - half >= MIN_SPREAD_PX**2 else None
+
+
+def _elongation(points: NDArray[np.float64]) -> float:
+    """Return the axis ratio of the ellipse with the enclosed area's second moments.
+
+    Not that of the points, which for one ellipse is nearer to 1 than the ratio of its axes.
+    """
+    moments = cv2.moments(points.astype(np.float32).reshape(-1, 1, 2))
+    middle = (moments["mu20"] + moments["mu02"]) / 2
+    half = math.hypot((moments["mu20"] - moments["mu02"]) / 2, moments["mu11"])
+    # An outline that crosses itself encloses areas of both signs: nothing to take a ratio of.
+    return math.sqrt((middle + half) / (middle - half)) if middle > half else 1.0
+
+
+def _points(contour: Contour) -> NDArray[np.float64] | None:
+    points = np.asarray(contour, np.float64).reshape(-1, 2)
+    return points if len(points) >= MIN_POINTS and bool(np.isfinite(points).all()) else None
+
+
+METHODS: dict[str, AxisMethod] = {"skeleton": skeleton_axis, "ellipse": ellipse_axis, "pca": pca_axis}

@@ -1,0 +1,240 @@
+"""Two standard image alignments as estimators, to compare with: `ecc` and `polar`.
+
+Both look at the magnitude of the relative difference from the background on a reduced copy, which
+turns with the object while colours do not, and compare each frame with the contact's first stable
+one. `ecc` is OpenCV's maximisation of the enhanced correlation coefficient over rotation and
+translation (Evangelidis and Psarakis, IEEE TPAMI 30 (10), 2008). `polar` correlates pictures in polar
+coordinates about the contact's middle, where a turn is a shift, by the Fourier transform.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
+from rig.tactile.stopwatch import Stopwatch
+
+NOISE_BLUR_PX = 1.0
+# The reference is taken anew until area and strength have stayed within this share for so many frames.
+SETTLED_SHARE, SETTLED_FRAMES = 0.05, 5
+# Share of the reference's energy that a turn by 1 rad changes beyond what a shift can imitate: below
+# this the contact is round (simulated smooth balls reach 0.1, cans 0.3 and more).
+LEAST_CONTRAST = 0.15
+# A contact gone for longer is a new grasp.
+FORGET_S = 0.5
+ECC_ITERATIONS, ECC_STEP = 30, 1e-5
+LEAST_CORRELATION, LEAST_POLAR_CORRELATION = 0.6, 0.4
+# Turns beside the last one from which a lost contact is looked for.
+SEARCH_RAD = tuple(math.radians(turn) for turn in (0, -20, 20, -40, 40))
+POLAR_ROWS, POLAR_COLUMNS = 360, 32
+POLAR_STEP_RAD = 2 * math.pi / POLAR_ROWS
+MAX_JUMP_RAD = math.radians(20.0)
+
+Energy = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """How a frame lies to the reference: angle_rad counter-clockwise; shift_px of its middle, or None."""
+
+    angle_rad: float
+    shift_px: NDArray[np.float64] | None
+
+
+class Matcher(Protocol):
+    """Compares frames with one reference."""
+
+    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
+        """Return the frame's match, looked for near the last one; None where there is none."""
+        ...
+
+
+class EccMatcher(Matcher):
+    """OpenCV's ECC for a rotation and a translation. reference: (h, w) float32; mask: (h, w) uint8."""
+
+    def __init__(self, reference: Energy, mask: Image) -> None:
+        self._reference = reference
+        self._everywhere = np.full(reference.shape, 255, np.uint8)
+        self._center = _middle(mask)
+
+    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
+        """Return the frame's match, looked for near the last one; None where there is none."""
+        shift = last.shift_px if last.shift_px is not None else np.zeros(2)
+        for turn in SEARCH_RAD:
+            found = self._from(energy, last.angle_rad + turn, shift)
+            if found is not None:
+                turns = round((last.angle_rad - found.angle_rad) / (2 * math.pi))
+                return replace(found, angle_rad=found.angle_rad + turns * 2 * math.pi)
+        return None
+
+    def _from(self, energy: Energy, angle_rad: float, shift_px: NDArray[np.float64]) -> Match | None:
+        cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        move = self._center + shift_px - turn @ self._center
+        warp = np.column_stack([turn, move]).astype(np.float32)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ECC_ITERATIONS, ECC_STEP)
+        try:
+            correlation, warp = cv2.findTransformECC(
+                self._reference, energy, warp, cv2.MOTION_EUCLIDEAN, criteria, self._everywhere, 1
+            )
+        except cv2.error:  # OpenCV raises where the iteration does not converge
+            return None
+        if not (correlation >= LEAST_CORRELATION and np.isfinite(warp).all()):
+            return None
+        middle = warp[:, :2].astype(np.float64) @ self._center + warp[:, 2]
+        return Match(math.atan2(float(warp[0, 1]), float(warp[0, 0])), middle - self._center)
+
+
+class PolarMatcher(Matcher):
+    """Correlation over the angle of polar pictures about the contact's middle, modulo 360 degrees."""
+
+    def __init__(self, reference: Energy, mask: Image) -> None:
+        self._reference = np.conj(_polar_spectrum(reference, mask))
+        self._size = float(np.linalg.norm(self._reference))
+
+    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
+        """Return the frame's match, looked for near the last one; None where there is none."""
+        spectrum = _polar_spectrum(energy, mask)
+        size = max(self._size * float(np.linalg.norm(spectrum)), 1e-12)
+        scores = np.fft.irfft((spectrum * self._reference).sum(axis=1), POLAR_ROWS) * (POLAR_ROWS / 2 / size)
+        # Rows go clockwise.
+        turned = -np.arange(POLAR_ROWS) * POLAR_STEP_RAD
+        from_last = (turned - last.angle_rad + math.pi) % (2 * math.pi) - math.pi
+        best = int(np.argmax(np.where(np.abs(from_last) <= MAX_JUMP_RAD, scores, -1.0)))
+        if not scores[best] >= LEAST_POLAR_CORRELATION:
+            return None
+        before, at, after = scores[best - 1], scores[best], scores[(best + 1) % POLAR_ROWS]
+        bend = before - 2 * at + after
+        part = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+        return Match(last.angle_rad + float(from_last[best]) - float(part) * POLAR_STEP_RAD, None)
+
+
+class ReferenceEstimator(FreshFrameEstimator):
+    """Aligns each frame with the contact's first stable one.
+
+    background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable`
+    where the reference is round; `lost` where no alignment is found; `rekeyed` where a new reference
+    begins after a first answer; else `tracking`. It gives no sigma.
+    """
+
+    stages = ("contact", "alignment")
+
+    def __init__(self, background: Image, matcher: Callable[[Energy, Image], Matcher]) -> None:
+        super().__init__(background.shape)
+        size = work_size(background.shape, 1.0)
+        self._px_per_work = background.shape[0] / size[1]
+        self._light = RelativeDifference(background, size)
+        self._gate = ContactGate()
+        self._make = matcher
+        self._seen_ns: int | None = None
+        self._answered = False
+        self._zero_rad = 0.0
+        self._release()
+
+    def _estimate(self, image: Image, time_ns: int) -> SlipSample:
+        watch = Stopwatch()
+        difference = self._light.of(self._light.reduced(image))
+        difference = np.asarray(cv2.GaussianBlur(difference, (0, 0), NOISE_BLUR_PX), np.float32)
+        region = self._gate.find(difference)
+        watch.lap("contact")
+        if region is None:
+            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
+        if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
+            self._zero_rad += self._match.angle_rad
+            self._release()
+        self._seen_ns = time_ns
+        state = self._follow(_magnitude(difference), region)
+        watch.lap("alignment")
+        return self._answer(time_ns, state, region, watch)
+
+    def _follow(self, energy: Energy, region: Region) -> State:
+        if self._matcher is not None:
+            found = self._matcher.match(energy, region.mask, self._match)
+            self._match = found or self._match
+            if found is None and self._settled:
+                return State.LOST
+        elif self._settled:
+            return State.UNOBSERVABLE
+        if not self._settled and self._changed(region):
+            self._rebase(energy, region)
+            return State.UNOBSERVABLE if self._matcher is None else State.REKEYED
+        return State.UNOBSERVABLE if self._matcher is None else State.TRACKING
+
+    def _answer(self, time_ns: int, state: State, region: Region, watch: Stopwatch) -> SlipSample:
+        area = region.area_px * self._px_per_work**2
+        if state in (State.UNOBSERVABLE, State.LOST):
+            return SlipSample(time_ns, state, contact_area_px=area, stage_s=watch.stage_s)
+        if not self._answered:
+            self._answered, state = True, State.TRACKING
+        shift = None if self._match.shift_px is None else self._match.shift_px * self._px_per_work
+        return SlipSample(
+            time_ns,
+            state,
+            math.degrees(self._zero_rad + self._match.angle_rad),
+            shift_px=None if shift is None else (float(shift[0]), float(shift[1])),
+            contact_area_px=area,
+            stage_s=watch.stage_s,
+        )
+
+    def _changed(self, region: Region) -> bool:
+        """Follow a contact's growth; whether a new reference has to be taken of this frame."""
+        last, self._level = self._level, region
+        changed = region.changed(last, SETTLED_SHARE)
+        self._steady = 0 if changed else self._steady + 1
+        self._settled = self._steady >= SETTLED_FRAMES
+        return changed or self._settled
+
+    def _rebase(self, energy: Energy, region: Region) -> None:
+        """Take this frame as the reference, at the angle it was found to have."""
+        self._zero_rad += self._match.angle_rad
+        self._match = Match(0.0, np.zeros(2))
+        observable = _contrast(energy, region.mask) >= LEAST_CONTRAST
+        self._matcher = self._make(energy, region.mask) if observable else None
+
+    def _release(self) -> None:
+        self._match = Match(0.0, np.zeros(2))
+        self._matcher: Matcher | None = None
+        self._level: Region | None = None
+        self._settled, self._steady = False, 0
+
+
+def _magnitude(difference: NDArray[np.float32]) -> Energy:
+    squares = cv2.transform(cv2.multiply(difference, difference), np.ones((1, 3), np.float32))
+    return np.asarray(cv2.sqrt(squares), np.float32)
+
+
+def _middle(mask: Image) -> NDArray[np.float64]:
+    moments = cv2.moments(mask, True)
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
+def _polar_spectrum(energy: Energy, mask: Image) -> NDArray[np.complex128]:
+    """Spectrum over the angle of each ring about the contact's middle, weighted by the ring's size."""
+    x, y = _middle(mask)
+    flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
+    polar = cv2.warpPolar(energy, (POLAR_COLUMNS, POLAR_ROWS), (float(x), float(y)), POLAR_COLUMNS, flags)
+    polar = polar * np.sqrt(np.arange(POLAR_COLUMNS, dtype=np.float32))
+    return np.fft.rfft(polar - polar.mean(axis=0), axis=0)
+
+
+def _contrast(energy: Energy, mask: Image) -> float:
+    """Share of a reference's energy that a turn by 1 rad changes, beyond what a shift can imitate."""
+    smooth = cv2.GaussianBlur(energy, (0, 0), 1.5)
+    rows, columns = np.nonzero(mask)
+    x, y = _middle(mask)
+    along_x = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)[rows, columns].astype(np.float64)
+    along_y = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)[rows, columns].astype(np.float64)
+    turn = along_x * (rows - y) - along_y * (columns - x)
+    shifts = np.stack([along_x, along_y], axis=1)
+    imitated = shifts @ np.linalg.lstsq(shifts, turn, rcond=None)[0]
+    total = float(np.square(smooth[rows, columns]).sum())
+    return float(np.square(turn - imitated).sum()) / total if total > 0.0 else 0.0

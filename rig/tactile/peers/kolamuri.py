@@ -1,0 +1,108 @@
+"""The rotation of marked gel under a contact, after Kolamuri et al. (see `rotation_centre`).
+
+The contact is found by subtraction on frames without their markers; the markers inside it are followed
+from the contact's first stable frame, and their displacement gives centre and angle. It measures
+the gel: where the object slides over it, the markers stay behind, and so does the angle.
+"""
+
+import math
+
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.peers.dots import MarkerTracker, without_markers
+from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
+from rig.tactile.stopwatch import Stopwatch
+
+# The reference is taken anew until the area has stayed within this share for so many frames.
+SETTLED_SHARE, SETTLED_FRAMES = 0.05, 5
+# A contact gone for longer is a new grasp.
+FORGET_S = 0.5
+
+
+class KolamuriEstimator(FreshFrameEstimator):
+    """Centre and angle of rotation by least squares from the markers in the contact.
+
+    background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable`
+    where the markers have no centre of rotation (`refusal` says why), but for markers that have not
+    moved, whose angle is the last one's; `rekeyed` at a new reference after a first answer; else
+    `tracking`. It gives no sigma.
+    """
+
+    stages = ("contact", "markers", "rotation")
+
+    def __init__(self, background: Image) -> None:
+        super().__init__(background.shape)
+        self._finder = ContactFinder(without_markers(background))
+        self._seen_ns: int | None = None
+        self._zero_rad = self._angle_rad = 0.0
+        self._tracker: MarkerTracker | None = None
+        self._inside = np.zeros(0, bool)
+        self._answered = False
+        self.refusal: Degenerate | None = None
+        self._release()
+
+    def _estimate(self, image: Image, time_ns: int) -> SlipSample:
+        watch = Stopwatch()
+        contact = self._finder.find(without_markers(image))
+        watch.lap("contact")
+        if contact.mask is None:
+            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
+        if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
+            self._release()
+        self._seen_ns = time_ns
+        rekeyed = self._settle(image, contact)
+        state, angle_deg = self._answer(image, contact.mask, rekeyed, watch)
+        return SlipSample(time_ns, state, angle_deg, contact_area_px=contact.area_px, stage_s=watch.stage_s)
+
+    def _answer(
+        self, image: Image, mask: Image, rekeyed: bool, watch: Stopwatch
+    ) -> tuple[State, float | None]:
+        found = self._rotation(image, mask, watch)
+        self.refusal = found if isinstance(found, Degenerate) else None
+        if isinstance(found, Rotation):
+            turns = round((self._angle_rad - found.angle_rad) / (2 * math.pi))
+            self._angle_rad = found.angle_rad + turns * 2 * math.pi
+        elif found is not Degenerate.STILL:
+            return State.UNOBSERVABLE, None
+        state = State.REKEYED if rekeyed and self._answered else State.TRACKING
+        self._answered = True
+        return state, math.degrees(self._zero_rad + self._angle_rad)
+
+    def _rotation(self, image: Image, mask: Image, watch: Stopwatch) -> Rotation | Degenerate:
+        """Return how the markers that were inside the contact have turned since the reference."""
+        if self._tracker is None:
+            self._tracker = MarkerTracker(image)
+            columns, rows = np.rint(self._tracker.first_px).astype(int).T
+            self._inside = mask[rows, columns] > 0
+        motion = self._tracker.update(image)
+        watch.lap("markers")
+        used = motion.seen & self._inside
+        found = find_rotation(motion.first_px[used], motion.now_px[used])
+        watch.lap("rotation")
+        return found
+
+    def _settle(self, image: Image, contact: Contact) -> bool:
+        """Follow a contact's growth; whether this frame becomes the reference."""
+        if self._settled:
+            return False
+        changed = abs(contact.area_px - self._area_px) > SETTLED_SHARE * self._area_px
+        self._area_px = contact.area_px
+        self._steady = 0 if changed else self._steady + 1
+        self._settled = self._steady >= SETTLED_FRAMES
+        if changed or self._settled:
+            self._rebase()
+            return True
+        return False
+
+    def _rebase(self) -> None:
+        """Forget the reference, at the angle it has led to."""
+        self._zero_rad += self._angle_rad
+        self._angle_rad, self._tracker = 0.0, None
+
+    def _release(self) -> None:
+        self._rebase()
+        self._area_px, self._steady, self._settled = 0.0, 0, False

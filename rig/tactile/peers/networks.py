@@ -1,0 +1,81 @@
+"""Networks of the paper's peers, in ONNX files: an angle from one image, an angle from the wrist's wrench."""
+
+from importlib.resources import as_file
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.tactile.contact.model_files import MODELS, open_session
+from rig.tactile.contact.network_input import frame_planes
+from rig.tactile.peers.wrench_steps import Wrench
+
+Memory = NDArray[np.float32]
+
+_HOW = "rig train-angle"
+
+
+class ImageAngleNetwork:
+    """An angle from one tactile frame. size: (width, height) in px at which it looks."""
+
+    def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
+        entries, answers = session.get_inputs(), session.get_outputs()
+        shape = list(entries[0].shape)
+        fits = len(shape) == 4 and shape[:2] == [1, 3] and all(isinstance(side, int) for side in shape[2:])
+        if len(entries) != 1 or not fits or list(answers[0].shape) != [1]:
+            raise InputError(
+                f"{name}: maps {[list(e.shape) for e in entries]} to {list(answers[0].shape)}: a network "
+                f"that tells an angle from a frame maps (1, 3, h, w) to (1): make one with {_HOW} anglenet"
+            )
+        self._session, self._key = session, entries[0].name
+        self.size = (int(shape[3]), int(shape[2]))
+
+    def angle_deg(self, image: Image) -> float:
+        """Return the image angle of the object in an (H, W, 3) uint8 RGB frame, deg."""
+        planes = frame_planes(image, self.size)[None]
+        return float(np.asarray(self._session.run(None, {self._key: planes})[0])[0])
+
+
+class WrenchAngleNetwork:
+    """An angle from wrenches, step by step, with a memory that the caller keeps."""
+
+    def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
+        shapes = {entry.name: list(entry.shape) for entry in session.get_inputs()}
+        if set(shapes) != {"wrench", "memory"} or shapes["wrench"] != [1, 1, 6]:
+            raise InputError(
+                f"{name}: has the inputs {shapes}: a network that tells an angle from wrenches takes "
+                f"'wrench' (1, 1, 6) and 'memory': make one with {_HOW} toskov"
+            )
+        self._session = session
+        self._shape = tuple(int(side) for side in shapes["memory"])
+
+    def blank(self) -> Memory:
+        """Return the memory before the first step."""
+        return np.zeros(self._shape, np.float32)
+
+    def step(self, wrench: Wrench, memory: Memory) -> tuple[float, Memory]:
+        """Return the object's turn in deg after a step (6,), and the memory then."""
+        angle, after = self._session.run(None, {"wrench": wrench[None, None], "memory": memory})
+        return float(np.asarray(angle).reshape(-1)[0]), np.asarray(after, np.float32)
+
+
+def load_image_network(file: Path | None = None) -> ImageAngleNetwork:
+    """Load the shipped AngleNet, or one from a file. Raises `InputError`."""
+    session, name = _opened("anglenet", file)
+    return ImageAngleNetwork(session, name)
+
+
+def load_wrench_network(file: Path | None = None) -> WrenchAngleNetwork:
+    """Load the shipped network after Toskov et al., or one from a file. Raises `InputError`."""
+    session, name = _opened("toskov", file)
+    return WrenchAngleNetwork(session, name)
+
+
+def _opened(shipped: str, file: Path | None) -> tuple[onnxruntime.InferenceSession, str]:
+    if file is not None and not file.is_file():
+        raise InputError(f"{file}: there is no such file: make it with {_HOW} {shipped} --out FOLDER")
+    with as_file(MODELS / f"{shipped}.onnx") as path:
+        return open_session(file or path, 1, f"{_HOW} {shipped}"), str(file or shipped)

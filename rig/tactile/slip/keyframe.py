@@ -1,0 +1,161 @@
+"""The picture of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.slip.height import Gradient, relief
+from rig.tactile.slip.sampling import sharpened
+
+# The contact proper is where the dent is deeper than this share of its depth, which so much of it does
+# not reach; the gel's skirts around it depend on more than the object.
+DEPTH_SHARE, SHALLOWER_SHARE = 0.25, 0.95
+BORDER_PX = 2
+MIN_POINTS, MAX_POINTS = 24, 600
+# Prior spread of constant slope and gain, as weights in pixels and in template energy: they stay
+# free where the contact tells them from rotation, and small where it does not.
+SLOPE_PRIOR, GAIN_PRIOR = 20.0, 50.0
+# A gradient of this share of the template's rms length counts half.
+STEEP_SHARE = 0.6
+PARAMETERS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """The gradients of a contact to which later frames are aligned.
+
+    center_px: where points_px, (N,) complex64, are counted from. template: (N,) complex64 gradients,
+    sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
+    jacobian: (6, 2N) for rotation (rad), x, y (px), gain, slope along x and y; x and y of each point
+    in turn. contrast: the share of the energy of the gradients, as they are, that a rotation by 1 rad
+    changes beyond what translation, gain and slope can imitate: 0 for a smooth ball, about 1 and more
+    for an edge.
+    clipped: whether the contact reaches the image's edge.
+    """
+
+    center_px: complex
+    points_px: NDArray[np.complex64]
+    template: NDArray[np.complex64]
+    squares: NDArray[np.float32]
+    weights: NDArray[np.float32]
+    jacobian: NDArray[np.float32]
+    energy: float
+    contrast: float
+    clipped: bool
+
+
+def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
+    """Make a keyframe of a gradient (h, w) and contact mask (h, w); None if too small."""
+    rows, columns = np.nonzero(_contact_proper(gradient, mask))
+    if len(rows) < MIN_POINTS:
+        return None
+    if len(rows) > MAX_POINTS:
+        chosen = np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)
+        rows, columns = rows[chosen], columns[chosen]
+    center = complex(columns.mean(), rows.mean())
+    points = (columns + 1j * rows - center).astype(np.complex64)
+    template, squares, jacobian = _linearised(sharpened(gradient), points, rows, columns)
+    energy = _energy(squares)
+    if not energy > 0.0:
+        return None
+    _, plain_squares, plain_jacobian = _linearised(gradient, points, rows, columns)
+    return Keyframe(
+        center_px=center,
+        points_px=points,
+        template=template,
+        squares=squares,
+        weights=_plainness(squares, energy),
+        jacobian=jacobian,
+        energy=energy,
+        contrast=_contrast(plain_jacobian, _energy(plain_squares)),
+        clipped=_clipped(mask),
+    )
+
+
+def squared_lengths(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Return the squared lengths of complex vectors, (N,)."""
+    return vectors.real**2 + vectors.imag**2
+
+
+def _linearised(
+    gradient: Gradient, points: NDArray[np.complex64], rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> tuple[NDArray[np.complex64], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the gradients at points (N,), the squares of their lengths, and their jacobian."""
+    values = gradient[rows, columns]
+    along = [slope[rows, columns] for slope in _slopes(gradient)]
+    return values, squared_lengths(values), _jacobian(points, values, *along)
+
+
+def _energy(squares: NDArray[np.float32]) -> float:
+    """Return the mean square of a component."""
+    return float(squares.mean()) / 2.0
+
+
+def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:
+    """Return how a gradient changes along x and along y."""
+    pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
+    across, down = (
+        np.asarray(cv2.Scharr(pairs, cv2.CV_32F, *axis, scale=1 / 32)) for axis in ((1, 0), (0, 1))
+    )
+    return across.view(np.complex64)[..., 0], down.view(np.complex64)[..., 0]
+
+
+def _plainness(squares: NDArray[np.float32], energy: float) -> NDArray[np.float32]:
+    """Weigh points down where steep: there colours saturate and the gel gives way."""
+    weights = 1.0 / (1.0 + squares / (2.0 * energy * STEEP_SHARE**2))
+    return (weights / weights.mean()).astype(np.float32)
+
+
+def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
+    """Return the share of the energy that a turn changes, see `Keyframe`."""
+    inverse = np.linalg.inv(normal_matrix(jacobian, jacobian, energy))
+    return float(1.0 / (inverse[0, 0] * energy * jacobian.shape[1]))
+
+
+def _clipped(mask: Image) -> bool:
+    inner = mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+    return cv2.countNonZero(inner) < cv2.countNonZero(mask)
+
+
+def _contact_proper(gradient: Gradient, mask: Image) -> Image:
+    """Narrow a contact region to where the gel is pressed in deep."""
+    height = relief(gradient, mask)
+    inside = mask > 0
+    deep = ((height > DEPTH_SHARE * _depth(height[inside])) & inside).astype(np.uint8)
+    deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
+    return deep
+
+
+def _depth(heights: NDArray[np.float32]) -> float:
+    """Return the height that most of a dent does not reach; np.percentile costs ten times as much."""
+    at = SHALLOWER_SHARE * (heights.size - 1)
+    lower, upper = int(at), min(int(at) + 1, heights.size - 1)
+    ordered = np.partition(heights, (lower, upper))
+    return float(ordered[lower] + (at - lower) * (ordered[upper] - ordered[lower]))
+
+
+def _jacobian(
+    points: NDArray[np.complex64], template: Gradient, along_x: Gradient, along_y: Gradient
+) -> NDArray[np.float32]:
+    """What small changes of the six parameters do to the template, (6, 2N)."""
+    rows = np.empty((PARAMETERS, len(points)), np.complex64)
+    # Turning by d takes a place z to z - i d z, and a vector alike.
+    rows[0] = -1j * template - (along_x * points.imag - along_y * points.real)
+    rows[1], rows[2], rows[3] = -along_x, -along_y, template
+    rows[4], rows[5] = 1.0, 1j
+    return rows.view(np.float32)
+
+
+def normal_matrix(
+    weighted: NDArray[np.float32], jacobian: NDArray[np.float32], energy: float
+) -> NDArray[np.float64]:
+    """Return the (6, 6) normal matrix with its priors; weighted: (6, 2N), the jacobian times weights."""
+    normal = (weighted @ jacobian.T).astype(np.float64)
+    diagonal = normal.reshape(-1)[:: PARAMETERS + 1]
+    # A direction without information must not make the matrix exactly singular.
+    diagonal += 1e-9 * diagonal + 1e-12 * diagonal.sum() + 1e-30
+    diagonal[3:] += (GAIN_PRIOR * energy, SLOPE_PRIOR, SLOPE_PRIOR)
+    return normal

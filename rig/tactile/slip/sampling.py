@@ -1,0 +1,55 @@
+"""A frame's gradients as an alignment looks at them: sharpened, and read between pixels."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.slip.height import Box, Gradient, within
+
+# What is broad in a contact's slopes is less to be trusted than what is fine: the gel gives way around
+# the contact, the map is a little wrong, and an arc that slides along itself keeps its outline. So much
+# of the mean over this many pixels around is taken off (standard deviation and reach of the window).
+BROAD_PX, BROAD_REACH_PX, BROAD_SHARE = 2.0, 4, 0.6
+
+
+def sharpened(gradient: Gradient) -> Gradient:
+    """Return a gradient field (h, w) with its broad part made weaker."""
+    pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
+    side = 2 * BROAD_REACH_PX + 1
+    broad = cv2.GaussianBlur(pairs, (side, side), BROAD_PX)
+    return cv2.scaleAdd(broad, -BROAD_SHARE, pairs).view(np.complex64)[..., 0]
+
+
+class GradientField:
+    """A frame's sharpened gradients inside its contact, read between pixels (bilinear).
+
+    gradient: (h, w). mask: (h, w) uint8, 1 in the contact. box: where the gradient is not 0, all of it by
+    default; it has room for the sharpening's reach around the contact.
+    cv2.remap rounds places to 1/32 pixel, which keeps an alignment from settling below 0.03 degrees.
+    """
+
+    def __init__(self, gradient: Gradient, mask: Image, box: Box | None = None) -> None:
+        self.mask = mask
+        rows, self._columns = gradient.shape
+        self._cells = (self._columns - 1, rows - 1)
+        inside = within(box, gradient.shape)
+        values = np.zeros(gradient.shape, np.complex64)
+        values[inside] = sharpened(gradient[inside])
+        self._values = values.reshape(-1)
+        self._inside = mask.reshape(-1)
+
+    def at(self, places: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:
+        """Return the gradients (N,) at places (N,), and which places lie inside the mask."""
+        left, above = np.floor(places.real), np.floor(places.imag)
+        x, y = places.real - left, places.imag - above
+        column, row = left.astype(np.int32), above.astype(np.int32)
+        index = row * self._columns + column
+        corner, right, below, across = (
+            self._values.take(index + step, mode="clip") for step in (0, 1, self._columns, self._columns + 1)
+        )
+        upper, lower = corner + x * (right - corner), below + x * (across - below)
+        # As unsigned numbers, places left of or above the image are far beyond it.
+        inside = (column.view(np.uint32) < self._cells[0]) & (row.view(np.uint32) < self._cells[1])
+        inside &= self._inside.take(index, mode="clip") > 0
+        return upper + y * (lower - upper), inside

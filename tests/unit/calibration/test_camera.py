@@ -1,0 +1,185 @@
+"""Boards found, cameras fitted, bad sets of views told from good ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.camera.checks import judge_camera
+from calibration.camera.intrinsics import calibrate_camera, predict
+from calibration.camera.model import CameraModel
+from calibration.camera.projection_sigma import camera_difference_px, projection_sigma_px
+from calibration.targets.boards import Charuco, Chessboard, Marker, parse_target
+from calibration.targets.sheets import sheet_svg
+from calibration.targets.views import View, usable_views
+from calibration.verdict import Verdict
+from drivers.errors import CalibrationError, InputError
+from drivers.types import Pose
+from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view, render_target
+
+
+def views(
+    count: int, seed: int = 0, tilt: tuple[float, float] = (5.0, 45.0), reach: float = 1.0
+) -> list[View]:
+    rng = np.random.default_rng(seed)
+    made = [exact_view(BOARD, CAMERA, board_pose(rng, tilt, reach), str(i), rng) for i in range(3 * count)]
+    return [view for view in made if len(view.ids) >= 12][:count]
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["charuco:8x6:25:18:DICT_5X5_100", "charuco:8x6:25:18:DICT_5X5_100:legacy",
+     "charuco:7x5:25:18:DICT_4X4_50", "chessboard:9x6:25", "marker:60:DICT_4X4_50:3"],
+)  # fmt: skip
+def test_every_target_is_drawn_and_found_where_it_is(spec: str) -> None:
+    target = parse_target(spec)
+    assert target.spec == spec
+    assert isinstance(target, Charuco | Chessboard | Marker)
+    rng = np.random.default_rng(1)
+    pose = Pose.from_rotation((-0.08, -0.06, 0.6), board_pose(rng, (10, 20)).rotation)
+    view = target.find(render_target(target, CAMERA, pose, rng), "a")
+    assert isinstance(view, View), view
+    exact = CAMERA.project(pose.rotation.apply(view.board_m) + np.asarray(pose.position_m))
+    assert np.abs(view.image_px - exact).mean() < (0.25 if isinstance(target, Marker) else 0.12)
+    assert sheet_svg(spec).startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["", "charuco", "charuco:8x6:18:25:DICT_5X5_100", "chessboard:2x2:25", "marker:0:DICT_4X4_50:0", "ring:4",
+     "charuco:8x6:25:18:DICT_5X5_100:old", "marker:60:DICT_4X4_50:-1", "chessboard:9x6:nan"]
+)  # fmt: skip
+def test_a_target_not_understood_names_the_forms(spec: str) -> None:
+    with pytest.raises(InputError, match="chessboard:9x6:25"):
+        parse_target(spec)
+
+
+def test_nothing_is_found_in_noise_and_that_is_said() -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (200, 300), dtype=np.uint8)
+    for spec in ("charuco:8x6:25:18:DICT_5X5_100", "chessboard:9x6:25", "marker:60:DICT_4X4_50:3"):
+        target = parse_target(spec)
+        assert isinstance(target.find(noise, "n"), str)
+        with pytest.raises(InputError, match="uint8"):
+            target.find(noise.astype(np.float32), "n")  # type: ignore[arg-type]
+
+
+def test_a_camera_is_found_with_an_honest_sigma() -> None:
+    result = calibrate_camera(views(20))
+    found, true = result.fit.camera, CAMERA
+    off = np.abs([found.matrix[0, 0] - true.matrix[0, 0], found.matrix[0, 2] - true.matrix[0, 2]])
+    assert (off < 4 * result.sigma[[0, 2]]).all()
+    assert result.held_out_rms_px < 0.1
+    assert np.linalg.norm(camera_difference_px(CAMERA, found), axis=-1).mean() < 0.3
+    assert judge_camera(result).verdict is Verdict.GOOD, judge_camera(result)
+    assert predict(found, views(5, seed=9)) < 0.1
+
+
+def test_the_lens_model_follows_the_lens() -> None:
+    pinhole = CameraModel(CAMERA.size, CAMERA.matrix, np.zeros(5))
+    rng = np.random.default_rng(3)
+    seen = [exact_view(BOARD, pinhole, board_pose(rng), str(i), rng) for i in range(20)]
+    assert calibrate_camera([v for v in seen if len(v.ids) >= 12]).fit.lens.name in ("pinhole", "radial1")
+    assert calibrate_camera(views(20)).fit.lens.name not in ("pinhole", "radial1")
+
+
+def test_uncertainty_grows_where_nothing_was_seen() -> None:
+    whole, middle = (projection_sigma_px(calibrate_camera(views(15, reach=reach))) for reach in (1.0, 0.2))
+    assert middle.max() > 3 * whole.max()
+    assert middle[0, 0] > 3 * middle[6, 8]
+
+
+def test_square_on_views_are_refused() -> None:
+    judged = judge_camera(calibrate_camera(views(15, tilt=(0.0, 2.0))))
+    assert judged.verdict is Verdict.REFUSED
+    assert "square-on" in judged.refusals[0]
+
+
+def test_views_of_the_middle_only_are_weak() -> None:
+    judged = judge_camera(calibrate_camera(views(15, reach=0.1)))
+    assert judged.verdict is Verdict.WEAK
+    assert any("cover" in reason for reason in judged.reasons)
+
+
+def test_copies_of_one_view_are_one_view() -> None:
+    one = views(1)[0]
+    rng = np.random.default_rng(0)
+    copies = [replace(one, id=str(i), image_px=rng.normal(one.image_px, 0.06)) for i in range(15)]
+    with pytest.raises(CalibrationError, match=r"1 usable distinct views.*same view as 0"):
+        calibrate_camera(copies)
+
+
+def test_two_bad_views_of_twenty_are_left_out_by_name() -> None:
+    seen = views(20)
+    for i in (4, 11):
+        wrong = np.random.default_rng(i).normal(0, 8.0, seen[i].image_px.shape)
+        seen[i] = replace(seen[i], image_px=seen[i].image_px + wrong)
+    result = calibrate_camera(seen)
+    assert {r.id for r in result.rejected} == {seen[4].id, seen[11].id}
+    assert result.held_out_rms_px < 0.1
+
+
+def test_a_lens_that_moved_between_views_is_not_called_good() -> None:
+    wide = CameraModel(CAMERA.size, CAMERA.matrix * np.array([[1.03], [1.03], [1.0]]), CAMERA.distortion)
+    rng = np.random.default_rng(2)
+    seen = [exact_view(BOARD, CAMERA if i % 2 else wide, board_pose(rng), str(i), rng) for i in range(24)]
+    judged = judge_camera(calibrate_camera([v for v in seen if len(v.ids) >= 12]))
+    assert judged.verdict is not Verdict.GOOD
+
+
+def test_views_no_solver_should_see_are_left_out_with_their_reason() -> None:
+    good = views(6)
+    nan = good[0].image_px.copy()
+    nan[3, 1] = np.nan
+    few = replace(
+        good[1], id="few", ids=good[1].ids[:4], board_m=good[1].board_m[:4], image_px=good[1].image_px[:4]
+    )
+    row = good[2].board_m[:, 1] == good[2].board_m[0, 1]
+    line = replace(
+        good[2], id="line", ids=np.arange(8), board_m=np.tile(good[2].board_m[row], (8, 1))[:8] * 1.0,
+        image_px=np.column_stack([np.linspace(10, 600, 8), np.linspace(20, 300, 8)]),
+    )  # fmt: skip
+    odd = [replace(good[0], id="nan", image_px=nan), few, line, replace(good[3], id="size", size=(640, 480))]
+    kept, rejected = usable_views([*good, *odd])
+    assert len(kept) == 6
+    reasons = {r.id: r.reason for r in rejected}
+    assert "finite" in reasons["nan"]
+    assert "8 are needed" in reasons["few"]
+    assert "line" in reasons["line"]
+    assert "640 x 480" in reasons["size"]
+
+
+def test_two_views_and_none_are_refused() -> None:
+    for some in (views(2), []):
+        with pytest.raises(CalibrationError, match="3 are the least"):
+            calibrate_camera(some)
+
+
+def test_the_real_chessboard_photos_by_the_published_recipe(real_data: Path) -> None:
+    target = Chessboard((9, 6), 0.025, window_px=11)
+    found = _found(target, sorted((real_data / "opencv_chessboard").glob("left*.jpg")))
+    matrix = calibrate_camera(found, keep_all=True).fit.camera.matrix
+    assert matrix[0, 0] == pytest.approx(535.92, abs=1.0)
+    assert matrix[:2, 2] == pytest.approx([342.28, 235.57], abs=1.0)
+
+
+def test_windows_that_hold_no_neighbour_predict_real_photos_better(real_data: Path) -> None:
+    photos = sorted((real_data / "opencv_chessboard").glob("left*.jpg"))
+    ours = calibrate_camera(_found(Chessboard((9, 6), 0.025), photos))
+    sample = calibrate_camera(_found(Chessboard((9, 6), 0.025, window_px=11), photos), keep_all=True)
+    assert ours.held_out_rms_px < 0.6 * sample.held_out_rms_px
+
+
+def test_the_four_real_charuco_photos_are_weak_and_say_how_much(real_data: Path) -> None:
+    target = parse_target("charuco:5x7:40:20:DICT_6X6_250")
+    result = calibrate_camera(_found(target, sorted((real_data / "opencv_photos").glob("charuco*.jpg"))))
+    assert judge_camera(result).verdict is Verdict.WEAK
+    off = np.abs(np.diag(result.fit.camera.matrix)[:2] - (452.51, 456.77))
+    assert (off < 3 * result.sigma[:2]).all()
+
+
+def _found(target: Charuco | Chessboard | Marker | object, photos: list[Path]) -> list[View]:
+    views = [target.find(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.name) for p in photos]  # type: ignore[attr-defined]
+    assert views
+    return [view for view in views if isinstance(view, View)]

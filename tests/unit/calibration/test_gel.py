@@ -1,0 +1,171 @@
+"""The gel: reference and drift, scale, balls found, and the map from colour to slope."""
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel
+from calibration.gel.gradient_map import GradientMap, fit_gradient_map
+from calibration.gel.presses import Press, find_press
+from calibration.gel.reference import compare, judge_reference, make_reference
+from calibration.gel.scale import fit_scale
+from calibration.verdict import Verdict
+from drivers.errors import CalibrationError
+from fakes.studio.presses import MM_PER_PX, SimulatedGel
+
+GEL = SimulatedGel(seed=3)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> BallFit:
+    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in GEL.presses(16)]
+    return calibrate_gel(presses, MM_PER_PX)
+
+
+def _found(image: np.ndarray, name: str) -> Press:
+    press = find_press(image, GEL.reference, name)
+    assert isinstance(press, Press), press
+    return press
+
+
+def test_presses_are_found_where_they_are() -> None:
+    for made in GEL.presses(6, seed=5):
+        press = _found(made.image, made.name)
+        assert np.hypot(press.centre_px[0] - made.centre_px[0], press.centre_px[1] - made.centre_px[1]) < 12.0
+        assert press.rim_px == pytest.approx(made.contact_px, rel=0.35)
+
+
+def test_balls_left_out_come_out_at_their_radius(fitted) -> None:
+    assert set(fitted.radius_error()) == {3.0, 5.0}
+    # the simulated colours saturate with the slope, which the map follows in part only
+    assert all(abs(error) < 0.12 for error in fitted.radius_error().values()), fitted.radius_error()
+    assert fitted.null_rms < 0.03
+    for made in GEL.presses(3, seed=9):
+        found = ball_radius_mm(_found(made.image, made.name), fitted.map, MM_PER_PX)
+        assert found == pytest.approx(made.radius_mm, rel=0.2)
+
+
+def test_no_change_means_no_slope(fitted) -> None:
+    places = np.array([[10.0, 20.0], [200.0, 100.0]])
+    assert np.abs(fitted.map.normals(np.zeros((2, 3)), places)).max() == 0.0
+
+
+def test_slopes_fall_away_from_the_middle_of_a_dent(fitted) -> None:
+    made = GEL.presses(1, seed=2)[0]
+    press = _found(made.image, made.name)
+    x, y = (round(v) for v in made.centre_px)
+    right, left = np.array([[x + 12.0, y]]), np.array([[x - 12.0, y]])
+    slope = [fitted.map.slopes(press.change[[y], [round(p[0, 0])]], p)[0, 0] for p in (right, left)]
+    assert slope[0] < 0.0 < slope[1]
+
+
+def test_the_map_is_exact_where_colour_is_linear_in_slope() -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.uniform(-0.4, 0.4, (4000, 2))
+    places = rng.uniform(0, 1, (4000, 2)) * (320, 240)
+    change = normals @ rng.normal(0, 1, (2, 3))
+    made: GradientMap = fit_gradient_map(change, places, normals, (240, 320))
+    assert np.sqrt(((made.normals(change, places) - normals) ** 2).mean()) < 5e-3
+    with pytest.raises(CalibrationError, match="too few"):
+        fit_gradient_map(change[:50], places[:50], normals[:50], (240, 320))
+    with pytest.raises(CalibrationError, match="not finite"):
+        fit_gradient_map(change * np.nan, places, normals, (240, 320))
+
+
+def test_pictures_without_a_ball_say_so() -> None:
+    still = GEL.frame(np.random.default_rng(1))
+    assert "no contact" in str(find_press(still, GEL.reference, "still"))
+    with pytest.raises(CalibrationError, match="differ in size"):
+        find_press(still[:100], GEL.reference, "cut")
+    with pytest.raises(CalibrationError, match="alike"):
+        find_press(np.full_like(still, 90), GEL.reference, "flat")
+    with pytest.raises(CalibrationError, match="8 are the least"):
+        calibrate_gel([], MM_PER_PX)
+
+
+def test_a_ball_smaller_than_its_print_is_left_out() -> None:
+    made = GEL.presses(10, seed=4)
+    presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
+    wrong = [BallPress(presses[0].press, 0.5), BallPress(presses[1].press, float("nan")), *presses]
+    rejected = calibrate_gel(wrong, MM_PER_PX).rejected
+    assert len(rejected) == 2
+    assert "wider than a ball" in rejected[0].reason
+
+
+def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False) -> list:
+    rng = np.random.default_rng(0)
+    frames = [GEL.presses(1)[0].image if press else GEL.frame(rng) for _ in range(count)]
+    return [np.clip(f * np.asarray(gain), 0, 255).astype(np.uint8) for f in frames]
+
+
+def test_a_reference_is_judged_against_the_earlier_one() -> None:
+    earlier = make_reference(_still()).image
+    same = make_reference(_still())
+    assert judge_reference(same, compare(same, earlier)).verdict is Verdict.GOOD
+    assert "unseen" in judge_reference(same).doubts[0]
+    dim = make_reference(_still((0.8, 1.0, 1.0)))
+    assert "light changed" in str(judge_reference(dim, compare(dim, earlier)))
+    out = make_reference(_still((0.05, 1.0, 1.0)))
+    assert "LED went out" in str(judge_reference(out, compare(out, earlier)))
+    touched = make_reference(_still(press=True))
+    assert "changed shape" in str(judge_reference(touched, compare(touched, earlier)))
+    with pytest.raises(CalibrationError, match="is not the earlier"):
+        compare(same, earlier[:100])
+
+
+def test_references_that_are_none_are_refused() -> None:
+    for frames, seen in (
+        ([], "5 are the least"), (_still((0.0, 0.0, 0.0)), "alike"), (_still((0.03, 0.03, 0.03)), "dark"),
+        (_still()[:6] + _still(press=True)[:6], "changed while"),
+        ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
+    ):  # fmt: skip
+        with pytest.raises(CalibrationError, match=seen):
+            make_reference(frames)
+
+
+def test_scales_along_x_and_y_are_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.linspace(-4, 4, 3), np.linspace(-5, 5, 3))
+    moves = np.column_stack([x.ravel(), y.ravel()])
+    centres = moves / (0.058, 0.063) + (120, 160) + rng.normal(0, 0.4, moves.shape)
+    scale = fit_scale(moves, centres)
+    assert scale.mm_per_px == pytest.approx([0.058, 0.063], rel=0.02)
+    assert (np.abs(scale.mm_per_px - [0.058, 0.063]) < 4 * scale.sigma).all()
+    with pytest.raises(CalibrationError, match="span both axes"):
+        fit_scale(moves[:3], centres[:3])
+    with pytest.raises(CalibrationError, match="span both axes"):
+        fit_scale(moves * (1, 0), centres)
+
+
+def test_real_gelsight_balls_left_out_come_out_within_five_percent(real_data) -> None:
+    folder = real_data / "gelsight_ball"
+
+    def rgb(name: str) -> np.ndarray:
+        return cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
+
+    reference = rgb("background.png").astype(np.float32)
+    presses = []
+    with (folder / "catalog.csv").open() as stream:
+        for row in csv.DictReader(stream):
+            press = find_press(rgb(row["image"]), reference, row["image"])
+            assert isinstance(press, Press), press
+            presses.append(BallPress(press, float(row["diameter(mm)"]) / 2))
+    result = calibrate_gel(presses, (0.0634, 0.0634), folds=4)
+    assert set(result.radius_error()) == {3.155, 4.75}
+    assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()
+
+
+def test_balls_of_two_sizes_tell_the_gels_bulge_and_the_scale_behind_it() -> None:
+    rng = np.random.default_rng(4)
+    moves = rng.uniform(-4, 4, (24, 2))
+    radii = np.repeat([2.5, 5.0], 12)
+    centres = (moves / (1.0 + radii[:, None] / 60.0)) / (0.058, 0.061) + 120.0
+    centres = rng.normal(centres, 0.2)
+    found = fit_scale(moves, centres, radii)
+    assert found.mm_per_px == pytest.approx([0.058, 0.061], rel=0.02)
+    assert found.pixel_aspect == pytest.approx(0.058 / 0.061, abs=4 * found.aspect_sigma)
+    assert found.aspect_sigma < 0.005
+    one_size = fit_scale(moves[:12], centres[:12], radii[:12])
+    assert one_size.mm_per_px[0] == pytest.approx(0.058 * (1.0 + 2.5 / 60.0), rel=0.01)

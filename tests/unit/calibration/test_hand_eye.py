@@ -1,0 +1,238 @@
+"""Hand-eye: closed forms against OpenCV, accuracy, honesty, and every motion that determines nothing."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calibration.hand_eye.closed_form import CLOSED_FORMS, nearest_rotation, park, shah
+from calibration.hand_eye.guidance import next_pose, progress
+from calibration.hand_eye.observability import observability
+from calibration.hand_eye.refine import linearised, moved
+from calibration.hand_eye.samples import Sample, Setup, make_problem
+from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.target_pose import target_poses
+from calibration.hand_eye.uncertainty import larger_of
+from calibration.verdict import Verdict
+from drivers.types import Pose
+from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Noise, Truth, general_scene, motion_scene
+
+EXACT = Noise(0.0, 0.0, 0.0)
+
+
+def solved(samples: list[Sample], setup: Setup = Setup.EYE_TO_HAND):
+    return calibrate_hand_eye(samples, CAMERA, setup)
+
+
+@pytest.mark.parametrize("setup", list(Setup))
+def test_exact_samples_give_the_exact_answer(setup: Setup) -> None:
+    truth, samples = general_scene(np.random.default_rng(0), 10, setup, noise=EXACT)
+    result = solved(samples, setup)
+    assert result.pose is not None
+    assert result.target is not None
+    assert truth.error(result.pose) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-7)
+
+
+@pytest.mark.parametrize("setup", list(Setup))
+def test_noisy_samples_give_a_good_answer(setup: Setup) -> None:
+    truth, samples = general_scene(np.random.default_rng(1), 20, setup)
+    result = solved(samples, setup)
+    assert result.pose is not None
+    # a camera on the tool sees the robot's angular noise over the whole distance to the target
+    distance_mm, turn_deg = truth.error(result.pose)
+    assert distance_mm < (1.0 if setup is Setup.EYE_TO_HAND else 2.0)
+    assert turn_deg < 0.1
+    assert result.judgement.refusals == ()
+
+
+def _poses(seed: int) -> tuple[np.ndarray, ...]:
+    _, samples = general_scene(np.random.default_rng(seed), 12)
+    problem = make_problem(samples, CAMERA, Setup.EYE_TO_HAND)
+    turns, moves = target_poses(problem)
+    return problem.a_R, problem.a_t, turns[:, 0], moves[:, 0]
+
+
+def test_park_is_opencvs_park() -> None:
+    a_R, a_t, b_R, b_t = _poses(3)  # noqa: N806
+    inverse = a_R.transpose(0, 2, 1)
+    back = -(inverse @ a_t[..., None])
+    turn, move = cv2.calibrateHandEye(
+        list(inverse), list(back), list(b_R), list(b_t[..., None]), method=cv2.CALIB_HAND_EYE_PARK
+    )
+    ours = park(a_R, a_t, b_R, b_t)
+    assert ours.x_R == pytest.approx(turn, abs=1e-9)
+    assert ours.x_t == pytest.approx(move.ravel(), abs=1e-9)
+
+
+def test_shah_is_opencvs_shah() -> None:
+    a_R, a_t, b_R, b_t = _poses(4)  # noqa: N806
+    z_R, z_t, x_R, x_t = cv2.calibrateRobotWorldHandEye(  # noqa: N806
+        list(a_R),
+        list(a_t[..., None]),
+        list(b_R),
+        list(b_t[..., None]),
+        method=cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH,
+    )
+    ours = shah(a_R, a_t, b_R, b_t)
+    assert ours.x_R == pytest.approx(x_R, abs=1e-6)
+    assert ours.x_t == pytest.approx(x_t.ravel(), abs=1e-6)
+    assert ours.z_R == pytest.approx(z_R, abs=1e-6)
+    assert ours.z_t == pytest.approx(z_t.ravel(), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=15)
+def test_closed_forms_are_exact_without_noise(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_rotvec(rng.normal(0, 0.6, (6, 3))).as_matrix()
+    a_t = rng.normal(0, 0.3, (6, 3))
+    x, z = (Pose.from_rotation(rng.normal(0, 0.5, 3), Rotation.random(random_state=seed + k)) for k in (0, 1))
+    b = [
+        x.inverse() @ Pose.from_rotation(t, Rotation.from_matrix(r)) @ z
+        for r, t in zip(turns, a_t, strict=True)
+    ]
+    b_R = np.array([p.rotation.as_matrix() for p in b])  # noqa: N806
+    ours = CLOSED_FORMS[name](turns, a_t, b_R, np.array([p.position_m for p in b]))
+    assert ours.x_t == pytest.approx(x.position_m, abs=1e-6)
+    assert ours.z_t == pytest.approx(z.position_m, abs=1e-6)
+
+
+def test_the_jacobian_is_the_derivative() -> None:
+    _, samples = general_scene(np.random.default_rng(5), 6)
+    problem = make_problem(samples, CAMERA, Setup.EYE_TO_HAND)
+    turns, moves = target_poses(problem)
+    at = shah(problem.a_R, problem.a_t, turns[:, 0], moves[:, 0])
+    _, jacobian = linearised(problem, at)
+    for k in range(12):
+        step = np.zeros(12)
+        step[k] = 1e-6
+        up, down = (linearised(problem, moved(at, s))[0] for s in (step, -step))
+        assert (up - down) / 2e-6 == pytest.approx(jacobian[..., k], rel=1e-4, abs=1e-3)
+
+
+def test_flipped_samples_are_left_out_by_name() -> None:
+    truth, samples = general_scene(np.random.default_rng(2), 20, flipped=2)
+    result = solved(samples)
+    assert {r.id for r in result.rejected} == {"00", "01"}
+    assert result.pose is not None
+    assert truth.error(result.pose)[0] < 1.0
+
+
+def test_the_region_holds_the_truth_about_as_often_as_it_says() -> None:
+    held = []
+    for seed in range(24):
+        truth, samples = general_scene(np.random.default_rng(seed))
+        result = solved(samples)
+        assert result.pose is not None
+        assert result.spread is not None
+        held.append(result.spread.holds(truth.error_vector(result.pose)))
+    assert 0.85 <= np.mean(held) <= 1.0
+
+
+def test_the_larger_covariance_is_no_smaller_than_either() -> None:
+    rng = np.random.default_rng(0)
+    one, other = (m @ m.T for m in (rng.normal(0, 1, (6, 6)), rng.normal(0, 1, (6, 4))))
+    both = larger_of(one, other)
+    for each in (one, other):
+        assert np.linalg.eigvalsh(both - each).min() > -1e-9 * np.linalg.eigvalsh(both).max()
+
+
+def _motion(kind: str) -> tuple[Truth, list[Sample]]:
+    rng = np.random.default_rng(7)
+    moves = rng.uniform(-0.1, 0.1, (20, 3))
+    angles = np.radians(rng.uniform(-45, 45, 20))[:, None]
+    axis = np.array([0.0, 0.6, 0.8])
+    half = np.pi * np.vstack([np.zeros(3), np.eye(3)])
+    turns = {
+        "parallel": angles * axis,
+        "small": rng.normal(0, np.radians(0.6), (20, 3)),
+        "translation": np.zeros((20, 3)),
+        "half turns": half[np.arange(20) % 4],
+    }
+    return motion_scene(rng, turns[kind], moves)
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("parallel", "parallel axes"),
+        ("small", "turned by"),
+        ("translation", "turned by"),
+        ("half turns", "near 180"),
+    ],
+)
+def test_motions_that_determine_nothing_are_refused_for_what_they_are(kind: str, reason: str) -> None:
+    result = solved(_motion(kind)[1])
+    assert result.pose is None
+    assert result.judgement.verdict is Verdict.REFUSED
+    assert reason in result.judgement.refusals[0]
+
+
+def test_each_number_of_the_gate_alone_would_pass_a_bad_case() -> None:
+    numbers = {k: observability(make_problem(_motion(k)[1], CAMERA, Setup.EYE_TO_HAND).a_R)
+               for k in ("parallel", "translation", "half turns")}  # fmt: skip
+    assert numbers["parallel"].max_angle_deg > 5.0
+    assert numbers["translation"].rotation_gap > 1e-4
+    assert numbers["half turns"].translation_ratio > 0.01
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 4])
+def test_too_few_samples_are_refused(count: int) -> None:
+    _, samples = general_scene(np.random.default_rng(0), 6)
+    result = solved(samples[:count])
+    assert result.judgement.verdict is Verdict.REFUSED
+    assert f"{count} usable samples" in result.judgement.refusals[0]
+
+
+def test_mistakes_are_named() -> None:
+    _, samples = general_scene(np.random.default_rng(3))
+    slipped = [replace(s, base_T_tcp=samples[(i + 1) % 20].base_T_tcp) for i, s in enumerate(samples)]
+    assert "mispaired by one" in solved(slipped).judgement.refusals[0]
+    inverted = [replace(s, base_T_tcp=s.base_T_tcp.inverse()) for s in samples]
+    assert "inverted" in solved(inverted).judgement.refusals[0]
+
+
+def test_samples_no_solver_should_see_are_left_out() -> None:
+    truth, samples = general_scene(np.random.default_rng(4))
+    view = samples[1].view
+    nan = view.image_px.copy()
+    nan[0, 0] = np.inf
+    odd = [
+        replace(samples[0], id="nan pose", base_T_tcp=Pose((float("nan"), 0.0, 0.0))),
+        replace(samples[1], id="inf corner", view=replace(view, image_px=nan)),
+        replace(samples[2], id="mm", base_T_tcp=Pose((450.0, 10.0, 300.0))),
+        replace(samples[3], id="again"),
+        replace(samples[4], id="size", view=replace(samples[4].view, size=(640, 480))),
+        replace(samples[5], id="quaternion", base_T_tcp=Pose((0.4, 0.0, 0.3), (0.0, 0.0, 0.0, 0.9))),
+    ]
+    result = solved([*samples, *odd])
+    assert {r.id for r in result.rejected} == {o.id for o in odd}
+    assert result.pose is not None
+    assert truth.error(result.pose)[0] < 1.0
+
+
+@given(st.lists(st.floats(-5, 5), min_size=9, max_size=9))
+def test_the_nearest_rotation_is_always_one(values: list[float]) -> None:
+    found = nearest_rotation(np.array(values).reshape(3, 3))
+    assert np.abs(found @ found.T - np.eye(3)).max() < 1e-9
+    assert np.linalg.det(found) > 0
+
+
+def test_the_next_pose_lowers_the_predicted_sigma_most() -> None:
+    _, samples = general_scene(np.random.default_rng(6), 26)
+    result = solved(samples[:6])
+    candidates = [s.base_T_tcp for s in samples[6:]]
+    choice = next_pose(result, CAMERA, candidates)
+    assert choice is not None
+    others = [next_pose(result, CAMERA, [c]) for c in candidates]
+    assert choice.sigma_m == pytest.approx(min(o.sigma_m for o in others if o is not None))
+    assert result.motion is not None
+    bars = progress(result.motion, [s.view for s in samples])
+    assert 0.5 < bars.rotation_span <= 1.0
+    assert next_pose(result, CAMERA, [Pose((9.0, 9.0, 9.0))]) is None

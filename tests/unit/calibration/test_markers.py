@@ -1,0 +1,252 @@
+"""Finding and following two markers: sub-pixel corners, and a reason for every refusal."""
+
+import csv
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibration.markers.pair import FORGET_AFTER_FRAMES, MarkerTracker
+from calibration.targets.aruco import Refusal, find_markers
+from drivers.errors import InputError
+from drivers.types import Pose
+from fakes.camera.marker_scene import MarkerScene
+
+FACING = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+ROOT = Path(__file__).parents[3]
+
+
+def seen_from(turn_deg=0.0, tilt_deg=(7.0, 5.0), x=0.0, y=0.0, z=0.7):
+    tilt = Rotation.from_euler("xy", tilt_deg, degrees=True)
+    return Pose.from_rotation((x, y, z), tilt * FACING * Rotation.from_euler("y", -turn_deg, degrees=True))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return MarkerScene(focal_px=700, unit_seed=1)
+
+
+def picture(scene, pose, seed=0):
+    """Grey picture as it comes out of a JPEG camera."""
+    rgb = scene.render(pose, np.random.default_rng(seed))
+    _, jpeg = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])
+    return cv2.cvtColor(cv2.imdecode(jpeg, cv2.IMREAD_COLOR_RGB), cv2.COLOR_RGB2GRAY)
+
+
+def hidden(gray, corners):
+    """The picture with one marker covered."""
+    covered = gray.copy()
+    low, high = corners.min(axis=0).astype(int) - 8, corners.max(axis=0).astype(int) + 8
+    covered[low[1] : high[1], low[0] : high[0]] = 100
+    return covered
+
+
+def copied(gray, corners, to):
+    """The picture with one marker seen again elsewhere; `to`: x, y of the copy's top left."""
+    low, high = corners.min(axis=0).astype(int) - 8, corners.max(axis=0).astype(int) + 8
+    doubled, (width, height) = gray.copy(), high - low
+    doubled[to[1] : to[1] + height, to[0] : to[0] + width] = gray[low[1] : high[1], low[0] : high[0]]
+    return doubled
+
+
+def test_corners_follow_the_exact_projection(scene):
+    tracker = MarkerTracker((0, 1))
+    for k in range(30):
+        pose = seen_from(turn_deg=k, x=0.002 * k - 0.03, y=0.03 - 0.002 * k)
+        found = tracker.detect(picture(scene, pose, k))
+        assert found is not None
+        error = found.corners_px - scene.exact_corners_px(pose)
+        assert np.sqrt((error**2).sum(axis=-1).mean()) < 0.3
+        assert found.side_px == pytest.approx(40.0, abs=1.0)
+    assert tracker.counts.full_searches == 1
+    assert tracker.counts.region_searches == 29
+    assert not tracker.counts.misses
+
+
+def test_order_of_ids_is_the_order_of_the_answer(scene):
+    gray = picture(scene, seen_from())
+    one, other = MarkerTracker((0, 1)).detect(gray), MarkerTracker((1, 0)).detect(gray)
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(one.corners_px, other.corners_px[::-1], atol=0.02)
+
+
+def test_tracking_and_searching_anew_agree(scene):
+    tracker = MarkerTracker((0, 1))
+    for k in range(3):
+        gray = picture(scene, seen_from(turn_deg=2.0 * k), k)
+        followed, anew = tracker.detect(gray), MarkerTracker((0, 1)).detect(gray)
+        assert followed is not None
+        assert anew is not None
+        np.testing.assert_allclose(followed.corners_px, anew.corners_px, atol=0.05)
+
+
+def test_equal_pictures_give_equal_numbers(scene):
+    pictures = [picture(scene, seen_from(turn_deg=k), k) for k in range(5)]
+    first, second = MarkerTracker((0, 1)), MarkerTracker((0, 1))
+    for gray in pictures:
+        one, other = first.detect(gray), second.detect(gray)
+        assert one is not None
+        assert other is not None
+        np.testing.assert_array_equal(one.corners_px, other.corners_px)
+
+
+def noise_picture():
+    return np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    "gray",
+    [np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8), noise_picture()],
+    ids=["black", "saturated", "noise"],
+)
+def test_a_picture_without_markers_is_refused_before_and_after(scene, gray):
+    tracker = MarkerTracker((0, 1))
+    assert tracker.detect(gray) is None
+    assert tracker.refusal is Refusal.NOT_FOUND
+    assert tracker.detect(picture(scene, seen_from())) is not None
+    assert tracker.refusal is None
+    assert tracker.detect(gray) is None
+    assert tracker.detect(picture(scene, seen_from())) is not None
+    assert tracker.counts.misses == {Refusal.NOT_FOUND: 2}
+
+
+def test_one_hidden_marker_refuses_the_frame(scene):
+    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    for first_seen in (False, True):
+        tracker = MarkerTracker((0, 1))
+        if first_seen:
+            tracker.detect(gray)
+        for marker in exact:
+            assert tracker.detect(hidden(gray, marker)) is None
+            assert tracker.refusal is Refusal.ONE_HIDDEN
+
+
+def test_a_copy_far_away_is_ignored_while_following(scene):
+    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(gray)
+    found = tracker.detect(copied(gray, exact[0], (60, 60)))
+    assert found is not None
+    np.testing.assert_allclose(found.corners_px, exact, atol=0.6)
+
+
+def test_a_copy_refuses_the_first_frame(scene):
+    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    tracker = MarkerTracker((0, 1))
+    assert tracker.detect(copied(gray, exact[0], (60, 60))) is None
+    assert tracker.refusal is Refusal.DUPLICATE
+
+
+def test_a_copy_alone_is_an_implausible_jump(scene):
+    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(gray)
+    phantom = copied(hidden(gray, exact[0]), exact[0], (60, 60))
+    phantom[60:120, 60:120] = copied(gray, exact[0], (60, 60))[60:120, 60:120]
+    assert tracker.detect(phantom) is None
+    assert tracker.refusal is Refusal.JUMP
+
+
+def test_markers_are_taken_up_elsewhere_after_a_while(scene):
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(picture(scene, seen_from(x=-0.1)))
+    moved = picture(scene, seen_from(x=0.12))
+    answers = [tracker.detect(moved) for _ in range(FORGET_AFTER_FRAMES + 1)]
+    assert answers[0] is None
+    assert answers[-1] is not None
+    assert tracker.counts.misses[Refusal.JUMP] + tracker.counts.misses[Refusal.DUPLICATE] < len(answers)
+
+
+def test_mirrored_markers_are_not_markers(scene):
+    mirrored = np.ascontiguousarray(picture(scene, seen_from())[:, ::-1])
+    assert MarkerTracker((0, 1)).detect(mirrored) is None
+
+
+def test_small_markers_are_refused(scene):
+    tracker = MarkerTracker((0, 1))
+    assert tracker.detect(picture(scene, seen_from(z=2.2))) is None
+    assert tracker.refusal in (Refusal.TOO_SMALL, Refusal.NOT_FOUND, Refusal.ONE_HIDDEN)
+
+
+@pytest.mark.parametrize("x", [-0.24, 0.24])
+def test_a_marker_cut_by_the_border_refuses_the_frame(scene, x):
+    tracker = MarkerTracker((0, 1))
+    for k in range(9):
+        found = tracker.detect(picture(scene, seen_from(x=x * (1.0 + 0.02 * k)), k))
+    assert found is None
+    assert tracker.refusal is Refusal.ONE_HIDDEN
+
+
+@pytest.mark.parametrize("noise", [2.0, 6.0])
+def test_blurred_and_noisy_pictures_lose_no_marker(noise):
+    hard = MarkerScene(focal_px=700, unit_seed=1, noise_grey=noise, blur_px=1.5)
+    tracker = MarkerTracker((0, 1))
+    for k in range(20):
+        assert (
+            tracker.detect(picture(hard, seen_from(turn_deg=1.5 * k, tilt_deg=(25.0, 12.0)), k)) is not None
+        )
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.float64), np.zeros((480, 640), np.uint16)],
+)
+def test_other_pictures_are_refused(wrong):
+    with pytest.raises(InputError, match="uint8"):
+        MarkerTracker((0, 1)).detect(wrong)
+
+
+def test_a_change_of_size_is_refused(scene):
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(picture(scene, seen_from()))
+    with pytest.raises(InputError, match="size changed"):
+        tracker.detect(np.zeros((720, 1280), np.uint8))
+
+
+@pytest.mark.parametrize(("ids", "dictionary"), [((3, 3), "DICT_4X4_50"), ((0, 1), "DICT_NONE")])
+def test_impossible_markers_are_refused(ids, dictionary):
+    with pytest.raises(InputError):
+        MarkerTracker(ids, dictionary)
+
+
+def photos():
+    folder = Path(os.environ.get("RIG_TEST_DATA", ROOT.parent / "shared" / "data")) / "opencv_photos"
+    if not folder.is_dir():
+        pytest.skip(f"real photos are not here: {folder} (set RIG_TEST_DATA)")
+    return folder
+
+
+def photo_and_gold():
+    folder = photos()
+    with (folder / "gold_corners.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["image"] == "singlemarkersoriginal.jpg"]
+    gold = {
+        int(row["marker_id"]): np.array([[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(4)])
+        for row in rows
+    }
+    gray = cv2.imread(str(folder / "singlemarkersoriginal.jpg"), cv2.IMREAD_GRAYSCALE)
+    return gray, gold
+
+
+def test_all_markers_of_a_real_photo_are_found():
+    gray, gold = photo_and_gold()
+    found = find_markers(gray, "DICT_6X6_250")
+    assert set(found) == set(gold)
+    for marker_id, corners in gold.items():
+        assert np.abs(found[marker_id] - corners).max() < 2.0
+
+
+@pytest.mark.parametrize("ids", [(40, 98), (23, 203), (62, 124)])
+def test_markers_of_a_real_photo_are_followed(ids):
+    gray, gold = photo_and_gold()
+    tracker = MarkerTracker(ids, "DICT_6X6_250")
+    first, second = tracker.detect(gray), tracker.detect(gray)
+    assert first is not None
+    assert second is not None
+    assert not second.full_search
+    np.testing.assert_allclose(first.corners_px, second.corners_px, atol=0.1)
+    assert np.abs(second.corners_px - [gold[i] for i in ids]).max() < 2.0

@@ -1,0 +1,147 @@
+"""The angle in the markers' plane: exact corners give the exact angle, at every tilt."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calibration.markers.planar import Intrinsics, fit_plane, in_plane_angle, paper_angle_deg
+from drivers.errors import CalibrationError
+
+CAMERA = np.array([[700.0, 0.0, 319.5], [0.0, 700.0, 239.5], [0.0, 0.0, 1.0]])
+KNOWN = Intrinsics(CAMERA, np.zeros(5))
+SQUARE = np.array([[-0.02, 0.02, 0], [0.02, 0.02, 0], [0.02, -0.02, 0], [-0.02, -0.02, 0]])
+TOWARDS_CAMERA = Rotation.from_euler("x", 180, degrees=True)
+
+
+def corners(turn_deg, tilt_deg=(0.0, 0.0), shift_m=(0.0, 0.0), out_of_plane_deg=0.0, depth_m=0.7):
+    """(2, 4, 2) px: a board with y up, turned in its plane, then tilted; its second marker is askew."""
+    askew = Rotation.from_euler("z", 4.0, degrees=True).apply(SQUARE)
+    board = np.concatenate([SQUARE + np.array([-0.06, 0.0, 0.0]), askew + np.array([0.06, 0.005, 0.0])])
+    lean = Rotation.from_euler("y", out_of_plane_deg, degrees=True)
+    turned = lean.apply(Rotation.from_euler("z", turn_deg, degrees=True).apply(board))
+    turned += np.append(shift_m, 0.0)
+    seen = (Rotation.from_euler("xy", tilt_deg, degrees=True) * TOWARDS_CAMERA).apply(turned)
+    seen[:, 2] += depth_m
+    flat = seen @ CAMERA.T
+    return (flat[:, :2] / flat[:, 2:]).reshape(2, 4, 2)
+
+
+def still(tilt_deg=(0.0, 0.0), noise_px=0.0, frames=10, seed=0):
+    noise = np.random.default_rng(seed).normal(0.0, noise_px, (frames, 2, 4, 2))
+    return corners(0.0, tilt_deg) + noise
+
+
+def apart_deg(a, b):
+    return abs((a - b + 180.0) % 360.0 - 180.0)
+
+
+tilts = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
+shifts = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.08, 0.08))
+
+
+@settings(deadline=None, max_examples=50)
+@given(turn=st.floats(-180, 180), tilt=tilts, shift=shifts, known=st.booleans())
+def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
+    reference = fit_plane(still(tilt), KNOWN if known else None)
+    answer = in_plane_angle(corners(turn, tilt, shift), reference)
+    assert apart_deg(answer.angle_deg, turn) < 1e-4
+    assert -180.0 <= answer.angle_deg <= 180.0
+    assert answer.in_plane
+    assert answer.scale == pytest.approx(1.0, abs=1e-4)
+    assert answer.residual_px < 1e-3
+
+
+@settings(deadline=None, max_examples=50)
+@given(tilt=st.tuples(st.floats(-30, 30), st.floats(-30, 30)))
+def test_tilt_is_known_with_intrinsics_and_only_then(tilt):
+    normal = Rotation.from_euler("xy", tilt, degrees=True).apply([0.0, 0.0, 1.0])
+    expected = np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2]))
+    reference = fit_plane(still(tilt), KNOWN)
+    assert reference.tilt_deg == pytest.approx(expected, abs=1e-2)
+    assert reference.normal_camera is not None
+    assert reference.normal_camera[2] < 0.0
+    assert fit_plane(still(tilt)).tilt_deg is None
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (7.5, 0.0), (10.0, 11.0)])
+def test_noise_is_answered_with_an_honest_sigma(tilt, known):
+    rng = np.random.default_rng(4)
+    scores, errors = [], []
+    for seed in range(30):
+        reference = fit_plane(still(tilt, 0.1, frames=15, seed=seed), KNOWN if known else None)
+        for turn in (-25.0, -8.0, 8.0, 25.0):
+            noisy = corners(turn, tilt, (0.01, 0.02)) + rng.normal(0.0, 0.1, (2, 4, 2))
+            answer = in_plane_angle(noisy, reference)
+            errors.append(answer.angle_deg - turn)
+            scores.append(errors[-1] / answer.sigma_deg)
+    assert np.std(errors) < 0.06
+    assert abs(np.mean(errors)) < 0.015
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+@settings(deadline=None, max_examples=50)
+@given(turn=st.floats(-30, 30))
+def test_lens_distortion_is_taken_off(turn):
+    bent = Intrinsics(CAMERA, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
+
+    def distorted(points_px):
+        rays = (points_px - CAMERA[:2, 2]) / 700.0
+        radius = (rays**2).sum(axis=-1, keepdims=True)
+        return rays * (1 - 0.2 * radius + 0.05 * radius**2) * 700.0 + CAMERA[:2, 2]
+
+    reference = fit_plane(distorted(still((8.0, 3.0))), bent)
+    answer = in_plane_angle(distorted(corners(turn, (8.0, 3.0), (0.08, 0.06))), reference)
+    assert answer.angle_deg == pytest.approx(turn, abs=1e-3)
+
+
+@pytest.mark.parametrize("lean", [-20.0, 15.0, 30.0])
+def test_motion_out_of_the_plane_is_flagged(lean):
+    reference = fit_plane(still(), KNOWN)
+    assert not in_plane_angle(corners(5.0, out_of_plane_deg=lean), reference).in_plane
+
+
+def test_motion_towards_the_camera_is_flagged():
+    reference = fit_plane(still(), KNOWN)
+    assert in_plane_angle(corners(5.0, depth_m=0.68), reference).in_plane
+    assert not in_plane_angle(corners(5.0, depth_m=0.6), reference).in_plane
+
+
+def test_a_swapped_or_torn_marker_is_flagged():
+    reference = fit_plane(still())
+    torn = corners(5.0)
+    torn[1] += (0.0, 6.0)
+    assert not in_plane_angle(torn, reference).in_plane
+    assert not in_plane_angle(corners(5.0)[::-1], reference).in_plane
+
+
+@pytest.mark.parametrize(
+    ("reference", "told"),
+    [
+        (still(frames=9), "needs 10 frames"),
+        (np.full((10, 2, 4, 2), np.nan), "not numbers"),
+        (still(noise_px=3.0), "at rest"),
+        (np.zeros((10, 2, 4, 2)), "plane"),
+        (np.repeat(corners(0.0)[None, :1], 10, axis=0).repeat(2, axis=1) * (1.0, 2.0), "plane"),
+    ],
+    ids=["few", "nan", "moving", "coincident", "not square"],
+)
+def test_a_useless_reference_is_refused(reference, told):
+    with pytest.raises(CalibrationError, match=told):
+        fit_plane(reference, KNOWN)
+
+
+def test_corners_that_are_not_numbers_are_refused():
+    broken = corners(0.0)
+    broken[0, 0, 0] = np.inf
+    with pytest.raises(CalibrationError, match="finite"):
+        in_plane_angle(broken, fit_plane(still()))
+
+
+@settings(deadline=None, max_examples=50)
+@given(angle=st.floats(-720, 720))
+def test_paper_angle_is_what_arccos_says(angle):
+    expected = np.degrees(np.arccos(np.clip(np.cos(np.radians(angle)), -1.0, 1.0)))
+    assert paper_angle_deg(angle) == pytest.approx(expected, abs=1e-5)

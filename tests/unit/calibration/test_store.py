@@ -1,0 +1,127 @@
+"""Calibration files: written, read back, and refused where they do not belong."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calibration.camera.files import camera_info, read_camera
+from calibration.camera.model import CameraModel
+from calibration.store import CalibrationFile, age_days, load, plain, save
+from calibration.verdict import Judgement, Rejected, Verdict, floor, limit
+from drivers.errors import CalibrationError, RecordingError
+
+NOW = datetime(2026, 3, 4, 5, 6, tzinfo=UTC)
+CAMERA = CameraModel(
+    (640, 480), np.array([[600.0, 0, 320], [0, 601, 240], [0, 0, 1]]), np.array([-0.2, 0.1, 0, 0, 0.0])
+)
+
+
+def camera_file(*refusals: str) -> CalibrationFile:
+    judged = Judgement(refusals, doubts=("few views",))
+    return CalibrationFile(
+        "camera", {"camera": "C1"}, camera_info(CAMERA, "C1"), judged, NOW.isoformat(),
+        quality={"held_out_px": np.float64(0.07)}, rejected=(Rejected("a.png", "same view as b.png"),),
+    )  # fmt: skip
+
+
+def test_a_file_comes_back_as_it_was(tmp_path: Path) -> None:
+    save(camera_file(), tmp_path / "camera.yaml")
+    back = load(tmp_path / "camera.yaml", "camera", {"camera": "C1"})
+    assert back.judgement.verdict is Verdict.WEAK
+    assert back.rejected == (Rejected("a.png", "same view as b.png"),)
+    assert back.quality["held_out_px"] == 0.07
+    assert back.age_days(NOW + timedelta(days=3)) == pytest.approx(3.0)
+    assert back.age_text(NOW + timedelta(days=3)) == "3 days old"
+    read = read_camera(tmp_path / "camera.yaml", "C1")
+    assert np.array_equal(read.matrix, CAMERA.matrix)
+    assert np.array_equal(read.distortion, CAMERA.distortion)
+
+
+def test_a_time_without_a_zone_is_utc() -> None:
+    assert age_days(NOW.replace(tzinfo=None).isoformat(), NOW + timedelta(days=3)) == pytest.approx(3.0)
+
+
+def test_another_serial_is_refused(tmp_path: Path) -> None:
+    save(camera_file(), tmp_path / "camera.yaml")
+    with pytest.raises(CalibrationError, match="belongs to camera C1, the bench has C2"):
+        read_camera(tmp_path / "camera.yaml", "C2")
+
+
+def test_another_kind_and_a_refused_one_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    save(camera_file("all views are square-on"), path)
+    with pytest.raises(CalibrationError, match="'tcp' is needed"):
+        load(path, "tcp")
+    with pytest.raises(CalibrationError, match="square-on"):
+        read_camera(path)
+    assert load(path, "camera", allow_refused=True).judgement.refusals
+
+
+@pytest.mark.parametrize(
+    ("text", "seen"),
+    [
+        ("", "no mapping"), ("{", "not YAML"), ("a: 1", "schema"), ("- 1", "no mapping"),
+        ("calibration: {schema: 9}", "schema"), ("calibration: {schema: 1, kind: camera}", "damaged"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_said_to_be(tmp_path: Path, text: str, seen: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=seen):
+        load(path, "camera")
+
+
+def test_a_nan_is_never_written_and_a_bad_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match="not finite"):
+        plain({"a": np.array([1.0, np.nan])}, "file")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="cannot be written"):
+        save(camera_file(), tmp_path / "file" / "camera.yaml")
+
+
+def test_opencv_and_ros_files_are_read(tmp_path: Path, real_data: Path) -> None:
+    published = read_camera(real_data / "opencv_photos" / "tutorial_camera_charuco.yml")
+    assert published.matrix[0, 0] == pytest.approx(452.51, abs=0.01)
+    assert published.distortion == pytest.approx(
+        [0.12137, -1.08547, 1.17868e-4, -4.624e-4, 2.95425], rel=1e-3
+    )
+    ros = tmp_path / "ros.yaml"
+    ros.write_text(
+        "image_width: 640\nimage_height: 480\ncamera_name: C7\ncamera_matrix: {rows: 3, cols: 3, data: "
+        "[500, 0, 320, 0, 500, 240, 0, 0, 1]}\ndistortion_model: plumb_bob\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0]}\n"
+    )
+    assert read_camera(ros).matrix[1, 1] == 500
+    with pytest.raises(CalibrationError, match="C7"):
+        read_camera(ros, "C8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "seen"),
+    [("plumb_bob", "equidistant", "equidistant"), ("500, 0, 320", ".nan, 0, 320", "not finite"),
+     ("image_width", "width", "image_width"), ("500, 0, 320", "-5, 0, 320", "no camera"),
+     ("1]}", "1, 4]}", "damaged")],
+)  # fmt: skip
+def test_camera_files_are_checked(tmp_path: Path, old: str, new: str, seen: str) -> None:
+    text = (
+        "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
+        "distortion_model: plumb_bob\ndistortion_coefficients: {data: [0.1, 0, 0, 0, 0]}\n"
+    )
+    path = tmp_path / "ros.yaml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(CalibrationError, match=seen):
+        read_camera(path)
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_no_number_escapes_a_judgement(value: float) -> None:
+    small = limit(value, 1.0, 2.0, "{value}")
+    large = floor(value, 2.0, 1.0, "{value}")
+    assert (small.verdict is Verdict.GOOD) == (value <= 1.0)
+    assert (large.verdict is Verdict.GOOD) == (value >= 2.0)
+    if np.isnan(value):
+        assert small.verdict is large.verdict is Verdict.REFUSED

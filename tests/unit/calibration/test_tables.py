@@ -1,0 +1,174 @@
+"""Time offsets, pivots, gripper tables: right, or refused for what is wrong."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calibration.tables.force import fit_force
+from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
+from calibration.tables.pivot import calibrate_pivot
+from calibration.tables.time_offset import Stream, make_stream, time_offset, unwrapped
+from calibration.verdict import Verdict
+from drivers.errors import CalibrationError
+from drivers.types import Pose
+from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
+
+
+def test_a_wiggle_gives_the_offset_within_its_sigma() -> None:
+    errors, sigmas = [], []
+    for seed in range(20):
+        robot, camera = wiggle_scene(np.random.default_rng(seed), offset_s=0.0473)
+        found = time_offset(robot, camera)
+        assert found.offset_s is not None
+        assert found.sigma_s is not None
+        errors.append(found.offset_s - 0.0473)
+        sigmas.append(found.sigma_s)
+    assert np.percentile(np.abs(errors), 95) < 1e-3
+    assert 0.5 < np.std(errors) / np.mean(sigmas) < 2.0
+
+
+def test_the_sign_says_what_to_add_to_the_second_stream() -> None:
+    times = np.arange(0, 8_000_000_000, 10_000_000)
+    signal = np.sin(times / 7e8) + np.sin(times / 3e8)
+    late = Stream(times - 100_000_000, signal)
+    assert time_offset(Stream(times, signal), late).offset_s == pytest.approx(0.1, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("motion", "reason"), [("static", "share"), ("constant", "nothing moved"), ("sine", "repeats")]
+)
+def test_motions_that_tell_no_offset_are_refused(motion: str, reason: str) -> None:
+    rng = np.random.default_rng(0)
+    robot, camera = wiggle_scene(rng, motion=motion)
+    found = time_offset(robot, camera)
+    assert found.offset_s is None
+    assert reason in found.judgement.refusals[0]
+
+
+def test_an_offset_beyond_the_search_and_streams_apart_are_refused() -> None:
+    robot, camera = wiggle_scene(np.random.default_rng(0), offset_s=0.8)
+    assert time_offset(robot, camera).judgement.verdict is Verdict.REFUSED
+    apart = Stream(camera.time_ns + 60_000_000_000, camera.values)
+    assert "overlap" in time_offset(robot, apart).judgement.refusals[0]
+    wider = time_offset(robot, camera, search_s=1.0)
+    assert wider.offset_s == pytest.approx(0.8, abs=2e-3)
+
+
+def test_a_drift_is_found_over_minutes() -> None:
+    robot, camera = wiggle_scene(np.random.default_rng(1), seconds=240.0, drift_ppm=80.0)
+    found = time_offset(robot, camera)
+    assert found.drift_ppm is not None
+    assert found.drift_ppm == pytest.approx(80.0, abs=4 * (found.drift_sigma_ppm or 0) + 1)
+
+
+def test_streams_are_sorted_and_cleaned() -> None:
+    rng = np.random.default_rng(2)
+    robot, camera = wiggle_scene(rng)
+    order = rng.permutation(len(camera.time_ns))
+    times, values = (
+        np.append(camera.time_ns[order], camera.time_ns[:5]),
+        np.append(camera.values[order], np.zeros(5)),
+    )
+    values[3] = np.nan
+    mixed = make_stream(times, values, "camera")
+    assert mixed.dropped == 6
+    assert abs(time_offset(robot, mixed).offset_s - time_offset(robot, camera).offset_s) < 2e-4  # type: ignore[operator]
+    with pytest.raises(CalibrationError, match="integer ns"):
+        make_stream(times.astype(np.float32), values, "camera")
+    with pytest.raises(CalibrationError, match="jumps"):
+        make_stream(np.append(times, times.max() + 2 * 3600 * 10**9), np.append(values, 0.0), "camera")
+    with pytest.raises(CalibrationError, match="20 are the least"):
+        make_stream(times[:5], values[:5], "camera")
+
+
+@given(st.lists(st.integers(-(2**30), 2**30), min_size=1, max_size=30), st.integers(0, 2**32 - 1))
+def test_a_counter_is_unwrapped(steps: list[int], start: int) -> None:
+    true = start + np.concatenate([[0], np.cumsum(steps)])
+    assert np.array_equal(unwrapped((true % 2**32).astype(np.uint64)), true)
+
+
+def test_a_pivot_is_found_with_its_sigma_and_a_slip_left_out() -> None:
+    tip, poses = pivot_scene(np.random.default_rng(0), 14)
+    moved = Pose(tuple(np.add(poses[3][1].position_m, (0.01, 0, 0))), poses[3][1].quaternion_xyzw)  # type: ignore[arg-type]
+    poses[3] = ("slipped", moved)
+    found = calibrate_pivot(poses)
+    assert found.tip_m is not None
+    assert found.covariance is not None
+    off = found.tip_m - tip
+    assert np.linalg.norm(off) < 1e-3
+    assert off @ np.linalg.solve(found.covariance, off) < 20.0
+    assert [r.id for r in found.rejected] == ["slipped"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"), [("narrow", "turned by"), ("one axis", "one axis"), ("same", "usable")]
+)
+def test_poses_that_tell_no_tip_are_refused(kind: str, reason: str) -> None:
+    rng = np.random.default_rng(1)
+    turns = {
+        "narrow": Rotation.from_rotvec(rng.normal(0, 0.02, (10, 3))),
+        "one axis": Rotation.from_rotvec(np.outer(rng.uniform(-0.8, 0.8, 10), [0, 0, 1])),
+        "same": Rotation.from_rotvec(np.zeros((10, 3))),
+    }[kind]
+    _, poses = pivot_scene(rng, 10, turns)
+    found = calibrate_pivot(poses)
+    assert found.tip_m is None
+    assert reason in found.judgement.refusals[0]
+
+
+def _openings(noise_m: float = 0.0, lag_m: float = 0.0) -> list[OpeningSample]:
+    rng = np.random.default_rng(0)
+    made = []
+    for direction, offset in ((Direction.CLOSING, 0.0), (Direction.OPENING, lag_m)):
+        for counts in range(10, 210, 20):
+            opening = 0.12 - 0.0005 * counts - 1e-7 * counts**2 + offset + rng.normal(0, noise_m)
+            made.append(OpeningSample(f"{direction}{counts}", counts, opening, direction))
+    return made
+
+
+def test_a_gripper_table_is_monotone_and_knows_its_hysteresis() -> None:
+    found = calibrate_opening(_openings(1e-4, 4e-4))
+    assert found.judgement.verdict is Verdict.GOOD
+    assert found.hysteresis_m == pytest.approx(4e-4, abs=3e-4)
+    table = found.tables[Direction.CLOSING]
+    assert (np.diff(table.opening_m) <= 0).all()
+    middle = table.opening_at(100.0)
+    assert not middle.extrapolated
+    assert table.counts_at(middle.value).value == pytest.approx(100.0, abs=1e-6)
+
+
+def test_nothing_is_looked_up_beyond_the_table_without_a_flag() -> None:
+    table = calibrate_opening(_openings()).tables[Direction.CLOSING]
+    with pytest.raises(CalibrationError, match="beyond what was measured"):
+        table.opening_at(2.0)
+    with pytest.raises(CalibrationError):
+        table.counts_at(float("nan"))
+    assert table.opening_at(2.0, allow_beyond=True).extrapolated
+
+
+def test_bad_gripper_samples_are_left_out_and_a_shuffled_table_refused() -> None:
+    bad = [
+        OpeningSample("counts", 300, 0.05, Direction.CLOSING),
+        OpeningSample("mm", 100, 50.0, Direction.CLOSING),
+        OpeningSample("nan", 100, float("nan"), Direction.CLOSING),
+    ]
+    found = calibrate_opening([*_openings(), *bad])
+    assert {r.id for r in found.rejected} == {"counts", "mm", "nan"}
+    rng = np.random.default_rng(0)
+    shuffled = [OpeningSample(s.id, s.counts, rng.uniform(0, 0.12), s.direction) for s in _openings()]
+    assert calibrate_opening(shuffled).judgement.verdict is Verdict.REFUSED
+    assert not calibrate_opening(shuffled).tables
+    assert "usable measurements" in calibrate_opening([]).judgement.refusals[0]
+    one_way = calibrate_opening([s for s in _openings() if s.direction is Direction.CLOSING])
+    assert any("hysteresis is unknown" in d for d in one_way.judgement.doubts)
+
+
+def test_zero_force_is_not_zero_newton() -> None:
+    table = fit_force(np.array([0.0, 50, 100, 150, 255]), np.array([15.0, 24, 31, 42, 60]))
+    assert table.force_at(0.0).value == 15.0
+    with pytest.raises(CalibrationError, match="beyond"):
+        table.force_at(300.0)
+    with pytest.raises(CalibrationError, match="3 are the least"):
+        fit_force(np.array([1.0, 2.0]), np.array([1.0, 2.0]))

@@ -1,0 +1,198 @@
+"""The gripper's driver against a gripper on the wire, over TCP and over a serial line."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    InputError,
+    OutOfLimitsError,
+)
+from drivers.robotiq_3f.gripper import GraspMode, Robotiq3F, tcp_link
+from drivers.robotiq_3f.modbus import Link
+from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.world.world import World
+
+Wire = GripperServer | GripperRtu
+RaisedBy = Callable[[Callable[[], object]], DeviceError]
+Reach = Callable[[Robotiq3F, int], None]
+Written = Callable[[Wire], bytes]
+
+
+@pytest.mark.parametrize("wire", ["tcp", "tcp-2014", "rtu"], indirect=True)
+def test_it_activates_moves_and_stops_on_every_line(
+    wire: tuple[Wire, Link], reach: Reach, written: Written
+) -> None:
+    fake, link = wire
+    gripper = Robotiq3F(link, speed_m_s=0.022)
+    gripper.connect()
+    assert written(fake) == bytes(16), "connecting must write nothing"
+    assert not gripper.state().activated
+    gripper.activate()
+    assert gripper.state().activated
+    motion = gripper.move_to(20)
+    assert gripper.state().moving
+    motion.wait(5.0)
+    assert gripper.state().position_counts == 20
+    gripper.move_to(255)
+    reach(gripper, 22)
+    gripper.stop()
+    held = gripper.state()
+    assert not held.moving
+    assert 20 < held.position_counts < 255
+    time.sleep(0.1)
+    assert gripper.state().position_counts == held.position_counts
+    gripper.disconnect()
+
+
+def test_the_finger_that_does_not_grasp_stays_where_it_stands(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
+    gripper.move_to(60).wait(5.0)
+    command, status = written(server), bytes.fromhex(server.snapshot()["status"])
+    assert command[1] == 4, "rICF"
+    assert (command[3], command[6], command[9]) == (6, 60, 60)
+    assert (status[4], status[7], status[10]) == (6, 60, 60)
+
+
+@pytest.mark.parametrize(("fingers", "requests"), [(("A", "B"), (50, 50, 6)), (("A", "B", "C"), (50, 0, 0))])
+def test_the_fingers_that_grasp_are_the_users_choice(
+    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int], written: Written
+) -> None:
+    gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
+    gripper.connect()
+    gripper.activate()
+    gripper.move_to(50).wait(5.0)
+    command = written(server)
+    assert (command[3], command[6], command[9]) == requests
+    assert gripper.state().position_counts == 50
+    gripper.disconnect()
+
+
+def test_a_status_without_the_echo_is_not_believed(
+    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
+) -> None:
+    """The gripper acknowledges, and goes on telling of the motion before."""
+    gripper.move_to(20).wait(5.0)
+    server.inject("deaf")
+    motion = gripper.move_to(30)
+    assert not motion.done()
+    error = raised_by(motion.done)
+    assert isinstance(error, DeviceTimeoutError)
+    assert "did not take it up" in str(error)
+
+
+def test_modes_change_only_on_request_and_motions_keep_them(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
+    gripper.set_mode(GraspMode.WIDE)
+    assert written(server)[0] == 0b0101
+    gripper.move_to(20).wait(5.0)
+    assert written(server)[0] == 0b1101
+    gripper.set_mode(GraspMode.SCISSOR)
+    motion = gripper.move_to(90)
+    motion.wait(5.0)
+    assert gripper.state().position_counts == 90, "in scissor mode the scissor axis grasps"
+    assert bytes.fromhex(server.snapshot()["status"])[13] == 90
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.01, 0.02, 0.03, 0.05, 0.3])
+def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
+    slow = GripperServer(world, SystemClock(), activation_s=60.0)
+    slow.start()
+    gripper = Robotiq3F(tcp_link(*slow.address))
+    gripper.connect()
+    errors: list[Exception] = []
+
+    def activate() -> None:
+        try:
+            gripper.activate()
+        except DeviceError as error:
+            errors.append(error)
+
+    activation = threading.Thread(target=activate)
+    activation.start()
+    while not gripper._sequence:
+        time.sleep(0.001)
+    time.sleep(after_s)
+    gripper.stop()
+    activation.join(5.0)
+    assert "activation was ended by a stop" in str(errors[0])
+    time.sleep(0.05)
+    state = gripper.state()
+    assert not state.activated
+    assert not state.moving
+    assert written(slow) == bytes(16)
+    gripper.disconnect()
+    slow.stop()
+
+
+def test_connecting_keeps_an_activated_gripper_as_it_is(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
+    gripper.move_to(30).wait(5.0)
+    before = written(server)
+    gripper.connect()
+    assert written(server) == before
+    assert gripper.state().activated
+    assert gripper.state().position_counts == 30
+
+
+@pytest.mark.usefixtures("gripper")
+def test_a_motion_that_takes_too_long_is_stopped(server: GripperServer) -> None:
+    slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
+    slow.connect()
+    motion = slow.move_to(255)
+    with pytest.raises(DeviceTimeoutError, match="stopped it"):
+        motion.wait(0.05)
+    assert motion.done()
+    assert slow.state().position_counts < 255
+    slow.disconnect()
+
+
+def test_positions_outside_the_limits_are_never_sent(
+    gripper: Robotiq3F, server: GripperServer, written: Written
+) -> None:
+    before = written(server)
+    for position in (-1, 5, 256, 10**6, 50.5, float("nan")):
+        with pytest.raises(OutOfLimitsError, match="counts"):
+            gripper.move_to(position)  # type: ignore[arg-type]
+    assert written(server) == before
+
+
+@pytest.mark.parametrize("fingers", [("B",), ("B", "B"), ("B", "D"), ()])
+def test_fingers_that_a_gripper_does_not_have_are_refused(fingers: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match="two or three of A, B and C"):
+        Robotiq3F(tcp_link("127.0.0.1"), fingers=fingers)
+
+
+def test_unknown_presets_are_refused() -> None:
+    with pytest.raises(InputError, match="tcp-2014"):
+        tcp_link("127.0.0.1", preset="udp")
+
+
+def test_many_threads_may_use_one_gripper(gripper: Robotiq3F) -> None:
+    errors: list[BaseException] = []
+
+    def work(number: int) -> None:
+        try:
+            for step in range(20):
+                gripper.state()
+                if number == 0:
+                    gripper.move_to(20 + step)
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert errors == []
+    assert gripper.counters() == {"failed_requests": 0}
+    assert 0.0 < max(gripper.round_trips_s()) < 0.2

@@ -1,0 +1,126 @@
+"""What goes wrong with the gripper's line or the gripper: named, and mended by reconnecting."""
+
+import re
+import socket
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, NotConnectedError
+from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
+from drivers.robotiq_3f.modbus import Link
+from fakes.wire.gripper.server import GripperRtu, GripperServer
+
+Wire = GripperServer | GripperRtu
+RaisedBy = Callable[[Callable[[], object]], DeviceError]
+Reach = Callable[[Robotiq3F, int], None]
+Written = Callable[[Wire], bytes]
+
+FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
+    ("silent", {}, DeviceTimeoutError, "reply"),
+    ("delay", {"delay_s": 1.75}, DeviceTimeoutError, "reply"),
+    ("truncate", {"size": 4}, DeviceTimeoutError, "reply"),
+    ("garbage", {}, DeviceError, "check power"),
+    ("exception", {"code": 2}, DeviceError, "exception 2"),
+    ("disconnect", {}, DeviceError, "cannot be opened|the line failed"),  # by which request sees it first
+    ("fault", {"code": 0x0E}, GripperFaultError, "0x0E"),
+    ("fault", {"code": 0x0A}, GripperFaultError, "0x0A"),
+    ("power_lost", {"duration_s": 0.1}, DeviceError, "activation"),
+]
+
+
+@pytest.mark.parametrize(("kind", "arguments", "expected", "says"), FAULTS)
+def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
+    wire: tuple[Wire, Link],
+    kind: str,
+    arguments: dict[str, object],
+    expected: type[DeviceError],
+    says: str,
+    raised_by: RaisedBy,
+) -> None:
+    fake, link = wire
+    gripper = Robotiq3F(link, speed_m_s=0.022)
+    gripper.connect()
+    gripper.activate()
+    motion = gripper.move_to(255)
+    fake.inject(kind, **arguments)
+    error = raised_by(motion.done)
+    assert isinstance(error, expected)
+    assert re.search(says, str(error))
+    fake.inject("clear")
+    gripper.disconnect()
+    time.sleep(0.05)
+    gripper.connect()
+    gripper.activate()
+    gripper.move_to(20).wait(5.0)
+    assert gripper.state().position_counts == 20
+    gripper.disconnect()
+
+
+def test_a_lost_activation_is_an_error_until_somebody_activates(
+    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy, written: Written
+) -> None:
+    server.inject("power_lost", duration_s=0.0)
+    for _ in range(2):
+        error = raised_by(gripper.state)
+        assert isinstance(error, GripperFaultError)
+        assert error.code == 5
+    with pytest.raises(GripperFaultError, match="activate again"):
+        gripper.move_to(50)
+    assert written(server) == bytes(16), "nothing is sent to a gripper that lost its activation"
+    gripper.activate()
+    assert gripper.state().activated
+
+
+def test_something_in_the_way_of_the_activation_is_fault_13(server: GripperServer) -> None:
+    server.inject("blocked")
+    gripper = Robotiq3F(tcp_link(*server.address))
+    gripper.connect()
+    with pytest.raises(GripperFaultError, match="free the fingers") as raised:
+        gripper.activate()
+    assert raised.value.code == 0x0D
+    server.inject("clear")
+    gripper.activate()
+    assert gripper.state().activated
+    gripper.disconnect()
+
+
+def test_reading_goes_on_by_itself_when_the_line_comes_back(
+    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
+) -> None:
+    gripper.move_to(30).wait(5.0)
+    server.inject("silent")
+    assert isinstance(raised_by(gripper.state), DeviceTimeoutError)
+    server.inject("clear")
+    time.sleep(0.6)
+    assert gripper.state().position_counts == 30
+
+
+@pytest.mark.usefixtures("gripper")
+def test_letting_go_in_mid_motion_stops_the_fingers(server: GripperServer, reach: Reach) -> None:
+    slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
+    slow.connect()
+    slow.move_to(255)
+    reach(slow, 10)
+    slow.disconnect()
+    slow.disconnect()
+    time.sleep(0.05)
+    at = bytes.fromhex(server.snapshot()["status"])[7]
+    time.sleep(0.1)
+    assert bytes.fromhex(server.snapshot()["status"])[7] == at < 250
+    with pytest.raises(NotConnectedError, match="connect"):
+        slow.state()
+
+
+def test_a_place_where_no_gripper_is_says_so_soon(raised_by: RaisedBy) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        silent = Robotiq3F(tcp_link("127.0.0.1", port))
+        assert isinstance(raised_by(silent.connect), DeviceTimeoutError)
+    closed = Robotiq3F(tcp_link("127.0.0.1", port))
+    assert "cannot be opened" in str(raised_by(closed.connect))
+    with pytest.raises(NotConnectedError):
+        closed.state()
+    missing = Robotiq3F(rtu_link("/dev/no-such-line"))
+    assert "cannot be opened" in str(raised_by(missing.connect))

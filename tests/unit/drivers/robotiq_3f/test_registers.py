@@ -1,0 +1,154 @@
+"""The register map of the 3-Finger gripper, held to the frames printed in its manual."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import DeviceError, OutOfLimitsError
+from drivers.robotiq_3f.registers import (
+    AXES,
+    FAULT_TEXTS,
+    AxisRequest,
+    AxisState,
+    Command,
+    Fault,
+    GraspMode,
+    MotionStatus,
+    ObjectStatus,
+    Stage,
+    Status,
+    fault_text,
+    force_counts,
+    pack_command,
+    pack_status,
+    speed_counts,
+    unpack_command,
+    unpack_status,
+)
+
+counts = st.integers(0, 255)
+commands = st.builds(
+    Command,
+    activate=st.booleans(),
+    mode=st.sampled_from(GraspMode),
+    go_to=st.booleans(),
+    release=st.booleans(),
+    glove=st.booleans(),
+    individual_fingers=st.booleans(),
+    individual_scissor=st.booleans(),
+    axes=st.tuples(*[st.builds(AxisRequest, counts, counts, counts)] * 4),
+)
+statuses = st.builds(
+    Status,
+    activated=st.booleans(),
+    mode=st.sampled_from(GraspMode),
+    go_to=st.booleans(),
+    stage=st.sampled_from(Stage),
+    motion=st.sampled_from(MotionStatus),
+    fault=counts,
+    axes=st.tuples(*[st.builds(AxisState, counts, counts, counts, st.sampled_from(ObjectStatus))] * 4),
+)
+
+
+def image(data: str) -> tuple[int, ...]:
+    """8 registers from the bytes printed in the manual, the rest 0."""
+    values = bytes.fromhex(data).ljust(16, b"\0")
+    return tuple(int.from_bytes(values[at : at + 2], "big") for at in range(0, 16, 2))
+
+
+def whole_hand(position: int) -> Command:
+    asked = AxisRequest(position, speed=255, force=255)
+    return Command(activate=True, go_to=True, axes=(asked, *[AxisRequest()] * 3))
+
+
+@pytest.mark.parametrize(
+    ("command", "written"),
+    [
+        (Command(activate=True), "01 00 00 00 00 00"),
+        (whole_hand(255), "09 00 00 FF FF FF"),
+        (whole_hand(0), "09 00 00 00 FF FF"),
+        (Command(), "00 00 00 00 00 00"),
+    ],
+)
+def test_commands_are_the_manuals(command: Command, written: str) -> None:
+    assert pack_command(command) == image(written)
+
+
+def test_individual_requests_lie_in_the_bytes_of_their_fingers() -> None:
+    axes = (AxisRequest(1, 2, 3), AxisRequest(4, 5, 6), AxisRequest(7, 8, 9), AxisRequest(10, 11, 12))
+    command = Command(activate=True, mode=GraspMode.WIDE, go_to=True, individual_fingers=True, axes=axes)
+    assert pack_command(command) == image("0D 04 00 01 02 03 04 05 06 07 08 09 0A 0B 0C")
+
+
+def test_a_finished_grip_reads_as_the_manual_explains_it() -> None:
+    status = unpack_status(image("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00"))
+    assert status.ready
+    assert status.go_to
+    assert status.motion is MotionStatus.ALL_STOPPED_EARLY
+    assert [axis.status for axis in status.axes[:3]] == [ObjectStatus.CONTACT_CLOSING] * 3
+    assert status.axis("S").status is ObjectStatus.AT_REQUEST
+    assert status.axis("A").requested == 0xFF
+    assert [status.axis(name).position for name in AXES] == [0xBC, 0xC1, 0xBD, 0x89]
+    assert status.fault == Fault.NONE
+
+
+@pytest.mark.parametrize(
+    ("read", "stage", "motion", "ready"),
+    [
+        ("11 00", Stage.ACTIVATING, MotionStatus.MOVING, False),
+        ("31 00", Stage.READY, MotionStatus.MOVING, True),
+        ("39 C0 00 FF 08 0F 00 08 10 00 08 0F 00 89 00 00", Stage.READY, MotionStatus.MOVING, True),
+        ("F9 FF 00 00 07 00 00 06 00 00 06 00 00 89 00 00", Stage.READY, MotionStatus.AT_REQUEST, True),
+    ],
+)
+def test_statuses_are_the_manuals(read: str, stage: Stage, motion: MotionStatus, ready: bool) -> None:
+    status = unpack_status(image(read))
+    assert (status.stage, status.motion, status.ready) == (stage, motion, ready)
+    assert pack_status(status) == image(read)
+
+
+@given(commands)
+def test_every_command_survives_the_way_through_the_registers(command: Command) -> None:
+    assert unpack_command(pack_command(command)) == command
+
+
+@given(statuses)
+def test_every_status_survives_the_way_through_the_registers(status: Status) -> None:
+    assert unpack_status(pack_status(status)) == status
+
+
+@given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8))
+def test_any_registers_are_some_status_and_only_the_padding_is_lost(registers: list[int]) -> None:
+    packed = pack_status(unpack_status(registers))
+    assert packed[:7] == tuple(registers[:7])
+    assert packed[7] == registers[7] & 0xFF00
+
+
+@pytest.mark.parametrize("registers", [[], [0] * 7, [0] * 9, [0x10000] * 8, [-1] * 8])
+def test_what_is_no_register_image_is_refused(registers: list[int]) -> None:
+    for unpack in (unpack_status, unpack_command):
+        with pytest.raises(DeviceError, match="preset"):
+            unpack(registers)
+
+
+@pytest.mark.parametrize("position", [-1, 256, 100.0, None])
+def test_counts_that_fit_no_byte_are_not_packed(position: object) -> None:
+    with pytest.raises(OutOfLimitsError, match="0 to 255"):
+        pack_command(whole_hand(position))  # type: ignore[arg-type]
+
+
+def test_every_fault_has_a_name_and_says_what_to_do() -> None:
+    assert set(FAULT_TEXTS) == set(Fault) - {Fault.NONE}
+    assert "0x0D, activation failed; free the fingers" in fault_text(0x0D)
+    assert "0x42, which the manual does not name" in fault_text(0x42)
+
+
+def test_force_and_speed_end_where_the_gripper_does() -> None:
+    assert (force_counts(15.0), force_counts(60.0)) == (0, 255)
+    assert (speed_counts(0.022), speed_counts(0.110)) == (0, 255)
+    for force in (1.8, 14.9, 61.0, float("nan")):
+        with pytest.raises(OutOfLimitsError, match="one-count steps"):
+            force_counts(force)
+    for speed in (0.0, 0.2, float("nan")):
+        with pytest.raises(OutOfLimitsError, match="speed"):
+            speed_counts(speed)

@@ -1,0 +1,178 @@
+"""One state machine of what a gripper may be told, run on the simulated one and on the wire."""
+
+import time
+from abc import abstractmethod
+from collections.abc import Callable
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, GripperFaultError, NotConnectedError, OutOfLimitsError
+from drivers.interfaces import Gripper, Motion
+from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
+from drivers.types import GripperState, Pose
+from fakes.clock import SimulatedClock
+from fakes.devices.gripper import FakeGripper
+from fakes.faults import FaultScript
+from fakes.wire.gripper.server import GripperServer
+from fakes.world.world import Layout, World
+
+OPEN, CLOSED = 6, 255
+
+
+def make_world() -> World:
+    return World(Layout(base_T_table=Pose((0.45, 0, 0.06)), home=Pose((0.45, 0, 0.3), (1, 0, 0, 0))), seed=0)
+
+
+class HurriedClock(SystemClock):
+    """The world's time, twenty times as fast as ours."""
+
+    def now_ns(self) -> int:
+        return 20 * super().now_ns()
+
+
+class GripperRun(RuleBasedStateMachine):
+    """Any order of commands: nothing moves unasked, errors are typed, motions end where they were sent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.connected = self.activated = False
+        self.at: int | None = OPEN
+        """Where the fingers stand; None while they are, or may be, on their way."""
+        self.motion: Motion | None = None
+        self.gripper, self.clock = self.make()
+
+    @abstractmethod
+    def make(self) -> tuple[Gripper, Clock]:
+        """The gripper, and the clock that its world goes by."""
+
+    @rule()
+    def connect(self) -> None:
+        under_way = self.connected and self.motion is not None
+        self.gripper.connect()
+        if under_way:  # letting go stops them, also where the status did not show yet that they move
+            state = self.gripper.state()
+            assert not state.moving
+            self.at = state.position_counts
+        self.connected, self.motion = True, None
+
+    @rule()
+    def disconnect(self) -> None:
+        if self.connected and self.motion is not None:
+            self.finish()
+        self.gripper.disconnect()
+        self.connected, self.motion = False, None
+
+    @rule()
+    def activate(self) -> None:
+        if not self.connected:
+            self.refuses(NotConnectedError, self.gripper.activate)
+            return
+        self.gripper.activate()
+        self.activated, self.at, self.motion = True, OPEN, None
+
+    @rule(position=st.one_of(st.integers(OPEN, CLOSED), st.integers(-3, 300)))
+    def move(self, position: int) -> None:
+        if not self.connected:
+            self.refuses(NotConnectedError, lambda: self.gripper.move_to(position))
+        elif not self.activated:
+            self.refuses(GripperFaultError, lambda: self.gripper.move_to(position), code=5)
+        elif not OPEN <= position <= CLOSED:
+            self.refuses(OutOfLimitsError, lambda: self.gripper.move_to(position))
+        else:
+            self.motion, self.at = self.gripper.move_to(position), None
+            self.target = position
+
+    @precondition(lambda self: self.motion is not None)
+    @rule()
+    def finish(self) -> None:
+        assert self.motion is not None
+        self.motion.wait(20.0)
+        self.motion, self.at = None, self.target
+
+    @precondition(lambda self: self.connected)
+    @rule()
+    def stop(self) -> None:
+        self.gripper.stop()
+        state = self.gripper.state()
+        assert not state.moving
+        if self.motion is not None:
+            assert self.motion.done()
+            self.at, self.motion = state.position_counts, None
+
+    @rule()
+    def pass_time(self) -> None:
+        self.clock.sleep_until(self.clock.now_ns() + 10_000_000)
+
+    @invariant()
+    def tells_the_truth(self) -> None:
+        if not self.connected:
+            self.refuses(NotConnectedError, self.gripper.state)
+            return
+        state = self.look()
+        assert state.activated == self.activated
+        assert OPEN <= state.position_counts <= CLOSED
+        assert state.fault_code == 0
+        if self.at is not None:
+            assert not state.moving
+            assert state.position_counts == self.at
+
+    def look(self) -> GripperState:
+        return self.gripper.state()
+
+    def refuses(self, kind: type[DeviceError], call: Callable[[], object], code: int | None = None) -> None:
+        with pytest.raises(kind) as raised:
+            call()
+        if code is not None:
+            assert isinstance(raised.value, GripperFaultError)
+            assert raised.value.code == code
+
+
+class FakeRun(GripperRun):
+    def make(self) -> tuple[Gripper, Clock]:
+        clock = SimulatedClock()
+        return FakeGripper(make_world(), clock, FaultScript()), clock
+
+
+class WireRun(GripperRun):
+    """The driver on the wire; here the gripper may also fail."""
+
+    def make(self) -> tuple[Gripper, Clock]:
+        self.server = GripperServer(make_world(), HurriedClock(), activation_s=0.1)
+        self.server.start()
+        return Robotiq3F(tcp_link(*self.server.address), speed_m_s=0.11), SystemClock()
+
+    @precondition(lambda self: self.activated)
+    @rule(code=st.sampled_from([0, 0x0D, 0x0E, 0x0F]))
+    def fail(self, code: int) -> None:
+        """A fault, or (0) lost power: the activation is gone, and that is an error where it was seen."""
+        if not self.connected:
+            self.connect()
+        if self.motion is not None:
+            self.finish()
+        if code:
+            self.server.inject("fault", code=code)
+        else:
+            self.server.inject("power_lost", duration_s=0.0)
+        self.refuses(GripperFaultError, self.look_until_refused, code=code or 5)
+        self.refuses(GripperFaultError, lambda: self.gripper.move_to(50), code=code or 5)
+        self.activate()
+
+    def look_until_refused(self) -> None:
+        give_up = time.monotonic() + 10.0
+        while time.monotonic() < give_up:
+            self.gripper.state()
+            time.sleep(0.002)
+
+    def teardown(self) -> None:
+        self.gripper.disconnect()
+        self.server.stop()
+
+
+TestSimulatedGripper = FakeRun.TestCase
+TestSimulatedGripper.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestGripperOnTheWire = WireRun.TestCase
+TestGripperOnTheWire.settings = settings(max_examples=15, stateful_step_count=20, deadline=None)

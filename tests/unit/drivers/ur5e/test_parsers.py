@@ -1,0 +1,225 @@
+"""Random bytes, truncated and mixed packages at every parser of the arm: typed errors only, never a hang.
+
+The seeded loops run some 125,000 cases in all; `CASES` counts them.
+"""
+
+import contextlib
+import json
+import random
+import socket
+import struct
+from collections.abc import Callable
+
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceError, InputError
+from drivers.types import Pose
+from drivers.ur5e.child_process import CallableProcess
+from drivers.ur5e.control_process import _answer
+from drivers.ur5e.dashboard import refuse_local_control, serial_number
+from drivers.ur5e.probe import parse_version, read_package
+from fakes.wire.ur.commands import COMMANDS
+from fakes.wire.ur.control_loop import ControlLoop
+from fakes.wire.ur.dashboard import Dashboard, LineReader
+from fakes.wire.ur.interpreter import ScriptRun
+from fakes.wire.ur.robot import CYCLE_NS, Robot
+from fakes.wire.ur.rtde import RtdeSession, package
+from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, parse_call, recognise
+from fakes.wire.ur.variables import INPUTS, OutputBank, Value
+from fakes.world.world import Layout, World
+
+CASES = {
+    "rtde": 50_000,
+    "script": 15_000,
+    "line": 20_000,
+    "greeting": 25_000,
+    "command": 10_000,
+    "answer": 5_000,
+}
+WORDS = [
+    *("def f():", "end", "movej(", "movel(p", "[0.1,2,3,4,5,6]", ",a=1,v=1,r=0)", "p[", "while True:"),
+    *("reg_offset_float = # x\n0", "    def exec_move_path():\n", "sleep(0.001)", "x = ", "-", "1e999"),
+    *(
+        "nan",
+        "'",
+        "\t",
+        "\x00",
+        "é",
+        "set_tcp(",
+        "write_output_integer_register(0, ",
+        "pose_trans(",
+        "()" * 50,
+    ),
+]
+
+
+def test_there_are_enough_cases() -> None:
+    assert sum(CASES.values()) >= 100_000
+
+
+def test_the_data_exchange() -> None:
+    rng = random.Random(1)
+    names = [*INPUTS, "timestamp", "nonsense", ""]
+
+    def payload(kind: int) -> bytes:
+        if kind in b"OI":
+            words = ",".join(rng.choices(names, k=rng.randrange(5))).encode()
+            return rng.randbytes(rng.choice((0, 7, 8))) + words
+        return rng.randbytes(rng.randrange(30))
+
+    session = RtdeSession(OutputBank(), (5, 11, 0, 0), lambda values: None)
+    for _ in range(CASES["rtde"]):
+        kind = rng.choice(b"VvOISPUMZ\x00")
+        data = package(kind, payload(kind))
+        if rng.random() < 0.3:
+            data = data[: rng.randrange(len(data) + 1)] + rng.randbytes(rng.randrange(4))
+        try:
+            assert isinstance(session.feed(data), bytes)
+            session.data()
+        except InputError:
+            session = RtdeSession(OutputBank(), (5, 11, 0, 0), lambda values: None)
+
+
+def make_robot() -> Robot:
+    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
+    return Robot(World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 25, 0, 0))
+
+
+def test_the_script_ports() -> None:
+    rng, robot, reader = random.Random(2), make_robot(), ProgramReader()
+    for _ in range(CASES["script"]):
+        text = "".join(rng.choices(WORDS, k=rng.randrange(1, 8))) + rng.choice(("\n", "\nend\n", ""))
+        try:
+            for whole in reader.feed(text.encode()):
+                program = recognise(whole)
+                if isinstance(program, ScriptProgram):
+                    robot.run(ScriptRun(robot, program))
+                    robot.cycle(robot.time_ns + CYCLE_NS)
+        except InputError:
+            reader = ProgramReader()
+        parse_call(text)
+
+
+def test_the_dashboard_and_the_drivers_view_of_it() -> None:
+    rng, reader = random.Random(3), LineReader()
+    dashboard = Dashboard(make_robot(), "1", lambda program: True)
+    requests = [
+        "running",
+        "load x.urp",
+        "play",
+        "pause",
+        "stop",
+        "unlock protective stop",
+        "power off",
+        "popup",
+    ]
+    for _ in range(CASES["line"]):
+        known = rng.choice(requests).encode()
+        data = rng.choice((known, known[: rng.randrange(9)], rng.randbytes(rng.randrange(40)))) + rng.choice(
+            (b"\n", b"")
+        )
+        try:
+            replies = [dashboard.reply(line) for line in reader.feed(data)]
+        except InputError:
+            reader = LineReader()
+            continue
+        for reply in replies:
+            assert "\n" not in reply
+            serial_number(reply)
+            _typed(lambda reply=reply: refuse_local_control(reply))
+
+
+def _typed(call: Callable[[], object]) -> None:
+    """Let a call end well or with an error of ours."""
+    with contextlib.suppress(DeviceError):
+        call()
+
+
+def test_the_drivers_first_words() -> None:
+    rng = random.Random(4)
+    for _ in range(CASES["greeting"]):
+        good = struct.pack(">HB", 19, ord("v")) + struct.pack(">4I", 5, 11, 0, 0)
+        data = rng.choice((good, good[: rng.randrange(19)], rng.randbytes(rng.randrange(30)), b"\x00\x03v"))
+        at = 0
+
+        def read(most: int, data: bytes = data) -> bytes:
+            nonlocal at
+            part = data[at : at + rng.randint(1, most)] if most else b""
+            at += len(part)
+            if not part:
+                raise DeviceError("arm: closed")
+            return part
+
+        try:
+            kind, payload = read_package(read)
+            assert len(kind) == 1
+            parse_version(payload)
+        except DeviceError:
+            continue
+
+
+def test_registers_full_of_nonsense() -> None:
+    """Whatever stands in the registers, the controller goes on: a program may end, the loop may not."""
+    rng, robot = random.Random(5), make_robot()
+    odd = (0.0, 1.0, -1.0, 1e308, -1e-308, float("nan"), float("inf"), 0.3, 3.14)
+    for _ in range(CASES["command"]):
+        if not robot.running:
+            robot.run(ControlLoop(robot, ControlProgram(0, ()), COMMANDS))
+        values: dict[str, Value] = {
+            f"input_double_register_{i}": rng.choice(odd) for i in rng.sample(range(24), 8)
+        }
+        robot.write_inputs(
+            {
+                "input_int_register_0": rng.choice((0, rng.randrange(80), 255)),
+                "input_int_register_1": rng.randrange(3),
+            }
+            | values
+        )
+        robot.cycle(robot.time_ns + CYCLE_NS)
+        assert all(abs(q) < 1e3 for q in robot.body.q), "no nonsense reaches the joints"
+
+
+def test_answers_of_the_process_that_commands() -> None:
+    rng = random.Random(6)
+    table = {
+        "ok": lambda *a: len(a),
+        "bad": lambda: 1 / 0.5,
+        "rt": _raising(RuntimeError),
+        "val": _raising(ValueError),
+    }
+    here, there = socket.socketpair()
+    process = CallableProcess.__new__(CallableProcess)
+    process._here, process._rest, process._clock, process._name = here, b"", SystemClock(), "it"
+    for _ in range(CASES["answer"]):
+        request = {"call": rng.choice(list(table)), "args": [0] * rng.randrange(3)}
+        line = json.dumps(_answer(table, request)).encode() + b"\n"
+        cut = rng.randrange(len(line))
+        there.sendall(line[:cut])
+        there.sendall(line[cut:])
+        with contextlib.suppress(DeviceError):
+            process._receive(1.0, request["call"])
+    here.close()
+    there.close()
+
+
+def _raising(kind: type[Exception]) -> Callable[..., None]:
+    def call(*_: object) -> None:
+        raise kind("as the library says it")
+
+    return call
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])
+def test_sizes_at_the_edge(data: bytes) -> None:
+    stream = iter([data, b""])
+
+    def read(most: int) -> bytes:
+        part = next(stream, b"")
+        if not part:
+            raise DeviceError("arm: closed")
+        return part[:most]
+
+    with pytest.raises(DeviceError):
+        read_package(read)

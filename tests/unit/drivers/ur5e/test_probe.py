@@ -1,0 +1,203 @@
+"""The driver's first words with a controller, against peers that are silent, odd, broken or slow."""
+
+import itertools
+import os
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
+from drivers.ur5e.probe import greet, parse_version
+
+RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
+LIMIT_S = 0.4
+Serve = Callable[[socket.socket], None]
+_addresses = itertools.count(1)
+
+
+class Peer:
+    """Something that listens on a controller's ports, on an address of its own."""
+
+    def __init__(self) -> None:
+        pid = os.getpid()
+        self.host = f"127.{100 + pid % 100}.{pid // 100 % 250}.{next(_addresses)}"
+        self._listeners: list[socket.socket] = []
+        self._accepted: list[socket.socket] = []
+        self._threads: list[threading.Thread] = []
+
+    def listen(self, port: int, serve: Serve) -> None:
+        listener = socket.create_server((self.host, port))
+        self._listeners.append(listener)
+        self._threads.append(threading.Thread(target=self._accept, args=(listener, serve), daemon=True))
+        self._threads[-1].start()
+
+    def close(self) -> None:
+        for listener in self._listeners:
+            listener.shutdown(socket.SHUT_RDWR)
+        for thread in self._threads:
+            thread.join(5.0)
+        for opened in (*self._listeners, *self._accepted):
+            opened.close()
+
+    def _accept(self, listener: socket.socket, serve: Serve) -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+                self._accepted.append(connection)
+                serve(connection)
+            except OSError:
+                return
+
+
+def controller(
+    version: tuple[int, ...] = (5, 11, 0, 1), stamps: Iterator[float] | None = None, cut: int = 4096
+) -> Serve:
+    """A peer that answers as a controller does, in pieces of `cut` bytes."""
+    times = stamps or itertools.count(1.0, 0.008)
+    answers = {
+        b"V": lambda: b"\x01",
+        b"v": lambda: struct.pack(">4I", *version),
+        b"O": lambda: b"\x01DOUBLE",
+        b"S": lambda: b"\x01",
+    }
+
+    def send(connection: socket.socket, kind: bytes, payload: bytes) -> None:
+        whole = struct.pack(">Hc", 3 + len(payload), kind) + payload
+        for start in range(0, len(whole), cut):
+            connection.sendall(whole[start : start + cut])
+
+    def serve(connection: socket.socket) -> None:
+        try:
+            while header := connection.recv(3):
+                size, kind = struct.unpack(">Hc", header)
+                if size > 3:
+                    connection.recv(size - 3)
+                send(connection, b"M", b"hello")
+                send(connection, kind, answers[kind]())
+                if kind == b"S":
+                    for _ in range(20):
+                        send(connection, b"U", b"\x01" + struct.pack(">d", next(times)))
+        except OSError:
+            return
+
+    return serve
+
+
+def silent(connection: socket.socket) -> None:
+    """Takes a connection and says nothing."""
+
+
+def talks(data: bytes, pause_s: float = 0.0) -> Serve:
+    def serve(connection: socket.socket) -> None:
+        for start in range(0, len(data), 1 if pause_s else 4096):
+            connection.sendall(data[start : start + 1] if pause_s else data[start : start + 4096])
+            time.sleep(pause_s)
+        connection.shutdown(socket.SHUT_WR)
+
+    return serve
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    peer = Peer()
+    yield peer
+    peer.close()
+
+
+@pytest.mark.parametrize("cut", [1, 4096])
+def test_a_controller_is_greeted(peer: Peer, cut: int) -> None:
+    peer.listen(RTDE, controller(cut=cut))
+    peer.listen(SCRIPT, silent)
+    assert greet(peer.host, 2.0) == (5, 11, 0, 1)
+
+
+def test_nobody_there(peer: Peer) -> None:
+    with pytest.raises(DeviceError, match=r"cannot reach.*cable"):
+        greet(peer.host, LIMIT_S)
+
+
+def test_a_name_that_is_none() -> None:
+    with pytest.raises(DeviceError, match="cannot reach"):
+        greet("no-such-arm.invalid", LIMIT_S)
+
+
+def test_no_script_port(peer: Peer) -> None:
+    peer.listen(RTDE, controller())
+    with pytest.raises(DeviceError, match="30003"):
+        greet(peer.host, LIMIT_S)
+
+
+@pytest.mark.parametrize(
+    ("serve", "error", "said"),
+    [
+        (silent, DeviceTimeoutError, "does not answer"),
+        (talks(b""), DeviceError, "closed the connection"),
+        (talks(b"\x00\x04V"), DeviceError, "closed the connection"),
+        (talks(b"HTTP/1.1 400 Bad Request\r\n"), DeviceError, "is this a UR controller"),
+        (talks(b"\x00\x02V"), DeviceError, "package of 2 bytes"),
+        (talks(b"\x00\x04V\x00"), DeviceError, "refuses version 2"),
+        (talks(b"\x00\x04V\x01\x00\x05v\x01\x02"), DeviceError, "2 bytes instead of 16"),
+        (talks(b"\x00\x04v\x01"), DeviceError, "answered with b'v'"),
+        (talks(b"\x00\x04V\x01" * 3, pause_s=0.15), DeviceTimeoutError, "does not answer"),
+        (controller(version=(3, 15, 0, 0)), DeviceError, "software 3.15"),
+        (controller(version=(10, 10, 0, 0)), DeviceError, "software 10.10"),
+        (controller(stamps=itertools.repeat(4.0)), DeviceTimeoutError, "time stands still|does not answer"),
+    ],
+)
+def test_a_peer_that_is_no_good_is_named_in_time(
+    peer: Peer, serve: Serve, error: type[DeviceError], said: str
+) -> None:
+    peer.listen(RTDE, serve)
+    peer.listen(SCRIPT, silent)
+    began = time.monotonic()
+    with pytest.raises(error, match=said):
+        greet(peer.host, LIMIT_S)
+    assert time.monotonic() - began < 10 * LIMIT_S, "the deadline is for the whole greeting, not for a byte"
+
+
+def test_the_dashboard_answers_line_by_line(peer: Peer) -> None:
+    peer.listen(DASHBOARD, talks(b"Connected\ntrue\r\n20265500001\nnever asked"))
+    with Dashboard(peer.host) as dashboard:
+        assert dashboard.ask("is in remote control") == "true"
+        assert dashboard.ask("get serial number") == "20265500001"
+    dashboard.close()
+    with pytest.raises(DeviceError, match="dashboard"):
+        dashboard.ask("stop")
+
+
+@pytest.mark.parametrize(
+    ("serve", "said"), [(silent, "greeting"), (talks(b"x" * 20_000), "no end"), (talks(b""), "closed")]
+)
+def test_a_dashboard_that_is_none(peer: Peer, serve: Serve, said: str) -> None:
+    peer.listen(DASHBOARD, serve)
+    with pytest.raises(DeviceError, match=said):
+        Dashboard(peer.host, LIMIT_S)
+
+
+def test_a_dashboard_connection_that_broke_is_opened_once_more(peer: Peer) -> None:
+    peer.listen(DASHBOARD, talks(b"Connected\nStopped\n"))
+    with Dashboard(peer.host) as dashboard:
+        assert [dashboard.ask("stop") for _ in range(3)] == ["Stopped"] * 3
+
+
+def test_a_late_answer_is_not_taken_for_the_next_one(peer: Peer) -> None:
+    peer.listen(DASHBOARD, talks(b"Connected\n"))
+    with Dashboard(peer.host, LIMIT_S) as dashboard:
+        with pytest.raises(DeviceError):
+            dashboard.ask("stop")
+        with pytest.raises(DeviceError):
+            dashboard.ask("running")
+
+
+def test_what_replies_mean() -> None:
+    assert serial_number("20265500001") == "20265500001"
+    assert serial_number("could not understand") == ""
+    refuse_local_control("True")
+    with pytest.raises(DeviceError, match=r"remote control is off.*false"):
+        refuse_local_control("false")
+    assert parse_version(struct.pack(">4I", 5, 25, 1, 2)) == (5, 25, 1, 2)

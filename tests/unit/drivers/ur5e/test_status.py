@@ -1,0 +1,149 @@
+"""Bits and modes of the controller to typed errors; the board that carries them; the clocks' map."""
+
+import math
+import threading
+
+import pytest
+
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
+from drivers.types import ArmLimits, ArmMode, Pose
+from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
+from drivers.ur5e.shared_state import Board, Sample
+from drivers.ur5e.state_process import ClockMap
+from drivers.ur5e.status import arm_mode, program_reason, refused, stop_reason
+
+SIX = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)
+
+
+def sample(safety: int = 1, mode: int = 7, runtime: int = 2, number: int = 0) -> Sample:
+    return Sample(1.0 * number, number, number, SIX, SIX, SIX, SIX, 1.5, mode, safety, 3, runtime, number, 0)
+
+
+@pytest.mark.parametrize(
+    ("safety", "mode", "expected", "error", "said"),
+    [
+        (1 << 0, 7, ArmMode.RUNNING, None, ""),
+        (1 << 1, 7, ArmMode.RUNNING, None, ""),
+        (1 << 2 | 1 << 10, 7, ArmMode.PROTECTIVE_STOP, ProtectiveStopError, "protective stop"),
+        (1 << 2 | 1 << 6, 3, ArmMode.EMERGENCY_STOP, DeviceError, "emergency stop"),
+        (1 << 5, 7, ArmMode.EMERGENCY_STOP, DeviceError, "emergency stop"),
+        (1 << 7 | 1 << 10, 3, ArmMode.EMERGENCY_STOP, DeviceError, "emergency stop"),
+        (1 << 3, 7, ArmMode.UNKNOWN, DeviceError, "recovery"),
+        (1 << 4, 7, ArmMode.UNKNOWN, DeviceError, "safeguard"),
+        (1 << 8, 7, ArmMode.UNKNOWN, DeviceError, "violation"),
+        (1 << 9, 7, ArmMode.UNKNOWN, DeviceError, "fault"),
+        (1 << 10, 7, ArmMode.UNKNOWN, DeviceError, "stopped for safety"),
+        (0, 7, ArmMode.UNKNOWN, DeviceError, "safety system"),
+        (1, 3, ArmMode.UNKNOWN, DeviceError, "power off"),
+        (1, 5, ArmMode.UNKNOWN, DeviceError, "brakes"),
+        (1, 99, ArmMode.UNKNOWN, DeviceError, "mode 99"),
+    ],
+)
+def test_what_the_bits_mean(
+    safety: int, mode: int, expected: ArmMode, error: type[DeviceError] | None, said: str
+) -> None:
+    state = sample(safety, mode)
+    assert arm_mode(state) is expected
+    reason = stop_reason(state)
+    assert type(reason) is (error or type(None))
+    assert said in str(reason)
+
+
+@pytest.mark.parametrize("runtime", [0, 1, 3, 4, 5, 42])
+def test_a_program_that_does_not_play_is_a_reason(runtime: int) -> None:
+    assert stop_reason(sample(runtime=runtime)) is None
+    assert "control program" in str(program_reason(sample(runtime=runtime)))
+
+
+def test_every_refusal_has_a_cause() -> None:
+    assert isinstance(program_reason(sample(safety=1 << 2)), ProtectiveStopError)
+    assert "control program is stopped" in str(program_reason(sample(runtime=1)))
+    assert program_reason(sample()) is None
+    assert "'moveL' was refused" in str(refused("moveL"))
+
+
+def test_the_board_shows_the_newest_sample_to_all() -> None:
+    board = Board()
+    assert board.read() is None
+    board.write(sample(number=1))
+    board.write(sample(number=2))
+    assert board.read() == sample(number=2)
+    board.close()
+    board.close()
+    assert board.read() is None
+
+
+def test_a_reader_never_sees_two_samples_mixed() -> None:
+    board, done = Board(), threading.Event()
+
+    def write() -> None:
+        for number in range(1, 4000):
+            board.write(sample(number=number))
+        done.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    last = 0
+    while not done.is_set():
+        seen = board.read()
+        if seen is not None:
+            assert seen.timestamp_s == seen.received_ns == seen.samples >= last
+            last = seen.samples
+    writer.join()
+    board.close()
+
+
+def test_the_fastest_delivery_dates_a_sample() -> None:
+    times, offset_ns = ClockMap(), 5 * NS_PER_S
+    taken_ns = dated = 0
+    for cycle in range(2000):
+        taken_ns = cycle * 2_000_000
+        late_ns = 100_000 + (cycle * 7919 % 13) * 300_000
+        dated = times.to_host_ns(taken_ns, taken_ns + offset_ns + late_ns)
+    assert dated == taken_ns + offset_ns + 100_000
+
+
+def test_the_clocks_map_follows_a_slow_drift() -> None:
+    times = ClockMap()
+    arrived_ns = dated = 0
+    for second in range(100):
+        drift_ns = second * 50_000  # 50 ppm
+        arrived_ns = second * NS_PER_S + drift_ns + 200_000
+        dated = times.to_host_ns(second * NS_PER_S, arrived_ns)
+    assert 0 <= arrived_ns - dated <= 20 * 50_000
+
+
+@pytest.mark.parametrize(
+    ("target", "speed", "acceleration", "what"),
+    [
+        (Pose((0.9, 0.0, 0.3)), 0.1, 0.5, "workspace"),
+        (Pose((math.nan, 0.0, 0.3)), 0.1, 0.5, "workspace"),
+        (Pose((0.4, 0.0, 0.3), (math.nan, 0.0, 0.0, 1.0)), 0.1, 0.5, "no pose"),
+        (Pose((0.4, 0.0, 0.3)), 0.6, 0.5, "speed"),
+        (Pose((0.4, 0.0, 0.3)), 0.0, 0.5, "speed"),
+        (Pose((0.4, 0.0, 0.3)), math.nan, 0.5, "speed"),
+        (Pose((0.4, 0.0, 0.3)), 0.1, math.inf, "acceleration"),
+    ],
+)
+def test_a_motion_outside_the_limits_is_refused(
+    target: Pose, speed: float, acceleration: float, what: str
+) -> None:
+    with pytest.raises(OutOfLimitsError, match=what):
+        check_motion(LIMITS, target, speed, acceleration)
+
+
+def test_joints_outside_their_range_are_refused() -> None:
+    check_motion(LIMITS, Pose((0.4, 0.0, 0.3)), 0.1, 0.5)
+    check_joints(SIX, JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
+    with pytest.raises(OutOfLimitsError, match="joint 3"):
+        check_joints((0, 0, 7.0, 0, 0, 0), JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
+    with pytest.raises(OutOfLimitsError, match="reach"):
+        check_joints(None, JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
+
+
+def test_poses_in_the_controllers_notation() -> None:
+    pose = Pose((0.1, 0.2, 0.3), (0.6, 0.0, 0.0, 0.8))
+    assert to_ur(pose) == pytest.approx((0.1, 0.2, 0.3, 2 * math.acos(0.8), 0.0, 0.0))
+    assert from_ur(to_ur(pose)).quaternion_xyzw == pytest.approx(pose.quaternion_xyzw)

@@ -1,0 +1,240 @@
+"""The DIGIT driver against a sensor served over HTTP: settings, faults, re-opening, numbers."""
+
+import json
+import time
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, OutOfLimitsError
+from drivers.video.digit import Digit
+from drivers.video.jpeg import decode
+from fakes.gel.sensor import GelSensor
+from fakes.wire.mjpeg.frame_files import write_folder
+from fakes.wire.mjpeg.server import MjpegServer
+
+GEL = GelSensor(5)
+
+
+def drawn(time_ns: int) -> np.ndarray:
+    return GEL.render(None, 0.0, np.random.default_rng(time_ns))
+
+
+@pytest.fixture
+def light() -> list[tuple[float, float, float]]:
+    """What the sensor was told about its LEDs."""
+    return []
+
+
+@pytest.fixture
+def server(light: list[tuple[float, float, float]]) -> Iterator[MjpegServer]:
+    server = MjpegServer("D1", drawn, 60.0, SystemClock(), on_light=lambda *rgb: light.append(rgb))
+    server.start()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def digit(server: MjpegServer) -> Iterator[Digit]:
+    digit = Digit("D1", 60.0, address=server.url)
+    digit.connect()
+    yield digit
+    digit.disconnect()
+
+
+def until(digit: Digit, kind: str, count: int = 1) -> None:
+    """Read until a counter has grown by so much."""
+    target = digit.counters()[kind] + count
+    ends = time.monotonic() + 5.0
+    while digit.counters()[kind] < target:
+        assert time.monotonic() < ends, digit.counters()
+        try:
+            digit.next_frame(0.1)
+        except DeviceTimeoutError:
+            continue
+
+
+def read(digit: Digit, count: int, timeout_s: float) -> None:
+    for _ in range(count):
+        digit.next_frame(timeout_s)
+
+
+def post(server: MjpegServer, path: str, what: dict[str, Any]) -> None:
+    url = server.url.replace("/stream.mjpg", path)
+    request = urllib.request.Request(url, json.dumps(what).encode(), {"Content-Type": "application/json"})
+    with urllib.request.urlopen(request, timeout=2.0) as answer:
+        assert answer.status == 200
+
+
+def test_frames_are_upright_and_carry_the_bytes_as_served(digit: Digit) -> None:
+    frame = digit.next_frame(1.0)
+    assert frame.image.shape == (320, 240, 3)
+    assert frame.jpeg is not None
+    assert np.array_equal(decode(frame.jpeg), frame.image)
+    assert np.abs(frame.image.astype(int) - drawn(frame.time_ns).astype(int)).mean() < 3.0
+    assert np.abs(frame.image.astype(int) - np.rot90(drawn(frame.time_ns), 2).astype(int)).mean() > 10.0
+
+
+def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit) -> None:
+    assert server.snapshot()["served"] >= 3
+    digit.next_frame(1.0)
+    assert digit.counters()["warm_up"] == 10
+    assert digit.counters()["green"] == 0
+
+
+def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
+    frames = [digit.next_frame(1.0) for _ in range(60)]
+    numbers = [frame.sequence for frame in frames]
+    served = [n for low, high in server.snapshot()["ranges"] for n in range(low, high + 1)]
+    assert numbers == [n for n in served if numbers[0] <= n <= numbers[-1]]
+    assert server.snapshot()["skipped"] == 0
+    span_ns, periods = frames[-1].time_ns - frames[0].time_ns, numbers[-1] - numbers[0]
+    assert span_ns / periods == pytest.approx(1e9 / 60, rel=0.01)
+    assert digit.time_kind == "peer"
+    assert digit.measured_rate_hz() == pytest.approx(59e9 / span_ns, rel=0.1)
+
+
+def test_size_comes_before_rate_and_light_last(light: list[tuple[float, float, float]]) -> None:
+    seen: list[str] = []
+    server = MjpegServer("D1", drawn, 30.0, SystemClock(), on_light=lambda *rgb: seen.append("light"))
+    configure = server.sensor.configure
+    server.sensor.configure = lambda settings: (seen.extend(settings), configure(settings))[1]
+    server.start()
+    digit = Digit("D1", 30.0, (480, 640), server.url)
+    digit.connect()
+    assert digit.next_frame(1.0).image.shape == (640, 480, 3)
+    digit.disconnect()
+    server.stop()
+    assert seen == ["size_px", "rate_hz", "light", "light"]
+
+
+def test_light_is_set_again_after_reopening(server: MjpegServer, digit: Digit, light: list[Any]) -> None:
+    digit.set_light(1.0, 0.5, 0.0)
+    server.inject("disconnect", duration_s=0.3)
+    until(digit, "reopened")
+    assert light == [(1.0, 1.0, 1.0), (1.0, 0.5, 0.0), (1.0, 0.5, 0.0)]
+    with pytest.raises(OutOfLimitsError, match="0 to 1"):
+        digit.set_light(1.1, 0.0, 0.0)
+
+
+def test_light_set_while_disconnected_is_set_on_connecting(server: MjpegServer, light: list[Any]) -> None:
+    digit = Digit("D1", 60.0, address=server.url)
+    digit.set_light(0.0, 0.0, 1.0)
+    digit.connect()
+    digit.disconnect()
+    digit.set_light(0.0, 1.0, 0.0)
+    assert light == [(0.0, 0.0, 1.0)]
+
+
+def test_a_sensor_without_light_control_says_so(tmp_path) -> None:
+    write_folder(tmp_path, drawn, 60.0, 30)
+    digit = Digit("D1", 60.0, address=str(tmp_path))
+    digit.connect()
+    with pytest.raises(DeviceError, match="no LEDs"):
+        digit.set_light(1.0, 1.0, 1.0)
+    digit.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("fault", "counter", "words"),
+    [
+        ("green", "green", "images are green"),
+        ("shift", "shifted", "images are shifted"),
+        ("truncate", "damaged", "end is"),
+    ],
+)
+def test_spoilt_images_are_withheld_counted_and_named(
+    server: MjpegServer, digit: Digit, fault: str, counter: str, words: str
+) -> None:
+    server.inject(fault, frames=5)
+    until(digit, counter, 5)
+    before = digit.next_frame(1.0).sequence
+    assert digit.next_frame(1.0).sequence == before + 1
+    assert digit.counters()[counter] == 5
+    assert digit.counters()["reopened"] == 0
+    post(server, "/fault", {"kind": fault})
+    with pytest.raises(DeviceTimeoutError, match=words):
+        read(digit, 60, 0.25)
+
+
+def test_dropped_frames_show_in_the_numbers(server: MjpegServer, digit: Digit) -> None:
+    first = digit.next_frame(1.0).sequence
+    server.inject("drop", frames=4)
+    until(digit, "dropped", 4)
+    frames = [first, *(digit.next_frame(1.0).sequence for _ in range(3))]
+    assert digit.counters()["dropped"] == 4
+    assert frames[-1] - frames[0] >= 4
+    assert server.snapshot()["withheld"] == 4
+    assert len(server.snapshot()["ranges"]) == 2
+
+
+def test_a_frozen_sensor_is_counted_frame_by_frame(server: MjpegServer, digit: Digit) -> None:
+    server.inject("freeze", frames=6)
+    until(digit, "frozen", 6)
+    for _ in range(5):
+        digit.next_frame(1.0)
+    assert digit.counters()["frozen"] == 6
+
+
+def test_a_lasting_shift_is_ended_by_opening_the_sensor_again(server: MjpegServer, digit: Digit) -> None:
+    server.inject("shift", duration_s=0.8)
+    until(digit, "reopened")
+    server.inject("clear")
+    until(digit, "frames", 5)
+
+
+def test_a_sensor_slower_than_asked_is_reported_with_both_rates(server: MjpegServer, digit: Digit) -> None:
+    server.inject("slow")
+    until(digit, "frames", 40)
+    finding = digit.rate_finding()
+    assert finding is not None
+    assert "60 requested" in finding
+    assert digit.counters()["dropped"] == 0
+
+
+def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer, digit: Digit) -> None:
+    before = digit.next_frame(1.0)
+    server.inject("disconnect", duration_s=0.6)
+    with pytest.raises(DeviceTimeoutError, match="opening it again"):
+        read(digit, 30, 0.2)
+    until(digit, "reopened")
+    after = digit.newest_frame(1.0)
+    assert after.sequence - before.sequence == pytest.approx(
+        (after.time_ns - before.time_ns) * 60e-9, abs=1.1
+    )
+    assert server.snapshot()["last"] >= after.sequence
+
+
+def test_the_same_driver_connects_again(digit: Digit) -> None:
+    for _ in range(3):
+        digit.disconnect()
+        time.sleep(0.1)
+        digit.connect()
+        assert digit.newest_frame(0.5).image.shape == (320, 240, 3)
+    assert (digit.counters()["reopened"], digit.counters()["dropped"]) == (0, 0)
+
+
+def test_modes_a_digit_does_not_have_are_refused_with_those_it_has() -> None:
+    with pytest.raises(InputError, match=r"240 x 320 px at 60 or 30 Hz; 480 x 640 px at 30 or 15 Hz"):
+        Digit("D1", 60.0, (480, 640))
+    with pytest.raises(InputError, match="does not exist"):
+        Digit("D1", 60.0, address="/nowhere/at/all")
+    with pytest.raises(InputError, match="rate_hz"):
+        Digit("D1", -1.0, address="http://h/")
+
+
+def test_two_sensors_are_read_side_by_side(server: MjpegServer, digit: Digit) -> None:
+    second = MjpegServer("D2", drawn, 60.0, SystemClock())
+    second.start()
+    other = Digit("D2", 60.0, address=second.url)
+    other.connect()
+    ones = [digit.next_frame(1.0).serial for _ in range(10)]
+    twos = [other.next_frame(1.0).serial for _ in range(10)]
+    other.disconnect()
+    second.stop()
+    assert (set(ones), set(twos)) == ({"D1"}, {"D2"})
+    assert digit.counters()["unread"] == other.counters()["unread"] == 0

@@ -1,0 +1,148 @@
+"""Recorded frames through the camera's one class: bit-exact, at the clock's pace, equally fresh."""
+
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
+from drivers.types import Frame
+from drivers.video.buffer import FrameBuffer
+from drivers.video.digit import Digit
+from drivers.video.external_camera import ExternalCamera
+from drivers.video.jpeg import encode
+from fakes.wire.mjpeg.frame_files import write_folder, write_video
+
+RATE_HZ = 100.0
+
+
+def drawn(time_ns: int) -> np.ndarray:
+    """A picture of its own for each time, 64 x 48."""
+    return np.random.default_rng(time_ns).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+
+
+IMAGES = [drawn(round(number * 1e9 / RATE_HZ)) for number in range(40)]
+
+
+@pytest.fixture(params=["folder", "video"])
+def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    if request.param == "folder":
+        write_folder(tmp_path, drawn, RATE_HZ, len(IMAGES))
+        return tmp_path
+    write_video(tmp_path / "frames.avi", drawn, RATE_HZ, len(IMAGES))
+    return tmp_path / "frames.avi"
+
+
+@pytest.fixture
+def camera(recording: Path):
+    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
+    camera.connect()
+    yield camera
+    camera.disconnect()
+
+
+def test_frames_are_those_of_the_files_to_the_last_bit(camera: ExternalCamera) -> None:
+    frames = [camera.next_frame(1.0) for _ in range(len(IMAGES))]
+    assert [frame.sequence for frame in frames] == list(range(len(IMAGES)))
+    assert all(np.array_equal(frame.image, image) for frame, image in zip(frames, IMAGES, strict=True))
+
+
+def test_frames_come_at_the_pace_that_was_asked_for(camera: ExternalCamera) -> None:
+    frames = [camera.next_frame(1.0) for _ in range(30)]
+    assert set(np.diff([frame.time_ns for frame in frames])) == {10_000_000}
+    assert frames[-1].time_ns <= SystemClock().now_ns()
+    assert camera.time_kind == "schedule"
+
+
+def test_the_end_is_said_after_the_last_frame_was_read(camera: ExternalCamera) -> None:
+    for _ in IMAGES:
+        camera.next_frame(1.0)
+    with pytest.raises(DeviceError, match="all 40 images have been played"):
+        camera.next_frame(1.0)
+    camera.connect()
+    assert camera.next_frame(1.0).image.shape == (48, 64, 3)
+
+
+def test_a_late_reader_loses_nothing_within_the_backlog(camera: ExternalCamera) -> None:
+    time.sleep(0.3)
+    assert [camera.next_frame(1.0).sequence for _ in IMAGES] == list(range(len(IMAGES)))
+    assert (camera.counters()["unread"], camera.counters()["dropped"]) == (0, 0)
+
+
+def test_beyond_the_backlog_the_oldest_go_and_are_counted() -> None:
+    buffer = FrameBuffer("C1", SystemClock(), backlog=3)
+    pushed_out = [buffer.put(Frame(IMAGES[n], n, n, "C1")) for n in range(5)]
+    assert pushed_out == [False, False, False, True, True]
+    assert [buffer.next(0.1).sequence for _ in range(3)] == [2, 3, 4]
+
+
+def test_the_newest_frame_skips_the_backlog_and_has_an_age(camera: ExternalCamera) -> None:
+    time.sleep(0.1)
+    frame = camera.newest_frame(0.2)
+    assert camera.next_frame(1.0).sequence == frame.sequence + 1
+    with pytest.raises(StaleFrameError, match="old"):
+        camera.newest_frame(1e-6)
+    camera.newest_frame(1.0)
+    with pytest.raises(DeviceTimeoutError, match="no frame"):
+        camera.next_frame(1e-6)
+
+
+def test_before_connecting_and_after_disconnecting_it_says_so(recording: Path) -> None:
+    camera = ExternalCamera("C1", str(recording), RATE_HZ)
+    with pytest.raises(NotConnectedError, match="connect"):
+        camera.next_frame(0.1)
+    camera.connect()
+    camera.disconnect()
+    camera.disconnect()
+    with pytest.raises(NotConnectedError, match="connect"):
+        camera.newest_frame(0.1)
+
+
+def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Path) -> None:
+    jpegs = [encode(image) for image in IMAGES[:6]]
+    for number, jpeg in enumerate(jpegs):
+        (tmp_path / f"{number}.jpg").write_bytes(jpeg[:300] if number == 2 else jpeg)
+    (tmp_path / "10.png").write_bytes(b"\x89PNG cut short")
+    (tmp_path / "notes.txt").write_text("no image")
+    camera = ExternalCamera("C1", str(tmp_path), RATE_HZ)
+    camera.connect()
+    frames = [camera.next_frame(1.0) for _ in range(5)]
+    with pytest.raises(DeviceError, match="all 7 images"):
+        camera.next_frame(1.0)
+    camera.disconnect()
+    assert [frame.jpeg for frame in frames] == [jpegs[number] for number in (0, 1, 3, 4, 5)]
+    assert [frame.sequence for frame in frames] == [0, 1, 3, 4, 5]
+    assert camera.counters()["damaged"] == 2
+
+
+def test_files_are_played_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in (1, 2, 10):
+        cv2.imwrite(str(tmp_path / f"frame{number}.png"), np.full((4, 4, 3), number, np.uint8))
+    camera = ExternalCamera("C1", str(tmp_path), RATE_HZ)
+    camera.connect()
+    assert [int(camera.next_frame(1.0).image[0, 0, 0]) for _ in range(3)] == [1, 2, 10]
+    camera.disconnect()
+
+
+def test_lying_files_of_a_digit_are_turned_upright(tmp_path: Path) -> None:
+    write_folder(tmp_path, lambda time_ns: np.ascontiguousarray(drawn(time_ns)), RATE_HZ, 20)
+    digit = Digit("D1", RATE_HZ, (48, 64), str(tmp_path))
+    digit.connect()
+    frame = digit.next_frame(1.0)
+    digit.disconnect()
+    assert np.array_equal(frame.image, np.rot90(IMAGES[frame.sequence]))
+
+
+def test_what_is_no_recording_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "film.mp4").write_bytes(b"not a film")
+    for address, words in (
+        (str(tmp_path), "no images in it"),
+        (str(tmp_path / "film.mp4"), "not a video"),
+        (str(tmp_path / "none"), "does not exist"),
+        ("rtsp://host/stream", "not an address"),
+    ):
+        with pytest.raises(InputError, match=words):
+            ExternalCamera("C1", address)

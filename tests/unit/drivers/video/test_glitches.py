@@ -1,0 +1,102 @@
+"""Spoilt images are told from good ones: on simulated units, on real frames, on what is neither."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.types import Pose
+from drivers.video.glitches import MAX_SHIFTED, GlitchCheck, is_green
+from drivers.video.jpeg import decode, encode
+from fakes.gel.sensor import GelSensor
+from rig.bench.assembly import build_bench
+from rig.config import load_bench
+
+SHIFTS = (3, 5, 12, 37, 160, 317)
+
+
+def unit(seed: int, frame: int = 0) -> np.ndarray:
+    return GelSensor(seed).render(None, 0.0, np.random.default_rng(frame))
+
+
+def judged(*images: np.ndarray) -> list[str | None]:
+    check = GlitchCheck()
+    return [check.flaw(image) for image in images]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_shift_is_seen_on_every_unit_at_every_size(seed: int) -> None:
+    for shift in SHIFTS:
+        assert judged(unit(seed, 1), np.roll(unit(seed, 2), shift, axis=0)) == [None, "shifted"]
+
+
+def test_a_shift_is_seen_while_an_object_is_touched_after_jpeg() -> None:
+    bench, operator = build_bench(load_bench("fake"), seed=3)
+    operator.place("t1", "wrench")
+    with bench.connected():
+        bench.gripper.activate()
+        table = bench.base_T_table
+        home = bench.arm.state().base_T_tcp
+        grasp = Pose(table.translated(x_m=-0.05).position_m, home.quaternion_xyzw)
+        bench.arm.move_linear(grasp, 0.25, 1.0).wait(10.0)
+        bench.gripper.move_to(186).wait(10.0)
+        for tip in bench.fingertips:
+            one, two = (tip.sensor.newest_frame(1.0).image, tip.sensor.next_frame(1.0).image)
+            for shift in (*SHIFTS[1:], 250, 283, 300):
+                moved = decode(encode(np.roll(two, shift, axis=0)))
+                assert judged(one, two, moved) == [None, None, "shifted"]
+
+
+def test_a_shift_of_part_of_the_image_is_seen() -> None:
+    torn = unit(1, 2).copy()
+    torn[:, 100:] = np.roll(torn[:, 100:], 21, axis=0)
+    assert judged(unit(1, 1), torn) == [None, "shifted"]
+
+
+def test_noise_light_and_touch_are_no_glitch(press) -> None:
+    images = [press(None, seed=1), press(20.0, seed=2), press(80.0, center=(60, 250), seed=3)]
+    images += [press(None, light=(0.5, 0.5, 0.5), seed=4), np.zeros_like(images[0])]
+    assert judged(*images) == [None] * len(images)
+
+
+def test_flat_and_drawn_pictures_are_no_glitch() -> None:
+    square = np.zeros((320, 240, 3), np.uint8)
+    square[40:120, 50:150] = 255
+    flat = [np.full((320, 240, 3), grey, np.uint8) for grey in (0, 90, 255)]
+    assert judged(*flat, square, np.roll(square, 60, axis=0), square[::-1]) == [None] * 6
+
+
+def test_an_empty_buffer_is_green_whole_or_in_part_also_after_jpeg() -> None:
+    image = unit(2).copy()
+    assert not is_green(image)
+    image[:, 200:] = (0, 135, 0)  # lines that never came: columns of the upright image
+    assert is_green(image)
+    assert is_green(decode(encode(image)))
+    assert is_green(np.full((320, 240, 3), (0, 135, 0), np.uint8))
+
+
+def test_a_stream_that_stays_shifted_has_to_be_opened_again() -> None:
+    check = GlitchCheck()
+    check.flaw(unit(1, 1))
+    for _ in range(MAX_SHIFTED - 1):
+        assert check.flaw(np.roll(unit(1, 2), 40, axis=0)) == "shifted"
+    with pytest.raises(DeviceError, match="shifted"):
+        check.flaw(np.roll(unit(1, 2), 40, axis=0))
+    check.reopened()
+    assert check.flaw(np.roll(unit(1, 3), 40, axis=0)) == "shifted"
+    assert check.flaw(unit(1, 3)) is None
+
+
+def test_real_frames_are_good_and_shifted_ones_are_seen(real_data: Path) -> None:
+    files = [real_data / "aurova_figures" / "digit_raw.png", *(real_data / "digit_backgrounds").glob("*.jpg")]
+    files += sorted((real_data / "aurova_figures" / "panels").glob("*_raw.png"))
+    assert len(files) > 9
+    images = [cv2.resize(decode(file.read_bytes()), (240, 320)) for file in files]
+    noise = np.random.default_rng(0).normal(0.0, 1.5, images[0].shape)
+    for one in images:
+        assert [judged(one, other) for other in images] == [[None, None]] * len(images)
+        for shift in SHIFTS:
+            seen = np.clip(np.roll(one, shift, axis=0) + noise, 0, 255).astype(np.uint8)
+            assert judged(one, seen) == [None, "shifted"], shift

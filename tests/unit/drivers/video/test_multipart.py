@@ -1,0 +1,200 @@
+"""The multipart parser: every way servers write parts, in any portions, and any rubbish between."""
+
+import itertools
+import random
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import DamagedFrameError, DeviceError
+from drivers.video.jpeg import decode, turned_left, whole_jpeg
+from drivers.video.multipart import MAX_PART, MultipartParser, Part, boundary_of
+
+CASES = 60_000
+
+
+def jpeg_of(grey: int, size: tuple[int, int] = (32, 24)) -> bytes:
+    noise = np.random.default_rng(grey).integers(0, 40, (size[1], size[0], 3), dtype=np.uint8)
+    return cv2.imencode(".jpg", noise + np.uint8(grey), [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+
+
+IMAGES = [jpeg_of(grey) for grey in (10, 60, 120, 200)]
+
+
+def stream_of(
+    bodies: list[bytes], boundary: bytes = b"frame", length: bool = True, line: bytes = b"\r\n"
+) -> bytes:
+    out = b""
+    for body in bodies:
+        out += b"--" + boundary + line + b"Content-Type: image/jpeg" + line
+        if length:
+            out += b"Content-Length: " + str(len(body)).encode() + line
+        out += line + body + line
+    return out + b"--" + boundary + b"--" + line
+
+
+def parse(data: bytes, delimiter: bytes = b"--frame", cuts: list[int] | None = None) -> list[Part]:
+    parser = MultipartParser(delimiter)
+    edges = [0, *sorted(cuts or []), len(data)]
+    return [part for a, b in itertools.pairwise(edges) for part in parser.feed(data[a:b])]
+
+
+@given(
+    length=st.booleans(),
+    line=st.sampled_from([b"\r\n", b"\n"]),
+    cuts=st.lists(st.integers(0, sum(map(len, IMAGES)) + 300), max_size=12),
+    lead=st.sampled_from([b"", b"\r\n", b"preamble\r\n"]),
+)
+def test_parts_come_out_whole_however_they_come_in(
+    length: bool, line: bytes, cuts: list[int], lead: bytes
+) -> None:
+    data = lead + stream_of(IMAGES, length=length, line=line)
+    cuts = [cut for cut in cuts if cut < len(data)]
+    assert [part.body for part in parse(data, cuts=cuts)] == IMAGES
+
+
+@pytest.mark.parametrize("length", [True, False])
+def test_a_part_is_given_as_soon_as_its_last_byte_is_there(length: bool) -> None:
+    head = stream_of([IMAGES[0]], length=length).partition(IMAGES[0])[0]
+    parser = MultipartParser(b"--frame")
+    assert list(parser.feed(head + IMAGES[0][:-1])) == []
+    assert [part.body for part in parser.feed(IMAGES[0][-1:])] == [IMAGES[0]]
+
+
+def test_headers_are_read_in_any_case() -> None:
+    data = b"--frame\r\nCONTENT-type: image/jpeg\r\nX-Sequence:7\r\n\r\n" + IMAGES[0] + b"\r\n--frame"
+    assert parse(data)[0].headers == {"content-type": "image/jpeg", "x-sequence": "7"}
+
+
+@pytest.mark.parametrize(
+    ("content_type", "delimiter"),
+    [
+        ("multipart/x-mixed-replace; boundary=frame", b"--frame"),
+        ('multipart/x-mixed-replace; boundary="with space"', b"--with space"),
+        ("Multipart/X-Mixed-Replace;boundary=--dashed", b"--dashed"),
+        ("multipart/x-mixed-replace; charset=x; boundary=a:b", b"--a:b"),
+        ("multipart/x-mixed-replace", b"--"),
+    ],
+)
+def test_the_boundary_is_found_as_servers_write_it(content_type: str, delimiter: bytes) -> None:
+    assert boundary_of(content_type) == delimiter
+
+
+def test_a_stream_that_announces_no_boundary_is_read_by_its_first_line() -> None:
+    assert [part.body for part in parse(stream_of(IMAGES, b"found"), b"--")] == IMAGES
+
+
+def test_something_else_than_multipart_is_refused() -> None:
+    with pytest.raises(DeviceError, match="text/html"):
+        boundary_of("text/html; charset=utf-8")
+
+
+@pytest.mark.parametrize("length", [True, False])
+def test_the_parser_finds_its_way_after_a_damaged_part(length: bool) -> None:
+    cut = IMAGES[1][: len(IMAGES[1]) // 2]
+    data = stream_of([IMAGES[0]], length=length)[: -len("--frame--\r\n")]
+    data += (
+        b"--frame\r\nContent-Length: 7\r\n\r\n" + cut + b"\r\n" if length else stream_of([cut], length=False)
+    )
+    data += stream_of([IMAGES[2], IMAGES[3]], length=length)
+    bodies = [part.body for part in parse(data)]
+    assert bodies[0] == IMAGES[0]
+    assert bodies[-2:] == IMAGES[2:]
+    with pytest.raises(DamagedFrameError):
+        whole_jpeg(bodies[1])
+
+
+@pytest.mark.parametrize("length", [b"-5", b"1e9", b"99999999999999999999", b"nonsense", b"0", "٣".encode()])
+def test_an_impossible_length_is_not_believed(length: bytes) -> None:
+    data = b"--frame\r\nContent-Length: " + length + b"\r\n\r\n" + IMAGES[0] + b"\r\n--frame"
+    assert [part.body for part in parse(data)] == [IMAGES[0]]
+
+
+def test_an_endless_part_is_given_up_and_memory_stays_bounded() -> None:
+    parser = MultipartParser(b"--frame")
+    assert list(parser.feed(b"--frame\r\n\r\n" + b"\x00" * (MAX_PART + 1))) == []
+    for _ in range(40):
+        assert list(parser.feed(b"\x00" * 2**20)) == []
+    assert [part.body for part in parser.feed(b"\r\n" + stream_of(IMAGES))] == IMAGES
+
+
+def test_rubbish_in_any_portions_gives_typed_errors_only() -> None:
+    rng = random.Random(1)
+    good = stream_of(IMAGES, length=True), stream_of(IMAGES, length=False)
+    outcomes = {"part": 0, "damaged": 0, "whole": 0}
+    for case in range(CASES):
+        data = bytearray(good[case % 2][: rng.randrange(400)] + rng.randbytes(rng.randrange(200)))
+        data += good[(case // 2) % 2][rng.randrange(3000) :][:1500]
+        for _ in range(rng.randrange(6)):
+            data[rng.randrange(len(data))] = rng.choice(b"\r\n-\xff\xd8\xd9\xda0f:")
+        cuts = [rng.randrange(len(data)) for _ in range(rng.randrange(3))]
+        for part in parse(bytes(data), rng.choice((b"--frame", b"--", b"--f")), cuts):
+            outcomes["part"] += 1
+            try:
+                whole_jpeg(part.body)
+                outcomes["whole"] += 1
+            except DamagedFrameError:
+                outcomes["damaged"] += 1
+    assert min(outcomes.values()) > CASES // 100
+
+
+def test_damaged_images_give_typed_errors_only() -> None:
+    rng = random.Random(2)
+    whole = 0
+    for case in range(CASES // 2):
+        data = bytearray(IMAGES[case % 4])
+        kind = case % 3
+        if kind == 0:
+            del data[rng.randrange(len(data)) :]
+        for _ in range(1 + kind):
+            data[rng.randrange(len(data)) if data else 0 : 0] = rng.randbytes(rng.randrange(3))
+            if data:
+                data[rng.randrange(len(data))] = rng.randrange(256)
+        try:
+            jpeg, _ = whole_jpeg(bytes(data))
+            if case % 10 == 0:
+                decode(turned_left(jpeg))
+            whole += 1
+        except DamagedFrameError as error:
+            assert str(error)  # noqa: PT017 - most cases end here, some must not
+    assert 0 < whole < CASES // 2
+
+
+@given(st.binary(max_size=300))
+def test_bytes_that_begin_as_a_jpeg_are_judged_not_trusted(tail: bytes) -> None:
+    with pytest.raises(DamagedFrameError):
+        whole_jpeg(b"\xff\xd8" + tail)
+
+
+@given(st.text(max_size=80))
+def test_any_content_type_is_answered(text: str) -> None:
+    try:
+        assert boundary_of("multipart/x-mixed-replace; boundary=" + text).startswith(b"--")
+        boundary_of(text)
+    except DeviceError as error:
+        assert "not a multipart" in str(error)  # noqa: PT017
+
+
+def test_an_image_cut_anywhere_is_damaged() -> None:
+    for end in range(len(IMAGES[0]) - 1):
+        with pytest.raises(DamagedFrameError):
+            whole_jpeg(IMAGES[0][:end])
+
+
+def test_padding_after_an_image_is_cut_off() -> None:
+    assert whole_jpeg(IMAGES[0] + b"\x00" * 100) == (IMAGES[0], (32, 24))
+
+
+def test_turning_leaves_the_coded_image_and_turns_what_is_seen() -> None:
+    turned = turned_left(IMAGES[0])
+    assert turned.endswith(IMAGES[0][2:])
+    assert np.array_equal(decode(turned), np.rot90(decode(IMAGES[0])))
+
+
+def test_an_orientation_that_is_already_there_does_not_count() -> None:
+    upright = turned_left(IMAGES[0]).replace(b"\x00\x01\x00\x08", b"\x00\x01\x00\x01", 1)
+    assert np.array_equal(decode(upright), decode(IMAGES[0]))
+    assert np.array_equal(decode(turned_left(upright)), np.rot90(decode(IMAGES[0])))

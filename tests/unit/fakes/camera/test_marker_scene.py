@@ -1,0 +1,146 @@
+"""The simulated camera picture: its truth is exact, and it is a picture of what it says."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import InputError
+from drivers.types import Pose
+from fakes.camera.marker_scene import MarkerScene
+
+FACING = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def seen_from(turn_deg=0.0, tilt_deg=(0.0, 0.0), x=0.0, y=0.0, z=0.7):
+    """`camera_T_object`: turned counter-clockwise as seen, then tilted about camera x and y."""
+    tilt = Rotation.from_euler("xy", tilt_deg, degrees=True)
+    return Pose.from_rotation((x, y, z), tilt * FACING * Rotation.from_euler("y", -turn_deg, degrees=True))
+
+
+def grey(picture):
+    return cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+
+
+def rng():
+    return np.random.default_rng(3)
+
+
+def test_exact_corners_are_where_a_pinhole_puts_them():
+    scene = MarkerScene(focal_px=700, unit_seed=1)
+    corners = scene.exact_corners_px(seen_from())
+    assert corners[0, 0] == pytest.approx((319.5 - 80.0, 239.5 - 20.0))
+    assert corners[1, 2] == pytest.approx((319.5 + 80.0, 239.5 + 20.0))
+
+
+def test_positive_turn_is_counter_clockwise_as_seen():
+    corners = MarkerScene(focal_px=700, unit_seed=1).exact_corners_px(seen_from(turn_deg=30.0))
+    dx, dy = corners[1].mean(axis=0) - corners[0].mean(axis=0)
+    assert -np.degrees(np.arctan2(dy, dx)) == pytest.approx(30.0)
+
+
+def test_exact_corners_agree_with_opencv_projection():
+    scene = MarkerScene(focal_px=650, unit_seed=1, k1=-0.2)
+    pose = seen_from(20.0, (12.0, -7.0), 0.03, -0.05, 0.8)
+    half = scene.marker_side_m / 2
+    square = np.array([[-half, 0, half], [half, 0, half], [half, 0, -half], [-half, 0, -half]])
+    points = np.concatenate([square + np.array([x, 0, z]) for x, z in scene.marker_centres_m])
+    projected, _ = cv2.projectPoints(
+        points,
+        pose.rotation.as_rotvec(),
+        np.array(pose.position_m),
+        scene.camera_matrix,
+        scene.distortion,
+    )
+    np.testing.assert_allclose(scene.exact_corners_px(pose).reshape(8, 2), projected.reshape(8, 2), atol=1e-9)
+
+
+def edge_errors_px(picture, corners):
+    """How far drawn outer edges lie from where they should, along the outward normal."""
+    offsets = np.linspace(-3.0, 3.0, 121)
+    errors = []
+    for marker in corners:
+        for a, b in zip(marker, np.roll(marker, -1, axis=0), strict=True):
+            along = (b - a) / np.hypot(*(b - a))
+            outward = np.array([along[1], -along[0]])
+            for share in (0.3, 0.4, 0.5, 0.6, 0.7):
+                where = a + share * (b - a) + offsets[:, None] * outward
+                profile = cv2.remap(picture, where[None].astype(np.float32), None, cv2.INTER_LINEAR)[0]
+                step = (profile.astype(float) - profile[0]) / (float(profile[-1]) - float(profile[0]))
+                errors.append(offsets[-1] - np.trapezoid(step, offsets))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("k1", [0.0, -0.2])
+def test_edges_are_drawn_where_the_truth_says(k1):
+    scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0, k1=k1)
+    draw = np.random.default_rng(5)
+    errors = []
+    for _ in range(12):
+        x, y = draw.uniform(-0.06, 0.06, 2)
+        pose = seen_from(draw.uniform(-40, 40), tuple(draw.uniform(-15, 15, 2)), x, y)
+        errors.append(edge_errors_px(grey(scene.render(pose, rng())), scene.exact_corners_px(pose)))
+    pooled = np.concatenate(errors)
+    assert abs(pooled.mean()) < 0.005
+    assert pooled.std() < 0.02
+
+
+def test_same_generator_state_gives_the_same_picture():
+    scene = MarkerScene(focal_px=700, unit_seed=1)
+    again = MarkerScene(focal_px=700, unit_seed=1)
+    first = scene.render(seen_from(5.0), np.random.default_rng(9))
+    np.testing.assert_array_equal(first, again.render(seen_from(5.0), np.random.default_rng(9)))
+    assert (first != scene.render(seen_from(5.0), np.random.default_rng(10))).any()
+    assert first.shape == (480, 640, 3)
+    assert first.dtype == np.uint8
+
+
+def test_a_picture_does_not_change_the_next_one():
+    scene = MarkerScene(focal_px=700, unit_seed=1)
+    before = scene.render(seen_from(0.0), rng())
+    scene.render(seen_from(30.0, x=0.1), rng())
+    np.testing.assert_array_equal(before, scene.render(seen_from(0.0), rng()))
+
+
+@pytest.mark.parametrize("noise", [2.0, 4.0])
+def test_noise_is_as_strong_as_asked(noise):
+    clean = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0).render(seen_from(), rng())
+    noisy = MarkerScene(focal_px=700, unit_seed=1, noise_grey=noise).render(seen_from(), rng())
+    difference = noisy.astype(float) - clean
+    assert difference.mean() == pytest.approx(0.0, abs=0.1)
+    assert difference.std() == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (-0.3, 0.1), (0.0, 0.25), (0.28, -0.26)])
+def test_an_object_across_the_border_is_clipped(x, y):
+    scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0)
+    empty = scene.render(seen_from(x=9.0), rng())
+    part = scene.render(seen_from(x=x, y=y), rng())
+    assert part.shape == empty.shape
+    assert (part != empty).any()
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        seen_from(x=9.0),
+        seen_from(z=-0.7),
+        seen_from(z=0.0),
+        seen_from(tilt_deg=(180.0, 0.0)),
+        seen_from(tilt_deg=(0.0, 90.0)),
+    ],
+    ids=["aside", "behind the camera", "in the camera", "back side", "edge on"],
+)
+def test_what_cannot_be_seen_is_not_drawn(pose):
+    scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0)
+    np.testing.assert_array_equal(scene.render(pose, rng()), scene.render(seen_from(x=9.0), rng()))
+
+
+def test_large_picture_has_the_size_asked():
+    scene = MarkerScene(focal_px=1400, unit_seed=1, size=(1280, 720))
+    assert scene.render(seen_from(), rng()).shape == (720, 1280, 3)
+
+
+def test_unknown_dictionary_is_refused():
+    with pytest.raises(InputError, match="DICT_9X9"):
+        MarkerScene(focal_px=700, unit_seed=1, dictionary="DICT_9X9")

@@ -1,0 +1,59 @@
+"""Sensor units that depart from their family, random contacts, and frames for training."""
+
+import numpy as np
+import pytest
+
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.gel.variation import FAMILY, Variation, draw_variation
+from fakes.objects.random_contact import random_contact
+from fakes.objects.surfaces import build_surface
+from fakes.studio.training_frames import RANDOM_SHAPE
+from rig.training.simulated import simulated_examples
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="module")
+def pressed() -> Imprint:
+    return Imprint(build_surface(random_contact(rng(3)), 1, 0), 10.0, (0.0, 0.0), 0.5)
+
+
+def test_a_unit_of_the_family_is_what_it_was_without_variation(pressed: Imprint) -> None:
+    plain, family = GelSensor(5), GelSensor(5, variation=FAMILY)
+    np.testing.assert_array_equal(plain.render(pressed, 1.0, rng()), family.render(pressed, 1.0, rng()))
+
+
+def test_varied_units_differ_and_are_the_same_again(pressed: Imprint) -> None:
+    frames = [GelSensor(5, variation=draw_variation(rng(n))).render(pressed, 0.0, rng()) for n in (1, 2, 1)]
+    assert np.abs(frames[0].astype(int) - frames[1]).mean() > 5
+    np.testing.assert_array_equal(frames[0], frames[2])
+
+
+def test_a_variation_leaves_the_true_contact_alone(pressed: Imprint) -> None:
+    varied = GelSensor(5, variation=draw_variation(rng(1)))
+    np.testing.assert_array_equal(varied.touching(pressed), GelSensor(5).touching(pressed))
+
+
+def test_streaks_darken_the_gel_outside_a_contact(pressed: Imprint) -> None:
+    far = GelSensor(5).touching(pressed) == 0
+    plain = GelSensor(5, variation=Variation(noise=0.0)).render(pressed, 0.0, rng())
+    streaky = GelSensor(5, variation=Variation(noise=0.0, streak_per_mm=1.5)).render(pressed, 0.0, rng())
+    assert streaky[far].astype(int).sum() < 0.99 * plain[far].astype(int).sum()
+
+
+def test_a_flattened_gel_has_a_shallower_middle(pressed: Imprint) -> None:
+    soft = GelSensor(5, variation=Variation(flatten_mm=0.2))._pad.dent(pressed)
+    assert soft.max() < 0.2 < GelSensor(5)._pad.dent(pressed).max()
+
+
+def test_training_frames_are_the_same_for_a_seed_and_carry_their_labels() -> None:
+    made = [simulated_examples(["2", "7"], 14, seed, (60, 80), random_share=0.5) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(made[0].frames, made[1].frames)
+    assert (made[0].frames != made[2].frames).any()
+    assert set(made[0].objects) <= {"2", "7", RANDOM_SHAPE}
+    assert made[0].frames.shape == (14, 80, 60, 3)
+    assert made[0].labels.shape == (14, 80, 60)
+    share = made[0].labels.mean(axis=(1, 2)) / 255.0
+    assert 0.02 < share[share > 0].mean() < 0.5

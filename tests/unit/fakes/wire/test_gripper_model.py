@@ -1,0 +1,111 @@
+"""The simulated gripper's state machine, tick by tick: what the manual says happens when."""
+
+import pytest
+
+from drivers.types import Pose
+from fakes.objects.catalogue import find_object
+from fakes.wire.gripper.model import GripperModel
+from fakes.world.motion import ToolPath
+from fakes.world.world import FINGER_STIFFNESS_N_M, Layout, World
+
+TABLE = Pose((0.45, 0.0, 0.06))
+HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
+
+
+def make_world() -> World:
+    return World(Layout(base_T_table=TABLE, home=HOME), seed=3)
+
+
+def test_a_status_right_after_a_write_still_tells_of_before() -> None:
+    model = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0)
+    model.written[0] = 1
+    assert model.image[0] == 0
+    model.tick(5_000_000)
+    assert model.image[0] == 0x11
+
+
+def run(model: GripperModel, written: str, start_ns: int, duration_s: float) -> int:
+    """Write bytes into a model and let it run; return the time after."""
+    data = bytes.fromhex(written)
+    model.written[: len(data)] = data
+    end = start_ns + round(duration_s * 1e9)
+    for now in range(start_ns, end, 5_000_000):
+        model.tick(now)
+    return end
+
+
+def ready_model(world: World) -> tuple[GripperModel, int]:
+    model = GripperModel(world, 0, ("B", "C"), activation_s=3.0)
+    now = run(model, "01", 0, 6.0)
+    assert model.image[:3] == b"\x31\0\0"
+    return model, now
+
+
+def test_going_before_the_activation_is_over_waits_and_says_so() -> None:
+    model = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0)
+    now = run(model, "08", 0, 0.1)
+    assert (model.image[0], model.image[2]) == (0x00, 0x07)
+    now = run(model, "09 00 00 30 FF FF", now, 0.5)
+    assert (model.image[0], model.image[2]) == (0x11, 0x05)
+    now = run(model, "09 00 00 30 FF FF", now, 6.0)
+    assert (model.image[0], model.image[2], model.image[4]) == (0xF9, 0x00, 0x30)
+    now = run(model, "0B 00 00 20 FF FF", now, 0.1)
+    assert (model.image[0], model.image[2]) == (0x23, 0x06)
+    run(model, "0B 00 00 20 FF FF", now, 3.0)
+    assert (model.image[0], model.image[2], model.image[4]) == (0xFB, 0x00, 0x20)
+
+
+def test_a_finger_in_contact_stays_until_sent_back_pressed_harder_or_set_going_anew() -> None:
+    """Manual, OBJECT STATUS; two of three fingers stopped early is gSTA 1."""
+    world = make_world()
+    world.place(find_object("t1"))
+    world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
+    model, now = ready_model(world)
+
+    def grip(position: int, force: int, go_to: int = 8) -> int:
+        asked = f"{position:02X} FF {force:02X}"
+        return run(model, f"{1 | go_to:02X} 04 00 06 FF 00 {asked} {asked}", now, 3.0)
+
+    now = grip(0xFF, 0)
+    assert (model.image[0] >> 6, model.image[1]) == (1, 0b11_10_10_11)
+    held = model.image[7]
+    assert FINGER_STIFFNESS_N_M * world.squeeze_at(now) == pytest.approx(15.0, abs=1.0)
+    now = grip(0xFE, 0)
+    assert model.image[7] == held
+    now = grip(0xFE, 20)
+    pressed = model.image[7]
+    assert pressed > held
+    now = grip(0x40, 20)
+    assert (model.image[7], model.image[0] >> 6) == (0x40, 3)
+    now = grip(0xFE, 20)
+    assert model.image[7] == pytest.approx(pressed, abs=2)
+    now = grip(0xFE, 20, go_to=0)
+    assert model.image[1] == 0
+    grip(0xFE, 20)
+    assert model.image[1] == 0b11_10_10_11
+
+
+def test_a_late_tick_stops_the_fingers_where_they_met_the_object() -> None:
+    """A busy computer misses refreshes; the object does not give way for that."""
+    world = make_world()
+    world.place(find_object("t1"))
+    world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
+    model, now = ready_model(world)
+    now = run(model, "09 04 00 06 FF 00 FF FF 00 FF FF 00", now, 0.1)
+    model.tick(now + 1_800_000_000)
+    assert model.image[1] == 0b11_10_10_11
+    assert FINGER_STIFFNESS_N_M * world.squeeze_at(now + 1_800_000_000) == pytest.approx(15.0, abs=1.0)
+
+
+def test_an_emergency_release_opens_slowly_and_wants_a_reset() -> None:
+    model, now = ready_model(make_world())
+    now = run(model, "09 00 00 40 FF FF", now, 3.0)
+    now = run(model, "19 00 00 40 FF FF", now, 0.2)
+    assert (model.image[0] >> 4 & 3, model.image[2]) == (0, 0x0B)
+    now = run(model, "19 00 00 40 FF FF", now, 5.0)
+    assert (model.image[2], model.image[4]) == (0x0F, 6)
+    now = run(model, "09 00 00 40 FF FF", now, 1.0)
+    assert (model.image[2], model.image[4]) == (0x0F, 6), "no motion before reset and activation"
+    now = run(model, "00", now, 0.1)
+    run(model, "01", now, 6.0)
+    assert model.image[:3] == b"\x31\0\0"

@@ -1,0 +1,208 @@
+"""The gripper on the wire, asked by other Modbus clients and held to the frames of its manual."""
+
+import os
+import select
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+
+from drivers.clock import SystemClock
+from drivers.errors import InputError
+from drivers.types import Pose
+from fakes.wire.gripper.modbus_frames import crc16
+from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.world.world import Layout, World
+
+TABLE = Pose((0.45, 0.0, 0.06))
+HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
+STATUS = "09 03 07 D0 00 08 45 C9"
+"""RTU: read the whole status (2014 manual, steps 5 and 8)."""
+
+
+def make_world() -> World:
+    return World(Layout(base_T_table=TABLE, home=HOME), seed=3)
+
+
+@pytest.fixture
+def server() -> Iterator[GripperServer]:
+    server = GripperServer(make_world(), SystemClock(), activation_s=0.1)
+    server.start()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[GripperRtu]:
+    line = GripperRtu(make_world(), SystemClock(), tmp_path / "line", activation_s=1.0)
+    line.start()
+    yield line
+    line.stop()
+
+
+def exchange(stream: socket.socket, frame: str) -> str:
+    """Send bytes as printed in the manual, return the reply likewise."""
+    stream.sendall(bytes.fromhex(frame))
+    return stream.recv(256).hex(" ").upper()
+
+
+def talk(line: GripperRtu, frame: bytes, timeout_s: float = 1.0) -> bytes:
+    """Send bytes down the serial line, return what comes within a while (nothing is an answer too)."""
+    end = os.open(line.device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(end, frame)
+        if not select.select([end], [], [], timeout_s)[0]:
+            return b""
+        time.sleep(0.02)
+        return os.read(end, 256)
+    finally:
+        os.close(end)
+
+
+def talk_hex(line: GripperRtu, frame: str, timeout_s: float = 1.0) -> str:
+    return talk(line, bytes.fromhex(frame), timeout_s).hex(" ").upper()
+
+
+def replies_until(ask: Callable[[], str], beginning: str) -> list[str]:
+    """All replies up to one that begins so; fails when none does."""
+    replies, give_up = [ask()], time.monotonic() + 10.0
+    while not replies[-1].startswith(beginning):
+        assert time.monotonic() < give_up, replies[-3:]
+        time.sleep(0.01)
+        replies.append(ask())
+    return replies
+
+
+@pytest.mark.parametrize(
+    ("preset", "command", "status"), [("tcp", "00 00", "00 00"), ("tcp-2014", "03 E8", "07 D0")]
+)
+def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> None:
+    """Activation, its progress, closing: manual 2018 pages 55 to 57, 2014 pages 78 to 82."""
+    server = GripperServer(make_world(), SystemClock(), preset=preset, activation_s=1.0)
+    server.start()
+    with socket.create_connection(server.address) as stream:
+        activate = f"33 9A 00 00 00 0D 02 10 {command} 00 03 06 01 00 00 00 00 00"
+        assert exchange(stream, activate) == f"33 9A 00 00 00 06 02 10 {command} 00 03"
+        ask = f"45 33 00 00 00 06 02 04 {status} 00 01"
+        seen = replies_until(lambda: exchange(stream, ask), "45 33 00 00 00 05 02 04 02 31 00")
+        assert "45 33 00 00 00 05 02 04 02 11 00" in seen
+        close = f"71 EE 00 00 00 0D 02 10 {command} 00 03 06 09 00 00 FF FF FF"
+        assert exchange(stream, close) == f"71 EE 00 00 00 06 02 10 {command} 00 03"
+        ask = f"77 6B 00 00 00 06 02 04 {status} 00 08"
+        grip = replies_until(lambda: exchange(stream, ask), "77 6B 00 00 00 13 02 04 10 39 C0 00 FF")[-1]
+        assert grip.endswith("0F 00 89 00 00"), "currents while closing, the scissor at 0x89"
+    server.stop()
+
+
+def test_rtu_frames_are_the_manuals(line: GripperRtu) -> None:
+    """Manual 2014, pages 66 to 74, with the CRCs printed there."""
+    assert talk_hex(line, "09 10 03 E8 00 03 06 01 00 00 00 00 00 72 E1") == "09 10 03 E8 00 03 01 30"
+    ask = "09 03 07 D0 00 01 85 CF"
+    assert "09 03 02 11 00 55 D5" in replies_until(lambda: talk_hex(line, ask), "09 03 02 31 00 4C 15")
+    assert talk_hex(line, "09 10 03 E8 00 03 06 09 00 00 FF FF FF 42 29") == "09 10 03 E8 00 03 01 30"
+    replies_until(lambda: talk_hex(line, STATUS), "09 03 10 39 C0 00 FF")
+    assert talk_hex(line, "09 10 03 E8 00 03 06 09 00 00 00 FF FF 72 19") == "09 10 03 E8 00 03 01 30"
+    opened = replies_until(lambda: talk_hex(line, STATUS), "09 03 10 F9 FF 00 00")[-1]
+    assert opened.startswith("09 03 10 F9 FF 00 00 06 00 00 06 00 00 06 00 00 89 00 00"), "open reads 6 or 7"
+
+
+def test_the_serial_line_is_silent_to_what_it_does_not_take(line: GripperRtu) -> None:
+    good = bytes.fromhex(STATUS)
+    for frame in (good[:-1] + b"\0", b"\x08" + good[1:], bytes.fromhex("09 01 00 00 00 01 FC 82"), good[:4]):
+        assert talk(line, frame, timeout_s=0.1) == b""
+        time.sleep(0.06)
+    assert talk(line, b"\x09\x10\xff" + good)[:3] == b"\x09\x03\x10", "after noise the next frame is found"
+    time.sleep(0.06)
+    refused = bytes.fromhex("09 03 00 00 00 01")
+    refused += crc16(refused).to_bytes(2, "little")
+    assert talk(line, refused, timeout_s=0.1) == b"", "the 2014 manual has no exception replies"
+
+
+def test_any_client_can_use_every_function(server: GripperServer) -> None:
+    client = ModbusTcpClient(*server.address[:1], port=server.address[1])
+    for unit in (0, 1, 2, 9, 255):
+        assert client.read_input_registers(0, count=8, device_id=unit).registers[0] == 0
+    client.write_register(0, 0x0100, device_id=2)
+    while client.read_holding_registers(0, count=1, device_id=2).registers != [0x3100]:
+        time.sleep(0.01)
+    reply = client.readwrite_registers(
+        read_address=0, read_count=8, write_address=0, values=[0x0900, 0x0014, 0xFFFF], device_id=2
+    )
+    assert len(reply.registers) == 8
+    while client.read_input_registers(0, count=1, device_id=2).registers != [0xF9FF]:
+        time.sleep(0.01)
+    assert client.read_input_registers(1, count=2, device_id=2).registers == [0x0014, 0x1400]
+    assert client.read_input_registers(8, count=1, device_id=2).exception_code == 2
+    assert client.read_input_registers(7, count=2, device_id=2).exception_code == 2
+    assert client.read_coils(0, count=1, device_id=2).exception_code == 1
+    client.close()
+
+
+def test_a_serial_client_can_use_it(line: GripperRtu) -> None:
+    client = ModbusSerialClient(line.device, baudrate=115200, timeout=1)
+    assert client.write_registers(0x3E8, [0x0100, 0, 0], device_id=9).count == 3
+    while client.read_input_registers(0x7D0, count=1, device_id=9).registers != [0x3100]:
+        time.sleep(0.01)
+    assert client.read_holding_registers(0x3E8, count=1, device_id=9).registers == [0x0100], "as written"
+    client.close()
+
+
+def test_two_clients_share_one_gripper_and_a_broken_one_is_dropped(server: GripperServer) -> None:
+    with (
+        socket.create_connection(server.address) as broken,
+        socket.create_connection(server.address) as other,
+    ):
+        ask = "45 33 00 00 00 06 02 04 00 00 00 01"
+        assert exchange(other, ask).endswith("02 00 00")
+        broken.sendall(bytes.fromhex("45 33 FF FF 00 06 02 04"))
+        assert broken.recv(16) == b""
+        other.sendall(bytes.fromhex(ask)[:5])
+        time.sleep(0.05)
+        other.sendall(bytes.fromhex(ask)[5:] + bytes.fromhex(ask))
+        replies = b""
+        while len(replies) < 22:
+            replies += other.recv(64)
+        assert replies[:11] == replies[11:]
+
+
+def test_a_place_that_is_taken_is_named(server: GripperServer, tmp_path: Path) -> None:
+    host, port = server.address
+    with pytest.raises(InputError, match=f"{host}:{port}"):
+        GripperServer(make_world(), SystemClock(), port=port).start()
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="in the way"):
+        GripperRtu(make_world(), SystemClock(), tmp_path / "file").start()
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_faults_are_named_and_their_arguments_checked(server: GripperServer) -> None:
+    for kind, arguments in (("explode", {}), ("silent", {"code": 1})):
+        with pytest.raises(InputError, match="power_lost"):
+            server.inject(kind, **arguments)
+    for kind, arguments in (
+        ("fault", {"code": 300}),
+        ("delay", {"delay_s": "long"}),
+        ("silent", {"duration_s": -1}),
+    ):
+        with pytest.raises(InputError, match="not a number"):
+            server.inject(kind, **arguments)
+    server.inject("silent", duration_s=0.02)
+    assert server.snapshot()["faults"] == ["silent"]
+    while server.snapshot()["faults"]:
+        time.sleep(0.01)
+
+
+def test_a_line_that_was_cut_comes_back_under_its_name(line: GripperRtu, server: GripperServer) -> None:
+    for fake in (line, server):
+        fake.inject("disconnect", duration_s=0.05)
+    while not os.path.lexists(line.device) or line.snapshot()["faults"]:
+        time.sleep(0.01)
+    time.sleep(0.05)
+    assert talk_hex(line, "09 03 07 D0 00 01 85 CF").startswith("09 03 02 00 00")
+    with socket.create_connection(server.address) as stream:
+        assert exchange(stream, "45 33 00 00 00 06 02 04 00 00 00 01").endswith("02 00 00")
+    line.stop()
+    assert not os.path.lexists(line.device)

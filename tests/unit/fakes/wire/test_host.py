@@ -1,0 +1,190 @@
+"""What holds the fakes behind wires together: mirror, side channel, motion log, addresses, bench file."""
+
+import math
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.clock import seconds
+from drivers.errors import DeviceError, InputError
+from drivers.types import Pose
+from fakes.objects.catalogue import find_object
+from fakes.wire.host.host import Addresses
+from fakes.wire.host.mirror import MirroredWorld, snapshot_of
+from fakes.wire.host.motion_log import MotionLog
+from fakes.wire.net.loopback import require_free, taken_ports
+from fakes.wire.net.side_channel import Control, ControlServer
+from fakes.world.motion import FingerPath, ToolPath
+from fakes.world.trapezoid import Travel
+from fakes.world.world import World
+from rig.bench.assembly import build_real_bench, simulated_bench_plan
+from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
+from rig.config import BenchConfig, load_bench
+from rig.config.load import parse_bench
+from rig.config.write import bench_text
+
+
+def lifted_world() -> World:
+    """A world whose fingers close on the wrench within 1 s, and whose tool rises from then on."""
+    plan = simulated_bench_plan(load_bench("fake"))
+    world = World(plan.layout, 3)
+    world.place(find_object("t1"), seed=5)
+    table = plan.layout.base_T_table
+    site = find_object("t1").sites[0]
+    grasp = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, plan.layout.home.rotation)
+    closed = 6.0 + (plan.layout.max_opening_m - site.width_m + 0.004) / plan.layout.opening_per_count_m
+    world.tool = ToolPath.resting(grasp)
+    world.fingers = FingerPath(6.0, closed, Travel(0, closed - 6.0, 400.0, 4000.0))
+    world.moment_at(seconds(1.0))
+    rising = Travel(seconds(1.0), 0.08, 0.1, 1.0)
+    world.tool = ToolPath.between(grasp, grasp.translated(z_m=0.08), rising)
+    return world
+
+
+def test_the_mirror_shows_what_the_world_shows() -> None:
+    world = lifted_world()
+    mirror = MirroredWorld(world.layout, snapshot_of(world, seconds(1.0)))
+    for step in range(1, 251):
+        mirror.feed(snapshot_of(world, seconds(1.0 + 0.004 * step)))
+    assert (mirror.seed, mirror.draw) == (5, world.draw)
+    assert mirror.grasp == world.grasp is not None
+    for time_s in np.linspace(1.05, 1.95, 37):
+        ours, theirs = mirror.moment_at(seconds(time_s)), world.moment_at(seconds(time_s))
+        assert ours.held
+        assert theirs.held
+        assert ours.object_turn_rad == pytest.approx(theirs.object_turn_rad, abs=math.radians(0.1))
+        here, there = mirror.object_pose_at(seconds(time_s)), world.object_pose_at(seconds(time_s))
+        assert np.allclose(here.position_m, there.position_m, atol=2e-4)
+
+
+def test_a_mirror_that_is_not_fed_gives_the_newest_moment() -> None:
+    world = lifted_world()
+    mirror = MirroredWorld(world.layout, snapshot_of(world, seconds(1.0)))
+    assert mirror.moment_at(seconds(9.0)).time_ns == seconds(1.0)
+
+
+@pytest.fixture
+def control() -> Iterator[Control]:
+    def place(object_id: str) -> dict[str, str]:
+        return {"placed": find_object(object_id).name}
+
+    server = ControlServer({"place": place})
+    server.start()
+    yield Control(server.address)
+    server.stop()
+
+
+def test_the_side_channel_does_what_it_is_told_and_refuses_the_rest(control: Control) -> None:
+    assert control.call("place", object_id="t1") == {"placed": "wrench"}
+    with pytest.raises(InputError, match="no object 'wrnch'"):
+        control.call("place", object_id="wrnch")
+    with pytest.raises(InputError, match="commands are place"):
+        control.call("explode")
+    with pytest.raises(InputError, match="wrong arguments"):
+        control.call("place", subject="t1")
+
+
+@given(st.binary(max_size=200))
+def test_rubbish_on_the_side_channel_is_answered_not_fatal(rubbish: bytes) -> None:
+    server = ControlServer({"world": lambda: {"fine": True}})
+    server.start()
+    try:
+        host, _, port = server.address.rpartition(":")
+        with socket.create_connection((host, int(port)), timeout=5.0) as connection:
+            connection.sendall(rubbish.replace(b"\n", b"") + b"\n")
+            assert b"expected one JSON object" in connection.makefile("rb").readline()
+        assert Control(server.address).call("world") == {"fine": True}
+    finally:
+        server.stop()
+
+
+def test_a_side_channel_where_nobody_answers_is_a_device_error() -> None:
+    with pytest.raises(DeviceError, match="rig fakes serve"):
+        Control("127.0.0.1:1").call("world")
+    with pytest.raises(InputError, match="host:port"):
+        Control("nowhere")
+    with pytest.raises(InputError, match="names no running fakes"):
+        fakes_control(load_bench("wire"))
+
+
+def test_motions_are_logged_from_begin_to_standstill() -> None:
+    log = MotionLog()
+    for step in range(300):
+        x = 0.0005 * min(max(step - 50, 0), 100)
+        log.see(step * 4_000_000, (x, 0.0, 0.0))
+    assert [list(interval) for interval in log.intervals] == [[50 * 4_000_000, 150 * 4_000_000]]
+    assert not log.moving
+
+
+def test_only_free_loopback_addresses_are_served() -> None:
+    with pytest.raises(InputError, match="no loopback address"):
+        require_free("192.168.0.1")
+    with socket.create_server(("127.0.0.77", 30003)):
+        assert taken_ports("127.0.0.77") == [30003]
+        with pytest.raises(InputError, match="--host"):
+            require_free("127.0.0.77")
+    require_free("127.0.0.77")
+
+
+def test_a_bench_without_fakes_is_not_served() -> None:
+    with pytest.raises(InputError, match=r"no \[fakes\]"), hosted_fakes(load_bench("fake"), "127.0.0.77"):
+        pass
+
+
+@pytest.mark.parametrize("transport", ["tcp", "rtu"])
+def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport: str, tmp_path: Path) -> None:
+    gripper = ("127.0.0.2", 40001) if transport == "tcp" else str(tmp_path / "gripper")
+    config = _with_gripper(transport=transport)
+    streams = {serial: f"http://127.0.0.2/{serial}" for serial in ("SIM-D0001", "SIM-D0002", "SIM-C0001")}
+    served = addressed(config, Addresses("127.0.0.2", gripper, streams, "127.0.0.2:9"))
+    again = parse_bench(bench_text(served), "served.toml")
+    assert again == served
+    assert again.arm.host == "127.0.0.2"
+    assert again.camera.address == streams["SIM-C0001"]
+    assert (again.gripper.device or (again.gripper.host, again.gripper.port)) == gripper
+    assert again.simulated
+
+
+@pytest.mark.parametrize(
+    "gripper",
+    [
+        {"fingers": ("A", "B")},
+        {"fingers": ("C", "A"), "preset": "tcp-2014"},
+        {"fingers": ("A", "C"), "transport": "rtu"},
+    ],
+)
+def test_the_gripper_is_served_as_the_bench_file_has_it(gripper: dict[str, Any]) -> None:
+    config = _with_gripper(**gripper)
+    fingers = [{"finger": name} for name in config.gripper.fingers]
+    tactile = tuple(t.model_copy(update=f) for t, f in zip(config.tactile, fingers, strict=True))
+    config = config.model_copy(update={"tactile": tactile})
+    with hosted_fakes(config, host=None, polyscope="5.25.0") as (served, _):
+        driver = build_real_bench(served).gripper
+        driver.connect()
+        try:
+            driver.activate()
+            driver.move_to(100).wait(5.0)
+            status = Control(served.fakes.control).call("status")  # type: ignore[union-attr]
+        finally:
+            driver.disconnect()
+    assert status["finger_counts"] == pytest.approx(100.0)
+    assert status["devices"]["arm"]["version"] == "5.25.0"
+
+
+def test_a_version_that_is_none_is_refused() -> None:
+    with (
+        pytest.raises(InputError, match="is written as"),
+        hosted_fakes(load_bench("wire"), host=None, polyscope="latest"),
+    ):
+        pass
+
+
+def _with_gripper(**changes: Any) -> BenchConfig:
+    config = load_bench("wire")
+    return config.model_copy(update={"gripper": config.gripper.model_copy(update=changes)})

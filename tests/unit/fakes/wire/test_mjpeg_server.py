@@ -1,0 +1,155 @@
+"""The served sensor as anyone's MJPEG client sees it, and its side channel."""
+
+import json
+import shutil
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import InputError
+from fakes.gel.sensor import GelSensor
+from fakes.wire.mjpeg.server import MjpegServer
+
+GEL = GelSensor(6)
+
+
+def drawn(time_ns: int) -> np.ndarray:
+    return GEL.render(None, 0.0, np.random.default_rng(time_ns))
+
+
+@pytest.fixture
+def server() -> Iterator[MjpegServer]:
+    server = MjpegServer("D1", drawn, 60.0, SystemClock())
+    server.start()
+    yield server
+    server.stop()
+
+
+def get(server: MjpegServer, path: str) -> bytes:
+    with urllib.request.urlopen(server.url.replace("/stream.mjpg", path), timeout=2.0) as answer:
+        return answer.read()
+
+
+def post(server: MjpegServer, path: str, body: bytes) -> tuple[int, str]:
+    try:
+        request = urllib.request.Request(server.url.replace("/stream.mjpg", path), body)
+        with urllib.request.urlopen(request, timeout=2.0) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+def test_opencv_reads_the_stream(server: MjpegServer) -> None:
+    capture = cv2.VideoCapture(server.url, cv2.CAP_FFMPEG)
+    read = [capture.read() for _ in range(20)]
+    capture.release()
+    assert all(there for there, _ in read)
+    raw = np.rot90(read[-1][1][..., ::-1]).astype(int)
+    assert np.abs(raw - drawn(0).astype(int)).mean() < 4.0
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+def test_curl_reads_the_stream(server: MjpegServer) -> None:
+    # curl ends with 28, its time being over: a live stream has no end
+    curl = subprocess.run(["curl", "-sN", "-m", "1", server.url], capture_output=True, check=False)
+    assert curl.returncode == 28
+    parts = curl.stdout.split(b"--frame\r\n")[1:-1]
+    assert len(parts) > 30
+    head, _, body = parts[0].partition(b"\r\n\r\n")
+    assert f"Content-Length: {len(body) - 2}".encode() in head
+    assert body.startswith(b"\xff\xd8")
+    assert body.endswith(b"\xff\xd9\r\n")
+
+
+def test_a_browser_finds_a_page_and_an_image(server: MjpegServer) -> None:
+    assert b'<img src="/stream.mjpg"' in get(server, "/")
+    assert get(server, "/snapshot.jpg").startswith(b"\xff\xd8")
+
+
+def test_numbers_go_on_while_nobody_looks(server: MjpegServer) -> None:
+    get(server, "/snapshot.jpg")
+    first = json.loads(get(server, "/status"))["last"]
+    time.sleep(0.3)
+    get(server, "/snapshot.jpg")
+    status = json.loads(get(server, "/status"))
+    assert status["last"] >= first + 15
+    assert status["served"] < 15
+    assert status["missed"] == 0
+
+
+def test_two_clients_see_the_same_bytes(server: MjpegServer) -> None:
+    one, two = {}, {}
+    for a, b, _ in zip(server.captures(), server.captures(), range(10), strict=False):
+        one[a.number], two[b.number] = a.jpeg, b.jpeg
+    shared = set(one) & set(two)
+    assert len(shared) > 3
+    assert all(one[number] == two[number] for number in shared)
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "words"),
+    [
+        ("/control", b'{"size_px": [800, 600]}', "no size"),
+        ("/control", b'{"rate_hz": 61}', "no rate 61"),
+        ("/control", b'{"rate_hz": "fast"}', "give 1 number"),
+        ("/control", b'{"light": [1, 1]}', "give 3 numbers"),
+        ("/control", b'{"light": [2, 0, 0]}', "from 0 to 1"),
+        ("/control", b'{"zoom": 1}', "there are size_px"),
+        ("/control", b"[1]", "expected a JSON object"),
+        ("/control", b"\xff\x00", "expected a JSON object"),
+        ("/fault", b'{"kind": "melt"}', "use one of freeze"),
+        ("/fault", b'{"what": 1}', "a fault has kind"),
+        ("/elsewhere", b"{}", "settings go to /control"),
+    ],
+)
+def test_what_the_sensor_does_not_offer_is_refused(
+    server: MjpegServer, path: str, body: bytes, words: str
+) -> None:
+    status, text = post(server, path, body)
+    assert status == 400
+    assert words in text
+
+
+def test_a_new_size_resets_the_rate_as_a_digit_does(server: MjpegServer) -> None:
+    assert json.loads(post(server, "/control", b'{"size_px": [640, 480]}')[1])["rate_hz"] == 15
+    assert json.loads(post(server, "/control", b'{"rate_hz": 30}')[1])["rate_hz"] == 30
+    assert post(server, "/control", b'{"rate_hz": 60}')[0] == 400
+
+
+def test_a_digit_that_no_digit_is_like_is_refused() -> None:
+    with pytest.raises(InputError, match="no rate 25"):
+        MjpegServer("D1", drawn, 25.0, SystemClock())
+
+
+def test_what_could_not_be_rendered_in_time_is_counted_and_left_behind() -> None:
+    pauses_s = iter([0.0] * 5 + [0.6])
+
+    def render(time_ns: int) -> np.ndarray:
+        time.sleep(next(pauses_s, 0.0))
+        return drawn(time_ns)
+
+    server = MjpegServer("D1", render, 60.0, SystemClock())
+    server.start()
+    numbers = [capture.number for capture, _ in zip(server.captures(), range(20), strict=False)]
+    server.stop()
+    assert numbers[-1] - numbers[0] == 19 + server.snapshot()["missed"]
+    assert max(np.diff(numbers)) > 0.5 * 60.0  # one gap up to the present, not a trail of late images
+
+
+def test_stopping_ends_the_streams_and_frees_the_port() -> None:
+    server = MjpegServer("D1", drawn, 60.0, SystemClock())
+    server.start()
+    captures = server.captures()
+    next(captures)
+    server.stop()
+    assert len(list(captures)) <= 32
+    again = MjpegServer("D1", drawn, 60.0, SystemClock(), port=int(server.url.split(":")[2].split("/")[0]))
+    again.stop()

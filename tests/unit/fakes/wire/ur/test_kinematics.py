@@ -1,0 +1,68 @@
+"""The controller's closed kinematics against the bench's numerical ones, and its transforms against scipy."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from fakes.wire.ur import frames as ur_frames
+from fakes.wire.ur.kinematics import forward, nearest_inverse, tracked_inverse
+from fakes.world import kinematics
+
+joints = st.tuples(*[st.floats(-3.1, 3.1)] * 6)
+poses = st.tuples(*[st.floats(-1.0, 1.0)] * 3, *[st.floats(-1.8, 1.8)] * 3)
+
+
+@given(joints)
+def test_both_forward_kinematics_agree(q):
+    frame, pose = forward(q), kinematics.forward(q, 0.0)
+    assert np.allclose(frame[:3], pose.position_m, atol=1e-12)
+    assert np.allclose(np.reshape(frame[3:], (3, 3)), pose.rotation.as_matrix(), atol=1e-12)
+
+
+@given(joints)
+def test_the_inverse_finds_back_to_the_pose_it_came_from(q):
+    frame = forward(q)
+    solution = nearest_inverse(frame, q)
+    assert solution is not None
+    assert np.allclose(forward(solution), frame, atol=1e-7)
+
+
+@given(joints, st.tuples(*[st.floats(-1e-3, 1e-3)] * 6))
+def test_along_a_path_the_joints_do_not_jump(q, step):
+    # not at a boundary between branches: stretched or folded elbow, aligned wrist, shoulder over the base
+    if min(abs(math.sin(q[2])), abs(math.sin(q[4]))) < 0.05 or math.hypot(*forward(q)[:2]) < 0.3:
+        return
+    target = forward(tuple(a + b for a, b in zip(q, step, strict=True)))
+    solution = tracked_inverse(target, q)
+    if solution is not None:
+        assert np.allclose(forward(solution), target, atol=1e-9)
+
+
+def test_out_of_reach_is_none():
+    far = ur_frames.from_ur((1.2, 0.0, 0.3, math.pi, 0.0, 0.0))
+    assert nearest_inverse(far, kinematics.ELBOW_UP) is None
+    assert tracked_inverse(far, kinematics.ELBOW_UP) is None
+
+
+@given(poses)
+def test_a_pose_survives_the_controllers_notation(pose):
+    frame = ur_frames.from_ur(pose)
+    assert np.allclose(np.reshape(frame[3:], (3, 3)), Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-12)
+    assert np.allclose(ur_frames.from_ur(ur_frames.to_ur(frame)), frame, atol=1e-9)
+    assert np.allclose(ur_frames.from_pose(ur_frames.to_pose(frame)), frame, atol=1e-9)
+
+
+@given(poses, poses)
+def test_frames_compose_as_poses_do(a, b):
+    first, second = ur_frames.from_ur(a), ur_frames.from_ur(b)
+    expected = ur_frames.to_pose(first) @ ur_frames.to_pose(second)
+    assert np.allclose(ur_frames.compose(first, second)[:3], expected.position_m, atol=1e-9)
+    assert np.allclose(ur_frames.compose(first, ur_frames.inverse(first)), ur_frames.IDENTITY, atol=1e-12)
+
+
+def test_half_a_turn_keeps_its_axis():
+    down = (0.4, 0.1, 0.2, math.pi, 0.0, 0.0)
+    assert np.allclose(np.abs(ur_frames.to_ur(ur_frames.from_ur(down))), np.abs(down))

@@ -1,0 +1,163 @@
+"""The simulated controller's real-time data exchange, held to the frames of the RTDE guide."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import InputError
+from fakes.wire.ur.rtde import PackageType, RtdeSession, package, split_packages
+from fakes.wire.ur.variables import FORMATS, INPUTS, OUTPUTS, OutputBank, Value, output_type, unpacked
+
+VERSION = (5, 11, 0, 108249)
+RANGES = {
+    "?": st.booleans(),
+    "B": st.integers(0, 2**8 - 1),
+    "I": st.integers(0, 2**32 - 1),
+    "i": st.integers(-(2**31), 2**31 - 1),
+    "Q": st.integers(0, 2**64 - 1),
+    "d": st.floats(allow_nan=False, width=64),
+}
+
+
+class Client:
+    """A session and what it wrote, driven by hand."""
+
+    def __init__(self, version: tuple[int, int, int, int] = VERSION, refused: str | None = None) -> None:
+        self.bank = OutputBank()
+        self.written: list[dict[str, Value]] = []
+        self.session = RtdeSession(self.bank, version, self.written.append, lambda _: refused)
+
+    def ask(self, kind: str, payload: bytes = b"") -> bytes:
+        [(answered, answer)] = split_packages(bytearray(self.session.feed(package(ord(kind), payload))))
+        assert answered == ord(kind)
+        return answer
+
+    def outputs(self, names: str, rate_hz: float = 500.0) -> bytes:
+        return self.ask("O", struct.pack(">d", rate_hz) + names.encode())
+
+
+def test_the_guides_first_frames() -> None:
+    session = Client().session
+    assert session.feed(bytes.fromhex("0005560002")) == bytes.fromhex("00045601")
+    assert session.feed(bytes.fromhex("000376")) == bytes.fromhex(
+        "001376 00000005 0000000b 00000000 0001a6d9"
+    )
+    assert session.feed(bytes.fromhex("0005560001")) == bytes.fromhex("00045600"), "version 1 is refused"
+
+
+def test_outputs_are_answered_with_their_types_and_sent_in_their_order() -> None:
+    client = Client()
+    assert client.outputs("timestamp,actual_q,robot_mode,") == b"\x01DOUBLE,VECTOR6D,INT32"
+    client.bank.set("timestamp", 1.5)
+    client.bank.set("actual_q", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    client.bank.set("robot_mode", -1)
+    assert client.ask("S") == b"\x01"
+    values = struct.pack(">d6di", 1.5, 1, 2, 3, 4, 5, 6, -1)
+    assert client.session.data() == package(PackageType.DATA, b"\x01" + values)
+
+
+def test_nothing_is_sent_before_start_and_after_pause() -> None:
+    client = Client()
+    assert client.ask("S") == b"\x00", "no outputs were set up"
+    client.outputs("timestamp")
+    assert not client.session.due(0)
+    client.ask("S")
+    assert client.session.due(0)
+    assert client.ask("P") == b"\x01"
+    assert not client.session.due(0)
+
+
+@pytest.mark.parametrize(("rate_hz", "cycles"), [(500.0, 1), (125.0, 4), (100.0, 5), (1e9, 1), (-1.0, 1)])
+def test_the_rate_is_a_whole_number_of_control_cycles(rate_hz: float, cycles: int) -> None:
+    client = Client()
+    client.outputs("timestamp", rate_hz)
+    client.ask("S")
+    assert [c for c in range(20) if client.session.due(c)] == list(range(0, 20, cycles))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("ft_raw_wrench", (5, 8), (5, 9)),
+        ("payload", (5, 5), (5, 6)),
+        ("actual_current_as_torque", (5, 22), (5, 23)),
+    ],
+)
+def test_a_variable_comes_with_its_version(name: str, old: tuple[int, int], new: tuple[int, int]) -> None:
+    assert output_type(name, (*old, 0, 0)) is None
+    assert output_type(name, (*new, 0, 0)) is not None
+    client = Client((*old, 0, 0))
+    assert client.outputs(f"timestamp,{name}") == b"\x00DOUBLE,NOT_FOUND"
+    assert client.ask("S") == b"\x00"
+
+
+def test_input_recipes_are_numbered_from_one_and_write_their_values() -> None:
+    client = Client()
+    assert client.ask("I", b"input_int_register_0,input_double_register_3,") == b"\x01INT32,DOUBLE"
+    assert client.ask("I", b"no_such_input") == b"\x00NOT_FOUND"
+    assert client.ask("I", b"standard_digital_output") == b"\x02UINT8"
+    client.session.feed(package(PackageType.DATA, b"\x01" + struct.pack(">id", -7, 2.5)))
+    client.session.feed(package(PackageType.DATA, b"\x02\x80"))
+    assert client.written == [
+        {"input_int_register_0": -7, "input_double_register_3": 2.5},
+        {"standard_digital_output": 0x80},
+    ]
+
+
+def test_a_package_shorter_than_its_recipe_writes_what_it_has() -> None:
+    names = ("input_int_register_0", "input_double_register_0")
+    assert unpacked(names, struct.pack(">i", 3)) == {"input_int_register_0": 3}
+    assert unpacked(names, struct.pack(">idd", 3, 1.0, 9.0)) == dict(zip(names, (3, 1.0), strict=True))
+    with pytest.raises(InputError, match="cut"):
+        unpacked(names, struct.pack(">i", 3) + b"\x00")
+
+
+def test_an_unknown_recipe_or_request_is_counted_and_left() -> None:
+    client = Client()
+    assert client.session.feed(package(PackageType.DATA, b"\x09") + package(ord("Z"), b"abc")) == b""
+    assert client.session.ignored == 2
+
+
+def test_a_refusal_on_request() -> None:
+    assert Client(refused="IN_USE").ask("I", b"input_int_register_0") == b"\x00IN_USE"
+    assert Client(refused="NOT_FOUND").outputs("timestamp") == b"\x00NOT_FOUND"
+    assert Client(refused="IN_USE").outputs("timestamp") == b"\x01DOUBLE", "an output is never in use"
+
+
+def test_an_impossible_size_ends_the_conversation() -> None:
+    with pytest.raises(InputError, match="size 2"):
+        Client().session.feed(b"\x00\x02\x56")
+
+
+@given(st.sampled_from(sorted(INPUTS.items())), st.data())
+def test_every_input_comes_through(variable: tuple[str, str], data: st.DataObject) -> None:
+    name, kind = variable
+    code = FORMATS[kind]
+    count = int(code[:-1] or 1)
+    values = tuple(data.draw(RANGES[code[-1]]) for _ in range(count))
+    read = unpacked([name], struct.pack(f">{code}", *values))
+    assert read == {name: values if count > 1 else values[0]}
+
+
+@given(st.sampled_from(sorted(OUTPUTS.items())), st.data())
+def test_every_output_is_sent_as_its_type_says(variable: tuple[str, str], data: st.DataObject) -> None:
+    name, kind = variable
+    code = FORMATS[kind]
+    count = int(code[:-1] or 1)
+    values = tuple(data.draw(RANGES[code[-1]]) for _ in range(count))
+    bank = OutputBank()
+    bank.set(name, values if count > 1 else values[0])
+    assert struct.unpack(f">{code}", bank.packed([name])) == values
+
+
+@given(st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=50)), max_size=8), st.integers(1, 40))
+def test_packages_survive_any_cut(packages: list[tuple[int, bytes]], step: int) -> None:
+    stream = b"".join(package(kind, payload) for kind, payload in packages)
+    buffer, seen = bytearray(), []
+    for start in range(0, len(stream), step):
+        buffer += stream[start : start + step]
+        seen += split_packages(buffer)
+    assert seen == packages
+    assert not buffer

@@ -1,0 +1,127 @@
+"""The pump: every frame once, the fingertips' in the order of capture, whatever phases and jitter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.clock import seconds
+from drivers.errors import StaleFrameError
+from drivers.types import ArmState, Frame, GripperState
+from fakes.clock import SimulatedClock
+from fakes.devices.source import FakeSource, Shutter
+from fakes.faults import FaultScript
+from protocols.pump import Pump
+from protocols.watch import Phase
+from rig.bench.assembly import build_bench
+from rig.config import load_bench
+
+
+class Seen:
+    """A watch that notes what it is shown."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+
+    def phase(self, phase: Phase, time_ns: int) -> None: ...
+    def arm(self, state: ArmState) -> None: ...
+    def gripper(self, state: GripperState) -> None: ...
+
+    def touching(self, serial: str) -> bool:
+        return False
+
+    def frame(self, frame: Frame) -> None:
+        self.frames.append(frame)
+
+
+def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int]:
+    """The frames of three sources with these shutters, and when the pump was told to start."""
+    bench, _ = build_bench(load_bench("fake"))
+    assert isinstance(bench.clock, SimulatedClock)
+
+    def noise(time_ns: int, rng: np.random.Generator) -> np.ndarray:
+        return rng.integers(0, 255, (8, 8, 3), dtype=np.uint8)
+
+    sources = [
+        FakeSource((f"S{n}",), shutter, noise, bench.clock, FaultScript(), n)
+        for n, shutter in enumerate(shutters)
+    ]
+    tips = tuple(replace(tip, sensor=s) for tip, s in zip(bench.fingertips, sources[:2], strict=True))
+    bench = replace(bench, fingertips=tips, camera=sources[2])
+    seen = Seen()
+    with bench.connected():
+        bench.clock.sleep_until(seconds(0.2))
+        pump = Pump(bench, seen)
+        pump.start()
+        began = bench.clock.now_ns()
+        pump.run_for(duration_s)
+    return seen.frames, began
+
+
+PHASES = st.floats(0.0, 0.016)
+
+
+@given(PHASES, PHASES, PHASES, st.floats(0.0, 0.0015))
+def test_fingertips_frames_are_delivered_in_the_order_of_capture_none_missing(
+    one: float, two: float, three: float, jitter_s: float
+) -> None:
+    shutters = [Shutter(60.0, one, jitter_s=jitter_s), Shutter(60.0, two), Shutter(30.0, three, 0.02)]
+    frames, began = pumped(shutters, 0.5)
+    times = [frame.time_ns for frame in frames if frame.serial != "S2"]
+    assert times == sorted(times)
+    for serial in ("S0", "S1", "S2"):
+        numbers = [frame.sequence for frame in frames if frame.serial == serial]
+        assert numbers == list(range(numbers[0], numbers[-1] + 1))
+    assert max(times) < began + seconds(0.5 + 0.02 + 2 / 60.0)
+    assert frames[-1].time_ns > began + seconds(0.4)
+
+
+def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
+    bench_late_s = 0.12
+    frames, _ = pumped([Shutter(60.0, 0.0), Shutter(60.0, 0.008), Shutter(30.0, 0.004, bench_late_s)], 0.5)
+    behind = [
+        max((f.time_ns for f in frames[:i] if f.serial != "S2"), default=0) - frame.time_ns
+        for i, frame in enumerate(frames)
+        if frame.serial == "S2" and i > 20
+    ]
+    assert min(behind) > seconds(bench_late_s - 0.02)
+
+
+def test_a_camera_that_falls_silent_is_told_of_while_the_fingertips_go_on() -> None:
+    bench, _ = build_bench(load_bench("fake"))
+    with bench.connected():
+        bench.clock.sleep_until(seconds(0.2))
+        pump = Pump(bench, Seen())
+        pump.start()
+        silent_ns = bench.clock.now_ns()
+        bench.camera._active = lambda kind, index: kind == "drop"  # type: ignore[attr-defined]
+        with pytest.raises(StaleFrameError, match="SIM-C0001"):
+            pump.run_for(2.0)
+        assert bench.clock.now_ns() - silent_ns < seconds(0.4)
+
+
+def test_a_while_ends_when_its_last_frame_was_delivered_not_before() -> None:
+    late = Shutter(60.0, 0.0, latency_s=0.3)
+    frames, began = pumped([late, Shutter(60.0, 0.002), Shutter(30.0, 0.005)], 0.4)
+    last = max(frame.time_ns for frame in frames if frame.serial == "S0")
+    assert last > began + seconds(0.4 - 1.2 / 60.0)
+
+
+def test_a_source_that_repeats_itself_is_frozen() -> None:
+    bench, _ = build_bench(load_bench("fake"))
+    camera = bench.camera
+
+    class Frozen(type(camera)):  # type: ignore[misc]
+        def draw(self, time_ns: int, rng: np.random.Generator) -> np.ndarray:
+            return np.zeros((8, 8, 3), np.uint8)
+
+    camera.__class__ = Frozen
+    camera._render = camera.draw  # type: ignore[attr-defined]
+    with bench.connected():
+        bench.clock.sleep_until(seconds(0.2))
+        pump = Pump(bench, Seen())
+        pump.start()
+        with pytest.raises(StaleFrameError, match="SIM-C0001: 20 identical"):
+            pump.run_for(2.0)

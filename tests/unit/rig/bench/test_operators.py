@@ -1,0 +1,87 @@
+"""The person at the bench: asked before anything moves, and no oftener than needed."""
+
+import pytest
+
+from drivers.errors import OperatorStopError
+from drivers.types import ArmMode
+from protocols.steps import make_ready
+from rig.bench.assembly import build_bench
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import session_bench
+from rig.config import BenchConfig, load_bench
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import describe_plan
+from rig.tactile.estimators import choose_estimator
+
+
+def real_bench() -> BenchConfig:
+    """The simulated bench's file with real drivers named; none is ever built here."""
+    config = load_bench("fake").model_dump()
+    config["arm"]["driver"], config["gripper"]["driver"] = "ur5e", "robotiq_3f"
+    config["camera"]["driver"], config["camera"]["address"] = "camera", "/dev/video0"
+    for tactile in config["tactile"]:
+        tactile["driver"] = "digit"
+    return BenchConfig.model_validate(config)
+
+
+def test_the_plan_says_what_will_move() -> None:
+    settings = TrialSettings(real_bench(), 0, choose_estimator())
+    plan = describe_plan(settings, ["t1"], 2)
+    for part in ("m/s", "counts past contact", "lift 0.", "t1/1", "t1/2", "Begin?"):
+        assert part in plan
+
+
+def test_without_agreement_nothing_is_even_connected() -> None:
+    asked: list[str] = []
+    person = ConsoleOperator(lambda question: bool(asked.append(question)))
+    with (
+        session_bench(real_bench(), person, "The arm will move. Begin?") as benches,
+        pytest.raises(OperatorStopError, match="nothing was moved"),
+        benches.for_lift(0, "t1/1"),
+    ):
+        pass
+    assert asked == ["The arm will move. Begin?"]
+
+
+def test_a_simulated_bench_asks_nobody() -> None:
+    person = ConsoleOperator(lambda _: False)
+    with (
+        session_bench(load_bench("fake"), person, "Begin?") as benches,
+        benches.for_lift(0, "t1/1") as (bench, operator),
+    ):
+        operator.confirm("Anything?")
+        assert bench.arm.state().mode is ArmMode.RUNNING
+
+
+def test_yes_beforehand_covers_all_but_what_has_to_be_looked_at() -> None:
+    asked: list[str] = []
+    person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
+    person.confirm("Begin?")
+    person.place("t1", "wrench")
+    with pytest.raises(OperatorStopError, match="nobody at the bench"):
+        person.look("Is the arm free?")
+    assert asked == ["Is the arm free?"]
+
+
+def test_a_protective_stop_is_released_only_after_a_look() -> None:
+    fault = {"device": "arm", "kind": "protective_stop", "at_s": 0.0}
+    config = BenchConfig.model_validate({**load_bench("fake").model_dump(), "faults": [fault]})
+    bench, _ = build_bench(config)
+    refusing = ConsoleOperator(lambda _: False)
+    with bench.connected():
+        with pytest.raises(OperatorStopError):
+            make_ready(bench, refusing)
+        assert bench.arm.state().mode is ArmMode.PROTECTIVE_STOP
+        make_ready(bench, ConsoleOperator(lambda _: True))
+        assert bench.arm.state().mode is ArmMode.RUNNING
+
+
+def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
+    asked: list[str] = []
+    operator = ConsoleOperator(lambda question: not asked.append(question))
+    operator.place("t1", "wrench")
+    operator.place("t1", "wrench")
+    operator.displaced()
+    operator.place("t1", "wrench")
+    operator.place("7", "spam")
+    assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]

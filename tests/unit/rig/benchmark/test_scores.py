@@ -1,0 +1,117 @@
+"""The benchmark's figures: errors, windows, onsets and limits, from angles written down by hand."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rig.benchmark.estimators.contenders import (
+    CONTENDERS,
+    WINDOWS,
+    ScriptPass,
+    SharedContact,
+    complete,
+    filtered,
+    unfiltered,
+)
+from rig.benchmark.estimators.scores import score_all, score_series
+from rig.benchmark.estimators.timing import spread
+from rig.tactile.paper.published import ANGLES
+from rig.tactile.sample import SlipSample, State
+
+Image = NDArray[np.uint8]
+Press = Callable[..., Image]
+FRAME_NS = 16_666_667
+
+
+def test_a_lift_is_scored_as_the_contract_says() -> None:
+    score = score_series(
+        "t1/1",
+        [0.0, 1.0, None, 4.0],
+        [0.1, 0.6, None, 0.5],
+        [0.0, 2.0, 3.0, None],
+        np.array([True, True, False, False]),
+        (0.2, 0.23, None),
+    )
+    assert score.re is not None
+    assert score.re.mean_deg == pytest.approx(0.5)
+    assert score.re_held is not None
+    assert score.re_held.mean_deg == pytest.approx((0.0 + 1.0 + 2.0) / 3)  # the refused frame counts as 1.0
+    assert score.answered == 0.75
+    assert (score.sure, score.within) == (2, 2)
+
+
+def test_many_lifts_give_the_papers_mean_of_means_and_the_worst() -> None:
+    one = score_series("t1/1", [1.0, 3.0], [None, None], [0.0, 0.0])
+    two = score_series("1/2", [4.0, 4.0], [None, None], [0.0, 0.0])
+    score = score_all([one, two])
+    assert score.mare is not None
+    assert (score.mare.mean_deg, score.mare.std_deg) == (3.0, 0.5)
+    assert score.mare_elongated is not None
+    assert score.mare_elongated.mean_deg == 2.0
+    assert (score.worst_deg, score.worst) == (4.0, "1/2")
+    assert score.within_two_sigma is None
+
+
+def test_onsets_are_counted_missed_late_or_unfounded() -> None:
+    told = [(0.2, 0.21), (0.2, 0.4), (0.2, None), (None, 0.3), (None, None), (0.5, 0.1)]
+    lifts = [
+        score_series(f"t1/{i}", [0.0], [None], [0.0], None, (true, found, found), True)
+        for i, (true, found) in enumerate(told)
+    ]
+    score = score_all(lifts)
+    assert score.event == score.onset
+    assert (score.onset.true, score.onset.missed, score.onset.false_alarms) == (4, 1, 2)
+    assert score.onset.within == 0.25
+    assert score.onset.error_s == pytest.approx(0.2)
+
+
+def test_a_contender_without_rates_tells_no_event() -> None:
+    assert score_all([score_series("t1/1", [0.0], [None], [0.0])]).event is None
+
+
+@pytest.mark.parametrize("name", CONTENDERS)
+def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
+    name: str, press: Press, blank: Image
+) -> None:
+    turns = [None, 0, 0, 0, 0, 0, 0, 0, 3, 6, 9, None, 12, 15]
+    frames = [press(turn, seed=i) for i, turn in enumerate(turns)]
+    one_pass = unfiltered(blank, None, (name,))[name]
+    samples = [one_pass.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
+    whole = complete(name, blank)
+    expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
+    window = 2 if name not in ("slip", "slip --no-skip", "ecc", "polar") else 1
+    assert [s.angle_deg for s in filtered(name, samples, window)] == expected
+
+
+def test_estimators_that_share_a_contact_find_what_they_find_alone(press: Press, blank: Image) -> None:
+    finder = SharedContact(blank)
+    for turn in (10, 20):
+        frame = press(turn)
+        shared = [ScriptPass(finder, angle).update(frame, 0).angle_deg for angle in ANGLES.values()]
+        alone = [
+            ScriptPass(SharedContact(blank), angle).update(frame, 0).angle_deg for angle in ANGLES.values()
+        ]
+        assert shared == alone
+
+
+@given(
+    st.lists(st.one_of(st.none(), st.floats(-180, 180)), min_size=1, max_size=30), st.sampled_from(WINDOWS)
+)
+def test_a_window_never_answers_more_than_was_answered(angles: list[float | None], window: int) -> None:
+    samples = [
+        SlipSample(i * FRAME_NS, State.LOST if a is None else State.TRACKING, a) for i, a in enumerate(angles)
+    ]
+    made = filtered("ecc", samples, window)
+    assert [s.angle_deg is None for s in made] == [a is None for a in angles]
+    known = [a for a in angles if a is not None]
+    assert all(min(known) - 1e-9 <= s.angle_deg <= max(known) + 1e-9 for s in made if s.angle_deg is not None)
+
+
+def test_percentiles_are_in_milliseconds() -> None:
+    durations = spread([0.001] * 98 + [0.003, 0.009])
+    assert (durations.p50_ms, durations.max_ms, durations.count) == (1.0, 9.0, 100)
+    assert spread([]).count == 0

@@ -1,0 +1,124 @@
+"""Calibrations beside a bench file: found, checked, used; and the same in a replay."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.camera.files import camera_info
+from calibration.camera.model import CameraModel
+from calibration.store import CalibrationFile, save
+from calibration.verdict import Judgement
+from drivers.errors import CalibrationError
+from drivers.types import GripperLimits
+from rig.config import BenchConfig, load_bench
+from rig.config.calibrations import find_calibrations, load_calibrated_bench
+from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.replay import run_replay
+from rig.experiments.trial import run_trial
+from rig.sessions.session import read_manifest
+from rig.tactile.estimators import choose_estimator
+
+CAMERA = CameraModel(
+    (640, 480), np.array([[650.0, 0, 321], [0, 651.0, 238], [0, 0, 1]]), np.array([0.01, 0, 0, 0, 0])
+)
+
+
+def keep(
+    folder: Path, kind: str, serials: dict, value: dict, refused: str = "", simulated: bool = True
+) -> Path:
+    judged = Judgement(refusals=(refused,)) if refused else Judgement()
+    path = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    save(CalibrationFile(kind, serials, value, judged, created, inputs={"simulated": simulated}), path)
+    return path
+
+
+def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "calibrations"
+    keep(folder, "camera", {"camera": "SIM-C0001"}, camera_info(CAMERA, "SIM-C0001"))
+    keep(folder, "tactile", {"tactile": "SIM-D0002"}, {"pixel_aspect": 0.97})
+    keep(folder, "sync", {"reference": "arm", "stream": "SIM-C0001"}, {"add_to_stream_s": -0.004})
+    place = {"setup": "eye-to-hand", "translation_m": [0.4, -0.6, 0.2], "quaternion_xyzw": [1.0, 0, 0, 0]}
+    keep(folder, "hand-eye", {"camera": "SIM-C0001"}, place)
+    monkeypatch.chdir(tmp_path)
+    said: list[str] = []
+    bench = load_calibrated_bench("fake", said.append)
+    assert len(said) == 4
+    assert all("0 hours old, good" in line for line in said)
+    assert np.asarray(bench.intrinsics().camera_matrix)[0, 0] == 650.0
+    assert bench.base_T_camera().position_m == (0.4, -0.6, 0.2)
+    assert bench.pixel_aspects() == {"SIM-D0001": 0.978, "SIM-D0002": 0.97}
+    assert bench.calibrations.time_shift_s == {"SIM-C0001": -0.004}
+    # the copy in a session is what a replay reads
+    assert BenchConfig.model_validate(bench.model_dump(mode="json")) == bench
+
+
+def test_without_calibrations_the_bench_is_as_its_file_says(tmp_path: Path) -> None:
+    bench = load_bench("fake")
+    found = find_calibrations(bench, tmp_path / "nothing")
+    assert not found.files
+    assert bench.intrinsics().camera_matrix[0][0] == bench.camera.focal_px
+    assert bench.base_T_camera() == bench.camera.base_T_camera()
+
+
+def test_another_units_calibration_is_refused(tmp_path: Path) -> None:
+    keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
+    with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
+        find_calibrations(load_bench("fake"), tmp_path)
+
+
+def test_one_renamed_to_this_unit_is_refused_all_the_same(tmp_path: Path) -> None:
+    path = keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
+    path.rename(tmp_path / "camera-SIM-C0001.yaml")
+    with pytest.raises(CalibrationError, match="belongs to camera OTHER"):
+        find_calibrations(load_bench("fake"), tmp_path)
+
+
+def test_one_that_was_refused_when_made_is_left_out(tmp_path: Path) -> None:
+    keep(tmp_path, "camera", {"camera": "SIM-C0001"}, {}, refused="square-on views only")
+    assert not find_calibrations(load_bench("fake"), tmp_path).files
+
+
+def test_a_simulated_one_is_not_for_a_real_bench(tmp_path: Path) -> None:
+    keep(tmp_path, "tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 1.0})
+    values = load_bench("wire").model_dump()
+    real = BenchConfig.model_validate({**values, "fakes": None})
+    with pytest.raises(CalibrationError, match="made on simulated devices"):
+        find_calibrations(real, tmp_path)
+
+
+def test_a_damaged_value_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    path = keep(tmp_path, "sync", {"reference": "arm", "stream": "SIM-C0001"}, {"add_to_stream_s": "soon"})
+    with pytest.raises(CalibrationError, match=path.name):
+        find_calibrations(load_bench("fake"), tmp_path)
+
+
+def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond() -> None:
+    limits = GripperLimits(6, 255, 0.120, 0.0006, ((50.0, 0.090), (100.0, 0.065), (150.0, 0.030)))
+    assert limits.counts_for_opening(0.065) == 100
+    assert limits.counts_for_opening(0.0475) == 125
+    assert limits.counts_for_opening(0.096) == 40
+    assert limits.counts_for_opening(0.024) == 160
+
+
+def test_a_lift_with_calibrations_replays_bit_for_bit(tmp_path: Path) -> None:
+    camera = CameraInUse(matrix=(655.0, 0, 320, 0, 655.0, 240, 0, 0, 1), distortion=(0.0,) * 5)
+    file = FileInUse(
+        file="camera-SIM-C0001.yaml", sha256="ab" * 32, created="2026-01-01T00:00:00+00:00", verdict="good"
+    )
+    used = CalibrationsInUse(
+        files={"camera-SIM-C0001": file}, camera=camera, time_shift_s={"SIM-C0001": 0.02},
+        pixel_aspect={"SIM-D0001": 1.0}, opening=((6.0, 0.120), (250.0, -0.0319)),
+    )  # fmt: skip
+    bench = load_bench("fake")
+    choice = choose_estimator("pca")
+    plain = run_trial(tmp_path / "plain", TrialSettings(bench, 0, choice), ["t1"], 1)
+    settings = TrialSettings(bench.model_copy(update={"calibrations": used}), 0, choice)
+    calibrated = run_trial(tmp_path / "calibrated", settings, ["t1"], 1)
+    # a camera said to be 20 ms late is another truth to compare with
+    assert calibrated.mare != plain.mare
+    assert read_manifest(tmp_path / "calibrated")["calibration"]["camera-SIM-C0001"]["sha256"] == "ab" * 32
+    assert run_replay(tmp_path / "calibrated", None, None, jobs=1).identical == 1

@@ -1,0 +1,180 @@
+"""Reading anyone's frames: folders, images, videos, backgrounds."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.frames.series import is_session, make_background, read_frames, read_image
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+
+def write(path: Path, image: Image) -> Path:
+    assert cv2.imwrite(str(path), np.ascontiguousarray(image[..., ::-1]))
+    return path
+
+
+def grey(level: int, size: tuple[int, int] = (24, 32)) -> Image:
+    return np.full((size[1], size[0], 3), level, np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for i in (2, 10, 1):
+        write(tmp_path / f"frame{i}.png", grey(i))
+    return tmp_path
+
+
+def video(path: Path, frames: list[Image], fps: float = 25.0) -> Path:
+    size = (frames[0].shape[1], frames[0].shape[0])
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
+    assert writer.isOpened()
+    for frame in frames:
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    writer.release()
+    return path
+
+
+def test_images_come_in_the_order_people_count(folder: Path) -> None:
+    (folder / "notes.txt").write_text("no image")
+    (folder / ".frame0.png").write_bytes(b"hidden")
+    frames = list(read_frames(folder))
+    assert [frame.name for frame in frames] == ["frame1.png", "frame2.png", "frame10.png"]
+    assert [int(frame.image[0, 0, 0]) for frame in frames if frame.image is not None] == [1, 2, 10]
+
+
+def test_without_times_sixty_frames_a_second_are_assumed_and_said(folder: Path) -> None:
+    series = read_frames(folder)
+    assert [frame.time.text for frame in series] == ["0.000000", "0.016667", "0.033333"]
+    assert "60 frames per second assumed" in series.notes[0]
+    assert read_frames(folder, fps=60.0).notes == ()
+
+
+def test_a_series_can_be_read_again(folder: Path) -> None:
+    series = read_frames(folder)
+    assert [f.name for f in series] == [f.name for f in series]
+
+
+def test_frames_are_rgb(tmp_path: Path) -> None:
+    red = np.zeros((32, 24, 3), np.uint8)
+    red[..., 0] = 200
+    assert np.array_equal(read_image(write(tmp_path / "red.png", red)), red)
+    series = read_frames(tmp_path / "red.png")
+    assert [frame.time.time_ns for frame in series] == [0]
+    image = next(read_frames(video(tmp_path / "red.avi", [red] * 3)).images())
+    assert abs(int(image[5, 5, 0]) - 200) < 12
+    assert image[5, 5, 2] < 12
+
+
+def test_a_video_has_its_own_rate_unless_told(tmp_path: Path) -> None:
+    path = video(tmp_path / "clip.avi", [grey(20 * i) for i in range(5)])
+    assert [f.time.text for f in read_frames(path)][-1] == "0.160000"
+    assert [f.time.text for f in read_frames(path, fps=50.0)][-1] == "0.080000"
+    assert [f.name for f in read_frames(path)] == ["0", "1", "2", "3", "4"]
+
+
+def test_a_video_cut_short_is_read_as_far_as_it_goes_and_said(tmp_path: Path, press: Draw) -> None:
+    whole = video(tmp_path / "whole.avi", [press(9 * i, seed=i) for i in range(10)]).read_bytes()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(whole[: len(whole) // 2])
+    series = read_frames(cut)
+    count = sum(1 for _ in series)
+    assert 0 < count < 10
+    assert f"10 frames announced, {count} can be read" in series.notes[0]
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg"])
+def test_an_image_cut_short_is_a_gap_and_alone_an_error(tmp_path: Path, press: Draw, ending: str) -> None:
+    for i in range(3):
+        write(tmp_path / f"{i}.{ending}", press(10 * i))
+    damaged = tmp_path / f"1.{ending}"
+    damaged.write_bytes(damaged.read_bytes()[:-3000])
+    assert [frame.image is None for frame in read_frames(tmp_path)] == [False, True, False]
+    with pytest.raises(InputError, match=f"1.{ending}"):
+        read_frames(damaged)
+    with pytest.raises(InputError, match=f"1.{ending}: not a complete image"):
+        read_image(damaged)
+
+
+@pytest.mark.parametrize("content", [b"", b"no image at all", b"\xff\xd8\xff\xd9", b"\x89PNG IEND"])
+def test_a_folder_without_one_good_image_is_an_input_error(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(InputError, match="not one complete image"):
+        read_frames(tmp_path)
+
+
+def test_nothing_to_read_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no images in it"):
+        read_frames(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        read_frames(tmp_path / "missing")
+    (tmp_path / "text.txt").write_text("neither image nor video")
+    with pytest.raises(InputError, match=r"text\.txt: neither"):
+        read_frames(tmp_path / "text.txt")
+
+
+def test_mixed_sizes_are_an_input_error_naming_the_frame(folder: Path) -> None:
+    write(folder / "frame11.png", grey(3, (32, 24)))
+    with pytest.raises(InputError, match=r"'frame11.png' is 32 x 24 px, the first 24 x 32"):
+        list(read_frames(folder))
+
+
+@pytest.mark.parametrize("fps", [0.0, -5.0, float("nan"), float("inf")])
+def test_an_impossible_rate_is_an_input_error(folder: Path, fps: float) -> None:
+    with pytest.raises(InputError, match="no frame rate"):
+        read_frames(folder, fps=fps)
+
+
+def test_a_session_is_known_by_its_manifest(folder: Path) -> None:
+    assert not is_session(folder)
+    (folder / "session.json").write_text("{}")
+    assert is_session(folder)
+
+
+def test_the_background_is_an_image_or_made_from_frames(tmp_path: Path, folder: Path) -> None:
+    series = read_frames(folder)
+    given, _ = make_background(str(write(tmp_path / "bare.bmp", grey(7))), read_frames(folder / "frame1.png"))
+    assert np.array_equal(given, grey(7))
+    first, note = make_background("first:2", series)
+    assert np.array_equal(first, grey(2))
+    assert "first 2" in note
+    made, note = make_background("auto", read_frames(folder))
+    assert made.shape == (32, 24, 3)
+    assert "auto" in note
+
+
+def test_without_choice_many_frames_make_a_background_and_few_do_not(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(InputError, match="give --background"):
+        make_background(None, read_frames(folder))
+    for i in range(12):
+        write(tmp_path / f"more{i}.png", grey(9))
+    made, note = make_background(None, read_frames(tmp_path))
+    assert made.shape == (32, 24, 3)
+    assert "first:N" in note
+
+
+@pytest.mark.parametrize("spec", ["first:0", "first:", "first:-3", "first:x", "first:2.5", "first:99"])
+def test_a_senseless_number_of_first_frames_is_an_input_error(folder: Path, spec: str) -> None:
+    with pytest.raises(InputError, match=f"--background {spec}"):
+        make_background(spec, read_frames(folder))
+
+
+def test_a_background_that_does_not_fit_is_an_input_error(tmp_path: Path, folder: Path) -> None:
+    (tmp_path / "aside").mkdir()
+    other = write(tmp_path / "aside" / "other.bmp", grey(7, (32, 32)))
+    with pytest.raises(InputError, match=r"other.bmp: the background is 32 x 32 px, the frames are 24 x 32"):
+        make_background(str(other), read_frames(folder))
+    with pytest.raises(InputError, match=r"nowhere\.png"):
+        make_background(str(tmp_path / "nowhere.png"), read_frames(folder))
+
+
+def test_long_recordings_are_sampled_evenly(tmp_path: Path) -> None:
+    frames = [grey(40 if i < 100 else 120, (16, 16)) for i in range(300)]
+    made, _ = make_background("auto", read_frames(video(tmp_path / "long.avi", frames)))
+    assert abs(int(made[8, 8, 0]) - 120) < 6

@@ -1,0 +1,160 @@
+"""Labelled images on disk in each layout, folds by object, and scores of masks."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.labels.datasets import object_of, read_dataset
+from rig.labels.folds import FOLDS, check_objects, find_fold
+from rig.labels.outline import contact_label
+from rig.labels.scores import agreement
+from rig.labels.shapes import labelme_mask
+from rig.sessions.layout import MANIFEST
+from rig.sessions.session import SCHEMA_VERSION
+
+Image = NDArray[np.uint8]
+SHAPE = (60, 40)
+SQUARE = [[10.0, 20.0], [30.0, 20.0], [30.0, 50.0], [10.0, 50.0]]
+
+
+def write_image(path: Path, level: int = 90) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((*SHAPE, 3), level, np.uint8))
+    return path
+
+
+def write_label(path: Path, points: list[list[float]], kind: str = "polygon", image: str = "") -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shape = {"label": "contact", "points": points, "shape_type": kind}
+    document = {"shapes": [shape], "imagePath": image, "imageHeight": SHAPE[0], "imageWidth": SHAPE[1]}
+    path.write_text(json.dumps(document))
+    return path
+
+
+def write_vistase(folder: Path, objects: tuple[str, ...]) -> None:
+    """Each image is there twice, as the data set has it: as LabelMe and as VOC."""
+    for name in objects:
+        for number in range(3):
+            voc = folder / name / "voc_format"
+            write_image(voc / "JPEGImages" / f"{number}.jpg")
+            (voc / "SegmentationClassPNG").mkdir(parents=True, exist_ok=True)
+            mask = np.zeros((*SHAPE, 3), np.uint8)
+            mask[20:50, 10:30] = (0, 0, 128)
+            cv2.imwrite(str(voc / "SegmentationClassPNG" / f"{number}.png"), mask)
+            write_image(folder / name / "image_label" / f"{number}.png")
+            write_label(folder / name / "image_label" / f"{number}.json", SQUARE, image=f"{number}.png")
+
+
+def test_the_papers_layout_is_read_once_with_its_object_ids(tmp_path: Path) -> None:
+    write_vistase(tmp_path, ("01_mustard", "object_16", "spam"))
+    files = read_dataset(tmp_path)
+    assert [file.object_id for file in files] == ["1"] * 3 + ["16"] * 3 + ["7"] * 3
+    for file in files:
+        assert np.count_nonzero(file.label(SHAPE)) == 20 * 30
+        assert not file.simulated
+        assert file.background is None
+
+
+def test_labelme_files_are_read_with_every_kind_of_shape(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.png")
+    write_label(tmp_path / "a.json", [[10.0, 20.0], [30.0, 50.0]], "rectangle")
+    write_image(tmp_path / "b.JPG")
+    write_label(tmp_path / "b.json", [[20.0, 30.0], [20.0, 40.0]], "circle")
+    write_image(tmp_path / "elsewhere" / "c.png")
+    write_label(tmp_path / "c.json", SQUARE, image="elsewhere/c.png")
+    (tmp_path / "notes.json").write_text("{}")
+    areas = {f.image.name: np.count_nonzero(f.label(SHAPE)) for f in read_dataset(tmp_path)}
+    assert areas["a.png"] == areas["c.png"] == 600
+    assert abs(areas["b.JPG"] - np.pi * 100) < 8
+
+
+def test_a_label_drawn_on_another_size_is_scaled() -> None:
+    document = {"shapes": [{"points": SQUARE}], "imageHeight": SHAPE[0], "imageWidth": SHAPE[1]}
+    mask = labelme_mask(document, (2 * SHAPE[0], 2 * SHAPE[1]), "a.json")
+    assert np.count_nonzero(mask) == 4 * 600
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda d: (d / "a.json").write_text('{"shapes": ['), "complete JSON"),
+        (lambda d: write_label(d / "a.json", SQUARE[:2]), "encloses nothing"),
+        (lambda d: write_label(d / "a.json", [["x"]]), "points"),  # type: ignore[list-item]
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"), "not finite"),
+        (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "image's size"),
+        (lambda d: (d / "a.png").unlink(), "not beside it"),
+    ],
+)
+def test_damaged_labels_are_named(damage, said: str, tmp_path: Path) -> None:
+    write_image(tmp_path / "a.png")
+    write_label(tmp_path / "a.json", SQUARE, image="a.png")
+    damage(tmp_path)
+    with pytest.raises(InputError, match=said) as caught:
+        [file.label(SHAPE) for file in read_dataset(tmp_path)]
+    assert "a.json" in str(caught.value)
+
+
+def test_a_folder_beside_a_session_is_not_inside_it(tmp_path: Path) -> None:
+    (tmp_path / "run1").mkdir()
+    (tmp_path / "run1" / MANIFEST).write_text(json.dumps({"schema_version": SCHEMA_VERSION, "kind": "trial"}))
+    write_image(tmp_path / "run1_labels" / "a.png")
+    write_label(tmp_path / "run1_labels" / "a.json", SQUARE, image="a.png")
+    assert [file.image.name for file in read_dataset(tmp_path)] == ["a.png"]
+
+
+def test_a_folder_without_labels_says_what_is_looked_for(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "none"):
+        with pytest.raises(InputError, match=r"VISTASE|no such folder"):
+            read_dataset(folder)
+
+
+def test_folds_keep_test_objects_from_training() -> None:
+    for fold in FOLDS.values():
+        parts = (*fold.train, *fold.validation, *fold.test)
+        assert sorted(parts, key=int) == [str(number) for number in range(1, 17)]
+    assert find_fold("d_S3") is FOLDS["D_s3"]
+    with pytest.raises(InputError, match="D_s1"):
+        find_fold("D_s4")
+    with pytest.raises(InputError, match="test"):
+        check_objects(FOLDS["D_s3"], ["1", "4"], "data")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("07_spam", "7"), ("object12", "12"), ("spam", "7"), ("my thing", "my thing")]
+)
+def test_an_objects_id_is_read_from_its_folder(name: str, expected: str) -> None:
+    assert object_of(Path(name)) == expected
+
+
+def test_a_label_encloses_rings_and_close_parts_and_leaves_far_ones_apart() -> None:
+    touching = np.zeros((320, 240), np.uint8)
+    cv2.circle(touching, (70, 80), 40, 255, 3)
+    cv2.ellipse(touching, (180, 260), (30, 12), 30, 0, 360, 255, -1)
+    label = contact_label(touching)
+    assert label[80, 70] == 255
+    assert cv2.connectedComponents(label)[0] == 3
+    assert not contact_label(np.zeros_like(touching)).any()
+
+
+@given(seed=st.integers(0, 1000))
+def test_iou_follows_from_dice(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mask, label = (np.where(rng.random((20, 30)) < rng.random(), 255, 0).astype(np.uint8) for _ in range(2))
+    found = agreement(mask, label)
+    assert found.iou == pytest.approx(found.dice / (2.0 - found.dice))
+    assert agreement(label, mask) == found
+
+
+def test_scores_of_empty_masks() -> None:
+    nothing, all_ = np.zeros((4, 4), np.uint8), np.full((4, 4), 255, np.uint8)
+    assert agreement(None, nothing).dice == agreement(nothing, nothing).iou == 1.0
+    assert agreement(None, all_).dice == 0.0
+    with pytest.raises(InputError, match="one size"):
+        agreement(all_, np.zeros((5, 4), np.uint8))

@@ -1,0 +1,73 @@
+"""Two fingertips in one angle."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.lift.fusion import MAX_SKEW_NS, Disagreement, TipAnswer, fuse
+from rig.tactile.sample import SlipSample, State
+
+angles = st.floats(-180.0, 180.0)
+sigmas = st.floats(0.01, 10.0)
+
+
+def answer(angle: float | None, sigma: float | None = None, time_ns: int = 0) -> TipAnswer:
+    state = State.TRACKING if angle is not None else State.UNOBSERVABLE
+    return TipAnswer(SlipSample(time_ns, state, angle, sigma), angle, sigma)
+
+
+@given(angles, angles)
+def test_without_sigmas_the_mean(first: float, second: float) -> None:
+    fused = fuse(answer(first), [answer(second)])
+    assert fused.angle_deg == pytest.approx((first + second) / 2)
+    assert fused.sigma_deg is None
+
+
+@given(angles, sigmas, angles, sigmas)
+def test_with_sigmas_the_surer_one_counts_more(a: float, sa: float, b: float, sb: float) -> None:
+    fused = fuse(answer(a, sa), [answer(b, sb)])
+    assert fused.angle_deg is not None
+    assert fused.sigma_deg is not None
+    assert min(a, b) - 1e-6 <= fused.angle_deg <= max(a, b) + 1e-6
+    # Their errors are correlated: a second answer helps less than an independent one would.
+    assert math.hypot(1 / sa, 1 / sb) ** -1 <= fused.sigma_deg <= 1.15 * min(sa, sb)
+    if sa < sb:
+        assert abs(fused.angle_deg - a) <= abs(fused.angle_deg - b) + 1e-6
+
+
+def test_one_answer_is_enough_and_none_is_none() -> None:
+    assert fuse(answer(None), [answer(3.0)]).angle_deg == 3.0
+    assert fuse(answer(None), [answer(None)]).angle_deg is None
+    assert fuse(answer(None), []).state is State.UNOBSERVABLE
+
+
+def test_an_old_answer_does_not_count() -> None:
+    fused = fuse(answer(1.0, time_ns=MAX_SKEW_NS + 1), [answer(9.0)])
+    assert fused.angle_deg == 1.0
+
+
+def test_an_older_answer_is_brought_to_the_newer_ones_time() -> None:
+    moving = TipAnswer(SlipSample(0, State.TRACKING, 5.0, 0.1), 5.0, 0.1, rate_deg_s=60.0)
+    fused = fuse(answer(None, time_ns=10_000_000), [moving])
+    assert fused.angle_deg == pytest.approx(5.6)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        (10.0, 10.5, None),
+        (10.0, 13.0, Disagreement.TILT),
+        (10.0, 1.0, Disagreement.ONE_PAD_SLIPS),
+        (10.0, -10.0, Disagreement.ONE_PAD_SLIPS),
+    ],
+)
+def test_fingertips_that_see_different_turns_are_told(
+    first: float, second: float, expected: Disagreement | None
+) -> None:
+    assert fuse(answer(first, 0.2), [answer(second, 0.2)]).disagreement is expected
+
+
+def test_unsure_fingertips_do_not_disagree() -> None:
+    assert fuse(answer(10.0, 3.0), [answer(1.0, 3.0)]).disagreement is None

@@ -1,0 +1,347 @@
+"""The true angle of a lift: zero, wrist, gaps, refusals, and the slip's onset."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calibration.markers.planar import Intrinsics
+from drivers.errors import CalibrationError, InputError
+from drivers.types import Pose
+from fakes.camera.marker_scene import MarkerScene
+from rig.lift.marker_truth import MarkerTruth, TruthSeries, interpolate, slip_onset_ns
+
+MS = 1_000_000
+FRAME_NS = 33 * MS
+ALONG_Y = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+CAMERA = Pose.from_rotation((0.0, -0.7, 0.3), Rotation.from_euler("xz", [6.0, 4.0], degrees=True) * ALONG_Y)
+DOWN = Rotation.from_euler("x", 180, degrees=True)
+STILL_FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return MarkerScene(focal_px=700, unit_seed=1)
+
+
+def about_y(turn_deg):
+    """Counter-clockwise as a camera that looks along +y sees it."""
+    return Rotation.from_euler("y", -turn_deg, degrees=True)
+
+
+def known(scene):
+    return Intrinsics(scene.camera_matrix, scene.distortion)
+
+
+class Lift:
+    """Feeds a measurement with pictures of an object on a wrist."""
+
+    def __init__(self, scene, intrinsics=None):
+        self.scene = scene
+        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, intrinsics)
+        self.rng = np.random.default_rng(7)
+        self.time_ns = 0
+
+    def picture(self, turn_deg, up_m=0.0):
+        placed = Pose.from_rotation((0.0, 0.0, 0.28 + up_m), about_y(turn_deg))
+        rgb = self.scene.render(CAMERA.inverse() @ placed, self.rng)
+        _, jpeg = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])
+        return cv2.imdecode(jpeg, cv2.IMREAD_COLOR_RGB)
+
+    def see(self, turn_deg, wrist_deg=0.0, up_m=0.0):
+        self.show(self.picture(turn_deg, up_m), wrist_deg)
+
+    def show(self, image, wrist_deg=0.0):
+        wrist = Pose.from_rotation((0.0, 0.0, 0.5), about_y(wrist_deg) * DOWN)
+        self.truth.update(image, self.time_ns, wrist)
+        self.time_ns += FRAME_NS
+
+    def rest(self, frames=STILL_FRAMES):
+        """Frames at rest, then the zero."""
+        start = self.time_ns
+        for _ in range(frames):
+            self.see(0.0)
+        self.truth.set_zero(start, self.time_ns)
+
+
+BLANK = np.full((480, 640, 3), 90, np.uint8)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("with_intrinsics", [True, False])
+def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_intrinsics):
+    lift = Lift(scene, known(scene) if with_intrinsics else None)
+    lift.rest()
+    turned = [sign * 0.75 * k for k in range(40)]
+    for k, turn in enumerate(turned):
+        lift.see(turn, up_m=0.001 * k)
+    series = lift.truth.series()
+    error = series.angle_deg - np.array([0.0] * STILL_FRAMES + turned)
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert abs(error[:STILL_FRAMES].mean()) < 1e-9
+    assert series.zero_sigma_deg < 0.02
+    assert (series.sigma_deg > 0.0).all()
+    assert series.sigma_deg.max() < 0.1
+    assert series.refused == {}
+    if with_intrinsics:
+        assert series.tilt_deg == pytest.approx(np.hypot(6.0, 4.0), abs=1.0)
+    else:
+        assert series.tilt_deg is None
+
+
+@pytest.mark.parametrize("with_intrinsics", [True, False])
+def test_the_wrist_is_not_the_object(scene, with_intrinsics):
+    lift = Lift(scene, known(scene) if with_intrinsics else None)
+    lift.rest()
+    for k in range(1, 11):
+        lift.see(turn_deg=0.5 * k + 1.2 * k, wrist_deg=1.2 * k)
+    assert lift.truth.latest_angle_deg() == pytest.approx(5.0, abs=0.15)
+    assert lift.truth.series().angle_deg[-1] == lift.truth.latest_angle_deg()
+
+
+def test_live_angle_waits_for_the_zero_and_ends_with_the_markers(scene):
+    lift = Lift(scene)
+    for _ in range(STILL_FRAMES):
+        lift.see(0.0)
+    assert lift.truth.latest_angle_deg() is None
+    lift.truth.set_zero(0, lift.time_ns)
+    assert lift.truth.latest_angle_deg() == pytest.approx(0.0, abs=0.05)
+    lift.show(BLANK)
+    assert lift.truth.latest_angle_deg() is not None
+    lift.show(BLANK)
+    assert lift.truth.latest_angle_deg() is None
+
+
+def test_angles_pass_180_degrees_unwrapped(scene):
+    lift = Lift(scene)
+    lift.rest()
+    turned = [15.0 * k for k in range(1, 20)]
+    for turn in turned:
+        lift.see(turn)
+    np.testing.assert_allclose(lift.truth.series().angle_deg[STILL_FRAMES:], turned, atol=0.2)
+
+
+def test_a_gap_breaks_the_unwrapping(scene):
+    lift = Lift(scene)
+    lift.rest()
+    for k in range(1, 14):
+        lift.see(15.0 * k)
+    assert lift.truth.latest_angle_deg() == pytest.approx(195.0, abs=0.2)
+    lift.show(BLANK)
+    lift.see(210.0)
+    assert lift.truth.latest_angle_deg() == pytest.approx(-150.0, abs=0.2)
+
+
+def test_refused_frames_are_absent_and_counted(scene):
+    lift = Lift(scene)
+    lift.rest()
+    lift.show(BLANK)
+    hidden = lift.picture(0.0)
+    hidden[:, :320] = 90
+    lift.show(hidden)
+    lift.time_ns -= FRAME_NS
+    lift.see(0.0)
+    lift.see(1.0)
+    series = lift.truth.series()
+    assert len(series.time_ns) == STILL_FRAMES + 1
+    assert series.refused == {
+        "no marker found": 1,
+        "one marker not found": 1,
+        "time not later than the last": 1,
+    }
+
+
+def test_a_zero_with_too_few_frames_says_what_was_seen(scene):
+    lift = Lift(scene)
+    for _ in range(9):
+        lift.see(0.0)
+    for _ in range(4):
+        lift.show(BLANK)
+    with pytest.raises(CalibrationError, match=r"9 frames in 0.4. s .*4 x no marker found.*needs 10"):
+        lift.truth.set_zero(0, lift.time_ns)
+    with pytest.raises(CalibrationError, match="no zero"):
+        lift.truth.series()
+
+
+def test_a_slow_camera_takes_its_zero_from_further_back_but_not_from_the_grasp(scene):
+    lift = Lift(scene)
+    for k in range(8):
+        lift.see(2.0 * k)  # the fingers close
+    rest_ns = lift.time_ns
+    for _ in range(STILL_FRAMES):
+        lift.see(16.0)
+    lift.truth.set_zero(lift.time_ns - 5 * FRAME_NS, lift.time_ns, earliest_ns=rest_ns)
+    assert abs(lift.truth.series_since_zero().angle_deg.mean()) < 1e-9
+    assert len(lift.truth.series_since_zero().time_ns) == 10
+    late_ns = lift.time_ns - 5 * FRAME_NS
+    with pytest.raises(CalibrationError, match="5 frames"):
+        lift.truth.set_zero(late_ns, lift.time_ns, earliest_ns=late_ns)
+
+
+def test_a_moving_object_gives_no_zero(scene):
+    lift = Lift(scene)
+    for k in range(STILL_FRAMES):
+        lift.see(1.0 * k)
+    lift.truth.set_zero(0, lift.time_ns)
+    with pytest.raises(CalibrationError, match="at rest"):
+        lift.truth.measure_zero()
+
+
+def test_series_since_zero_starts_with_its_frames(scene):
+    lift = Lift(scene)
+    for _ in range(3):
+        lift.see(-5.0)
+    zero_from = lift.time_ns
+    lift.rest()
+    whole, since = lift.truth.series(), lift.truth.series_since_zero()
+    assert len(whole.time_ns) == STILL_FRAMES + 3
+    assert whole.angle_deg[0] == pytest.approx(-5.0, abs=0.1)
+    assert since.time_ns[0] == zero_from
+    np.testing.assert_array_equal(since.angle_deg, whole.angle_deg[3:])
+
+
+def test_replay_gives_the_same_numbers(scene):
+    def run():
+        lift = Lift(scene, known(scene))
+        lift.rest()
+        for k in range(8):
+            lift.see(2.0 * k)
+        return lift.truth.series()
+
+    first, again = run(), run()
+    for name in ("time_ns", "angle_deg", "sigma_deg"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    assert first.zero_sigma_deg == again.zero_sigma_deg
+
+
+def test_grey_and_colour_pictures_agree(scene):
+    rgb = Lift(scene).picture(3.0)
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    one, other = Lift(scene).truth, Lift(scene).truth
+    seen, again = one.update(rgb, 0, CAMERA), other.update(grey, 0, CAMERA)
+    assert seen is not None
+    assert again is not None
+    np.testing.assert_array_equal(seen.corners_px, again.corners_px)
+
+
+@pytest.mark.parametrize("shape", [(480, 640, 4), (480, 640, 1)])
+def test_other_pictures_are_refused(scene, shape):
+    with pytest.raises(InputError, match="RGB"):
+        Lift(scene).truth.update(np.zeros(shape, np.uint8), 0, CAMERA)
+
+
+def series_of(time_ns, angle_deg):
+    return TruthSeries(
+        np.array(time_ns, np.int64), np.array(angle_deg, float), np.zeros(len(time_ns)), 0.0, None, {}
+    )
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "expected"),
+    [
+        (-1, None),
+        (0, 1.0),
+        (25 * MS, 2.0),
+        (50 * MS, 3.0),
+        (60 * MS, None),
+        (101 * MS, 5.0),
+        (111 * MS, 6.0),
+        (121 * MS, 7.0),
+        (122 * MS, None),
+    ],
+)
+def test_truth_is_interpolated_over_short_gaps_only(time_ns, expected):
+    series = series_of([0, 50 * MS, 101 * MS, 121 * MS], [1.0, 3.0, 5.0, 7.0])
+    answer = interpolate(series, time_ns)
+    assert answer == (None if expected is None else pytest.approx(expected))
+
+
+def test_no_truth_gives_no_interpolation():
+    assert interpolate(series_of([], []), 0) is None
+
+
+def frames(count, rate_hz=60.0):
+    return (np.arange(count) * 1e9 / rate_hz).astype(np.int64)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 120.0])
+def test_onset_of_a_ramp_is_its_half_degree(sign, rate_hz):
+    times = frames(int(2 * rate_hz), rate_hz)
+    ramp = sign * np.maximum(0.0, times / 1e9 - 1.0) * 10.0
+    onset = slip_onset_ns(times, ramp)
+    assert onset is not None
+    assert onset / 1e9 == pytest.approx(1.05, abs=0.004)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1.0, -1.0]), st.floats(2.0, 60.0))
+@settings(deadline=None, max_examples=60)
+def test_onset_of_a_noisy_stick_slip_ramp(seed, sign, rate_deg_s):
+    """A ramp that advances in steps of 40 ms, seen with the two-marker angle's noise."""
+    times = frames(150)
+    stepped = np.floor(np.maximum(0.0, times / 1e9 - 1.0) / 0.04) * 0.04
+    angles = sign * stepped * rate_deg_s + np.random.default_rng(seed).normal(0.0, 0.02, 150)
+    onset = slip_onset_ns(times, angles)
+    assert onset is not None
+    assert -0.06 < onset / 1e9 - (1.0 + 0.5 / rate_deg_s) < 0.12
+
+
+@given(st.integers(0, 10_000))
+def test_noise_is_no_onset(seed):
+    times = frames(600)
+    noise = np.random.default_rng(seed).normal(0.0, 0.03, 600)
+    assert slip_onset_ns(times, noise) is None
+    settled = noise / 2 + np.clip(times / 1e9 - 2.0, 0.0, 1.0) * 0.45
+    assert slip_onset_ns(times, settled) is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_jolt_that_falls_back_is_no_onset(sign):
+    times = frames(120)
+    jolt = np.where((times > 1_000 * MS) & (times < 1_060 * MS), sign * 2.0, 0.0)
+    assert slip_onset_ns(times, jolt) is None
+    later = jolt + sign * np.maximum(0.0, times / 1e9 - 1.5) * 20.0
+    onset = slip_onset_ns(times, later)
+    assert onset is not None
+    assert onset / 1e9 == pytest.approx(1.525, abs=0.005)
+
+
+def test_a_jump_that_stays_is_an_onset():
+    times = frames(120)
+    onset = slip_onset_ns(times, np.where(times > 1_000 * MS, 8.0, 0.0))
+    assert onset is not None
+    assert onset / 1e9 == pytest.approx(1.0, abs=0.02)
+
+
+def test_growth_that_is_not_seen_is_no_onset():
+    times = frames(120)
+    ramp = np.maximum(0.0, times / 1e9 - 1.0) * 10.0
+    ended = times < 1_140 * MS
+    assert slip_onset_ns(times[ended], ramp[ended]) is None
+    times, ramp = times[times < 1_200 * MS], ramp[times < 1_200 * MS]
+    assert slip_onset_ns(times, ramp) is not None
+    gap = (times < 1_055 * MS) | (times > 1_110 * MS)
+    assert slip_onset_ns(times[gap], ramp[gap]) is None
+
+
+def test_rest_value_can_be_given():
+    times = frames(120)
+    ramp = 40.0 + np.maximum(0.0, times / 1e9 - 1.0) * 10.0
+    onset = slip_onset_ns(times, ramp, rest_deg=40.0)
+    assert onset is not None
+    assert onset / 1e9 == pytest.approx(1.05, abs=0.004)
+
+
+def test_an_empty_series_has_no_onset():
+    assert slip_onset_ns(np.array([], np.int64), np.array([])) is None
+
+
+@pytest.mark.parametrize(
+    ("times", "angles"),
+    [([0, 1], [0.0]), ([0, 1], [0.0, np.nan]), ([1, 1], [0.0, 0.0]), ([2, 1], [0.0, 0.0])],
+)
+def test_onset_refuses_what_is_no_series(times, angles):
+    with pytest.raises(InputError, match="slip onset"):
+        slip_onset_ns(np.array(times, np.int64), np.array(angles))

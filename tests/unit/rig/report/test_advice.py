@@ -1,0 +1,123 @@
+"""Warnings: each is given where it is due, says what to do, and is silent elsewhere."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.report.advice import trial_notices
+from rig.report.curves import Curve
+from rig.report.session import Lift, Trial, read_trial
+from rig.sessions.session import read_manifest
+
+TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
+NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def sound(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    """A trial of which there is nothing to say."""
+    folder: Path = drawn_trial(
+        tmp_path_factory.mktemp("advice") / "s", (12.0, -20.0, 9.0, 15.0, -11.0), (0.2,) * 5
+    )
+    return read_trial(folder, read_manifest(folder))
+
+
+def texts(trial: Trial) -> str:
+    return " ".join(f"[{n.level}] {n.what} {n.advice}" for n in trial_notices(trial, NOW))
+
+
+def rows_with(trial: Trial, **changes: Any) -> Trial:
+    lifts = [Lift({**lift.row, **changes}, lift.curves) for lift in trial.lifts]
+    return replace(trial, lifts=lifts, rows=[lift.row for lift in lifts])
+
+
+def manifest_with(trial: Trial, **changes: Any) -> Trial:
+    return replace(trial, manifest={**trial.manifest, **changes})
+
+
+def sigma_divided(trial: Trial, by: float) -> Trial:
+    def thinner(lift: Lift) -> Lift:
+        assert lift.curves is not None
+        estimate = replace(lift.curves.estimate, sigma_deg=lift.curves.estimate.sigma_deg / by)
+        return Lift(lift.row, replace(lift.curves, estimate=estimate))
+
+    return replace(trial, lifts=[thinner(lift) for lift in trial.lifts])
+
+
+def markers_hidden(trial: Trial) -> Trial:
+    def hidden(lift: Lift) -> Lift:
+        assert lift.curves is not None
+        truth = lift.curves.truth
+        seen = (truth.time_s < 0.5) | (truth.time_s > 1.2)
+        states = tuple(np.array(truth.states)[seen])
+        gappy = Curve(truth.time_s[seen], truth.angle_deg[seen], truth.sigma_deg[seen], states)
+        return Lift(lift.row, replace(lift.curves, truth=gappy))
+
+    return replace(trial, lifts=[hidden(lift) for lift in trial.lifts])
+
+
+def slow(trial: Trial) -> Trial:
+    total = {"p50_ms": 5.0, "p95_ms": 15.0, "p99_ms": 40.0}
+    return replace(trial, timing=[{"stages": {"total": total}}])
+
+
+def with_a_fault(trial: Trial) -> Trial:
+    failed = {**trial.rows[0], "accepted": False, "fault": "DeviceTimeoutError: gripper: no answer"}
+    return replace(trial, rows=[*trial.rows, failed])
+
+
+def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
+    assert texts(sound) == "[good] Nothing stands out. All checks of this page passed."
+
+
+@pytest.mark.parametrize(
+    ("spoil", "seen", "advice"),
+    [
+        (lambda t: manifest_with(t, status="running", lifts_per_object=9), "5 of 9 lifts", "--resume"),
+        (lambda t: replace(t, lifts=t.lifts[:2]), "Few lifts of wrench (2)", "--lifts 5"),
+        (with_a_fault, "1 attempts ended in a rig fault", "gripper: no answer"),
+        (lambda t: rows_with(t, outcome="fallen"), "fell in wrench, lift 1", "Grip firmer"),
+        (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip lighter"),
+        (
+            lambda t: rows_with(t, answered=0.6, states={"tracking": 180, "unobservable": 120}),
+            "'unobservable'", "grasp it elsewhere",
+        ),
+        (lambda t: rows_with(t, answered=0.6, states={"lost": 120}), "'lost'", "stray light"),
+        (lambda t: rows_with(t, dropped={"T1": 30, "T2": 0, "camera": 0}), "T1 150 of 900", "rig doctor"),
+        (lambda t: sigma_divided(t, 6.0), "Sigma is too small", "times as wide"),
+        (markers_hidden, "markers were lost", "hide no marker"),
+        (slow, "1 frame in 100 takes 40", "which stage"),
+        (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree for much", "centre the"),
+        (lambda t: rows_with(t, onset_truth_s=None), "event was raised though nothing", "regrasps"),
+        (lambda t: manifest_with(t, simulated=False), "camera and hand-eye is in use", "rig calibrate"),
+    ],
+)  # fmt: skip
+def test_each_finding_says_what_was_seen_and_what_to_do(
+    sound: Trial, spoil: Callable[[Trial], Trial], seen: str, advice: str
+) -> None:
+    found = [n for n in trial_notices(spoil(sound), NOW) if seen in n.what]
+    assert len(found) == 1
+    assert advice in found[0].advice
+
+
+def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:
+    used = {
+        "hand-eye SIM-C0001": {
+            "file": "hand-eye.yaml",
+            "created": "2026-09-01T00:00:00+00:00",
+            "verdict": "good",
+        },
+        "camera SIM-C0001": {
+            "file": "camera.yaml",
+            "created": "2026-11-20T00:00:00+00:00",
+            "verdict": "weak",
+        },
+    }
+    said = texts(manifest_with(sound, calibration=used))
+    assert "Old calibrations: hand-eye SIM-C0001 (82 days)." in said
+    assert "Weak calibrations: camera SIM-C0001." in said

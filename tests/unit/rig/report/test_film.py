@@ -1,0 +1,73 @@
+"""Films of lifts: everything in the picture, as long as the lift, playable."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import InputError, SessionError
+from rig.report.film import HEIGHT_PX, Film, write_film
+from rig.report.session import find_lift
+from rig.sessions.session import read_manifest
+
+
+@pytest.fixture(scope="module")
+def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drawn_trial(tmp_path_factory.mktemp("film") / "session", (12.0,))
+
+
+def film(session: Path, out: Path, speed: float = 1.0) -> Film:
+    manifest = read_manifest(session)
+    return write_film(session, manifest, find_lift(session, manifest, "1"), out, fps=10.0, speed=speed)
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".avi"])
+def test_a_film_plays_as_long_as_the_lift_and_its_curve_grows(
+    trial: Path, tmp_path: Path, ending: str
+) -> None:
+    made = film(trial, tmp_path / f"lift{ending}")
+    assert made.frames == pytest.approx(36, abs=2)  # 1 s of A, 2.5 s of B and C
+    video = cv2.VideoCapture(str(made.path))
+    pictures = []
+    while (read := video.read())[0]:
+        pictures.append(read[1])
+    assert len(pictures) == made.frames
+    height, width = pictures[0].shape[:2]
+    assert (width, height) == made.size_px
+    curve = [picture[30 : HEIGHT_PX - 60, -500:-40].astype(int) for picture in (pictures[5], pictures[-1])]
+    # blue in BGR pictures: the estimate's line is there at the end only
+    blue = [int(np.sum((c[..., 0] > c[..., 2] + 60) & (c[..., 0] > 100))) for c in curve]
+    assert blue[1] > blue[0] + 200
+    first_tips = pictures[0][:HEIGHT_PX, : width // 4].astype(int)
+    assert np.abs(first_tips - pictures[-1][:HEIGHT_PX, : width // 4]).mean() > 2.0
+
+
+def test_slow_motion_is_longer(trial: Path, tmp_path: Path) -> None:
+    fast, slow = film(trial, tmp_path / "a.avi", 2.0), film(trial, tmp_path / "b.avi", 0.5)
+    assert slow.frames == pytest.approx(4 * fast.frames, rel=0.1)
+
+
+def test_lifts_are_found_by_number_object_and_name(trial: Path) -> None:
+    manifest = read_manifest(trial)
+    numbers = {find_lift(trial, manifest, name).row["number"] for name in ("1", "t1/1", "wrench/1")}
+    assert numbers == {1}
+    with pytest.raises(InputError, match=r"there are 1 \(t1/1 wrench\)"):
+        find_lift(trial, manifest, "7")
+
+
+def test_films_that_cannot_be_are_refused(trial: Path, drawn_trial: Any, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.mp4 or \.avi"):
+        film(trial, tmp_path / "lift.gif")
+    with pytest.raises(InputError, match="no such folder"):
+        film(trial, tmp_path / "no" / "lift.mp4")
+    broken = drawn_trial(tmp_path / "s", (12.0,))
+    (broken / "lifts" / "001.mcap").write_bytes(b"no recording")
+    with pytest.raises(SessionError, match=r"001\.mcap"):
+        film(broken, tmp_path / "lift.mp4")
+
+
+def test_a_missing_camera_leaves_its_place_empty(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,), serials=["T1", "T2", "ANOTHER"])
+    assert film(folder, tmp_path / "lift.avi").frames > 10

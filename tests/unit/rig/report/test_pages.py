@@ -1,0 +1,232 @@
+"""Reports: what stands on the pages, and what they say of sessions that are damaged."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from rig.report.curves import signed_errors
+from rig.report.session import read_trial
+from rig.report.trial_page import object_table
+from rig.report.write import write_report
+from rig.results.summary import summarize_trial
+from rig.sessions.session import read_manifest
+
+
+class Page(HTMLParser):
+    """What a test wants to know of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.html = path.read_text(encoding="utf-8")
+        self.figures: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.images = 0
+        self.text = ""
+        self.feed(self.html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self.links += [given[name] for name in ("src", "href", "xlink:href") if name in given]
+        self.images += tag == "img"
+        if "id" in given:
+            self.ids.append(given["id"])
+        if tag == "svg":
+            assert given["role"] == "img"
+            self.figures.append(given["aria-label"])
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def page_of(*sources: Path, out: Path | None = None) -> Page:
+    return Page(write_report(sources, out).path)
+
+
+@pytest.fixture(scope="module")
+def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drawn_trial(tmp_path_factory.mktemp("report") / "session")
+
+
+@pytest.fixture(scope="module")
+def page(trial: Path) -> Page:
+    return page_of(trial)
+
+
+def edited(session: Path, number: int, **changes: Any) -> None:
+    rows = [json.loads(line) for line in (session / "lifts.jsonl").read_text().splitlines()]
+    rows[number - 1].update(changes)
+    (session / "lifts.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page: Page) -> None:
+    titles = " ".join(page.figures)
+    for title in (
+        "per object",
+        "against angle",
+        "against rate",
+        "sigma cover",
+        "wrench, lift 1",
+        "wrench, lift 2",
+    ):
+        assert title in titles
+    assert page.images == 2 * 2 * 6  # two lifts, two fingertips, six moments
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
+    assert all(link.startswith(("data:", "#")) for link in page.links)
+    assert not re.search(r"@import|url\((?!#)|<script|<link(?! rel=\"icon\")", page.html)
+
+
+def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, trial: Path) -> None:
+    assert 0 < page.text.index("SIMULATED") < page.text.index("MARE")
+    rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
+    mean = np.mean([row["re"]["mean_deg"] for row in rows])
+    assert f"{mean:.2f} ±" in page.text
+
+
+def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
+    rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
+    table = object_table(summarize_trial(rows))
+    first = dict(zip(table.columns, table.rows[0], strict=True))
+    assert first["object"] == "t1 wrench"
+    assert first["lifts"] == "2"
+    assert first["outcomes"] == "2 slipped"
+    assert first["true turn, °"] == "-20 to +12"
+    assert first["answered"] == "100.0%"
+    for heading, part in (("MARE in B, °", "re_b"), ("MARE in B and C, °", "re")):
+        assert first[heading].startswith(f"{np.mean([row[part]['mean_deg'] for row in rows]):.2f} ±")
+    assert len(table.rows[-1]) == len(table.columns)
+
+
+def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
+    for lift in read_trial(trial, read_manifest(trial)).lifts:
+        assert lift.curves is not None
+        errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
+        assert np.nanmean(errors) == pytest.approx(lift.row["re"]["mean_deg"], abs=0.01)
+
+
+def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,), simulated=False, bench="lab 2")
+    found = page_of(folder)
+    assert "SIMULATED" not in found.text
+    assert "bench 'lab 2'" in found.text
+    assert "No calibration of camera and hand-eye is in use" in found.text
+
+
+def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
+    drawn_trial: Any, tmp_path: Path
+) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0, -20.0, 8.0))
+    cut = folder / "lifts" / "001.mcap"
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    (folder / "lifts" / "002.mcap").unlink()
+    written = write_report([folder])
+    found = Page(written.path)
+    assert "2 of 3 recordings cannot be read" in written.problems[0]
+    assert "001.mcap" in found.text
+    assert "002.mcap" in found.text
+    assert any("wrench, lift 3" in name for name in found.figures)
+    assert not any("wrench, lift 1" in name for name in found.figures)
+
+
+def test_any_byte_of_a_recording_may_be_wrong(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,))
+    recording = folder / "lifts" / "001.mcap"
+    whole = recording.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, len(whole), 400):
+            damaged[place] ^= 0xFF
+        recording.write_bytes(bytes(damaged))
+        found = page_of(folder)
+        assert "Rotational error per object" in found.text
+        assert "cannot be read" in found.text
+
+
+def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s")
+    lines = (folder / "lifts.jsonl").read_text().splitlines()
+    (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n")
+    found = page_of(folder)
+    assert "lifts.jsonl: 1 of 2 lines are damaged (line 1)" in found.text
+    assert any("wrench, lift 2" in name for name in found.figures)
+
+
+@pytest.mark.parametrize(
+    ("manifest", "said"),
+    [
+        ('{"schema_version": 9, "kind": "trial"}', "schema version 9"),
+        ('{"schema_version": 1, "kin', "cannot be read"),
+        ('{"schema_version": 1, "kind": "dream"}', "'dream' session"),
+    ],
+)
+def test_a_session_that_cannot_be_shown_gets_a_page_that_says_why(
+    drawn_trial: Any, tmp_path: Path, manifest: str, said: str
+) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,))
+    (folder / "session.json").write_text(manifest)
+    found = page_of(folder)
+    assert said in found.text
+    assert "lifts/001.mcap" in found.text
+
+
+def test_a_session_without_a_finished_lift_says_so(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,), status="running")
+    (folder / "lifts.jsonl").unlink()
+    found = page_of(folder)
+    assert "Unfinished: 0 of 1 lifts" in found.text
+    assert "--resume" in found.text
+
+
+def test_a_lift_without_angles_is_shown_as_such(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s")
+    nothing = {"re": None, "re_b": None, "re_held": None, "answered": 0.0, "final_estimate_deg": None}
+    edited(folder, 1, **nothing, states={"unobservable": 300})
+    found = page_of(folder)
+    assert "no answer" in found.text
+    assert "most often 'unobservable'" in found.text
+
+
+def test_what_is_no_source_is_refused(tmp_path: Path, trial: Path) -> None:
+    with pytest.raises(InputError, match="no such session"):
+        write_report([tmp_path / "nowhere"])
+    with pytest.raises(InputError, match="neither a session nor CSV"):
+        write_report([tmp_path])
+    with pytest.raises(InputError, match="rig compare takes two"):
+        write_report([trial, trial])
+    with pytest.raises(InputError, match="is a folder"):
+        write_report([trial], tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        write_report([trial], tmp_path / "a" / "b.html")
+
+
+def test_a_recording_shows_its_poses_contacts_and_failed_attempts(
+    drawn_recording: Any, tmp_path: Path
+) -> None:
+    folder = drawn_recording(tmp_path / "s")
+    found = page_of(folder)
+    assert "Recording of t1 wrench" in found.text
+    assert "GraspError: the fingers closed on nothing" in found.text
+    assert found.images == 2
+    assert sum("Where contacts fell" in name for name in found.figures) == 2
+    assert "T1 was never touched" in found.text
+    assert "6 images, grips of 0 to 5 counts" in found.text
+
+
+def test_images_that_cannot_be_read_are_named(drawn_recording: Any, tmp_path: Path) -> None:
+    folder = drawn_recording(tmp_path / "s")
+    image = next(folder.rglob("p01_01*.png"))
+    image.write_bytes(b"no picture")
+    (folder / "reference" / "T1.png").unlink()
+    found = page_of(folder)
+    assert image.name in found.text
+    assert "The reference image of T1 cannot be read" in found.text

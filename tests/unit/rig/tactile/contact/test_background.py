@@ -1,0 +1,66 @@
+"""The frame without contact, made from frames with contacts."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.tactile.contact.background import auto_background, mean_background
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+PLACES = [
+    (70, 90),
+    (160, 90),
+    (120, 160),
+    (70, 230),
+    (170, 240),
+    (120, 70),
+    (60, 160),
+    (180, 160),
+    (120, 250),
+]
+
+
+def error(background: Image, truth: Image) -> float:
+    return float(np.abs(background.astype(int) - truth).mean())
+
+
+def test_contacts_that_move_about_leave_no_trace(press: Draw, blank: Image) -> None:
+    frames = [press(20 * i, (60.0, 25.0), center, seed=i) for i, center in enumerate(PLACES)]
+    made = auto_background(frames)
+    assert made.dtype == np.uint8
+    assert error(made, blank) < 1.5
+    assert error(np.median(frames, axis=0), blank) > error(made, blank)
+
+
+def test_a_few_frames_without_contact_are_found_among_many_with_one(press: Draw, blank: Image) -> None:
+    frames = [press(None, seed=i) for i in range(4)] + [press(0.3 * i, seed=i) for i in range(40)]
+    assert error(auto_background(frames), blank) < 2.0
+    assert error(np.median(frames, axis=0), blank) > 4.0
+
+
+def test_long_recordings_are_sampled(press: Draw, blank: Image) -> None:
+    frames = [press(None, size=(60, 80), seed=i) for i in range(200)]
+    assert error(auto_background(frames), press(None, size=(60, 80), noise=0.0)) < 1.0
+
+
+def test_a_pixel_that_no_frame_shows_bare_is_guessed(press: Draw) -> None:
+    frames = [press(0, seed=i) for i in range(5)]
+    assert auto_background(frames).shape == (320, 240, 3)
+
+
+def test_the_mean_averages_noise(press: Draw, blank: Image) -> None:
+    frames = [press(None, noise=4.0, seed=i) for i in range(10)]
+    assert error(mean_background(frames), blank) < 0.5 * error(frames[0], blank)
+
+
+@pytest.mark.parametrize("make", [auto_background, mean_background])
+def test_too_few_or_mixed_frames_are_input_errors(make: Callable[[list[Image]], Image], blank: Image) -> None:
+    with pytest.raises(InputError, match="too few"):
+        make([])
+    with pytest.raises(InputError, match="use one size"):
+        make([blank, blank, blank[:100]])

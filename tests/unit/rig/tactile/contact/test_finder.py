@@ -1,0 +1,150 @@
+"""The classical contact mask, on drawn frames."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.tactile.contact.finder import Contact, ContactFinder
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+
+def dice(mask: Image | None, truth: Image) -> float:
+    if mask is None:
+        return 0.0
+    return 2 * np.count_nonzero(mask & truth) / (np.count_nonzero(mask) + np.count_nonzero(truth))
+
+
+def is_sound(contact: Contact, image: Image) -> bool:
+    """Mask, area and contour of a contact tell the same, or all tell of none."""
+    if contact.mask is None:
+        return contact.area_px == 0 and len(contact.contour) == 0
+    inside = contact.mask.shape == image.shape[:2] and set(np.unique(contact.mask)) <= {0, 255}
+    return inside and contact.area_px == np.count_nonzero(contact.mask) > 0
+
+
+@pytest.mark.parametrize("angle_deg", [0, 35, 90, -60])
+def test_the_mask_covers_the_contact(press: Draw, blank: Image, drawn_mask: Draw, angle_deg: float) -> None:
+    contact = ContactFinder(blank).find(press(angle_deg))
+    assert dice(contact.mask, drawn_mask(angle_deg)) > 0.85
+
+
+@pytest.mark.parametrize("size", [(120, 160), (142, 178), (480, 640), (320, 240)])
+def test_any_frame_size_will_do(press: Draw, drawn_mask: Draw, size: tuple[int, int]) -> None:
+    scale = min(size) / 240
+    shape = {"half_axes": (85 * scale, 35 * scale), "center": (size[0] / 2, size[1] / 2), "size": size}
+    image = press(20, **shape)
+    contact = ContactFinder(press(None, size=size)).find(image)
+    assert is_sound(contact, image)
+    assert dice(contact.mask, drawn_mask(20, **shape)) > 0.8
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5, 4.0, 12.0])
+def test_noise_alone_is_no_contact(press: Draw, blank: Image, noise: float) -> None:
+    finder = ContactFinder(blank)
+    found = [finder.find(press(None, noise=noise, seed=seed)) for seed in range(10)]
+    assert all(contact.mask is None for contact in found)
+
+
+@pytest.mark.parametrize("light", [(0.75, 0.75, 0.75), (1.15, 1.0, 0.9), (0.6, 0.8, 1.1)])
+def test_drifting_light_neither_makes_nor_hides_a_contact(
+    press: Draw, blank: Image, drawn_mask: Draw, light: tuple[float, float, float]
+) -> None:
+    finder = ContactFinder(blank)
+    assert finder.find(press(None, light=light)).mask is None
+    assert dice(finder.find(press(30, light=light)).mask, drawn_mask(30)) > 0.85
+
+
+def test_a_contact_over_half_the_frame_does_not_pass_for_light(press: Draw, blank: Image) -> None:
+    contact = ContactFinder(blank).find(press(90, half_axes=(150.0, 110.0), light=(0.8, 0.8, 0.8)))
+    assert contact.area_px > 0.4 * blank.shape[0] * blank.shape[1]
+
+
+def test_the_gate_lets_a_contact_fade_further_than_it_lets_one_begin(press: Draw, blank: Image) -> None:
+    strengths = np.arange(0.02, 0.6, 0.01)
+    frames = [press(0, strength=strength) for strength in strengths]
+    fresh = [ContactFinder(blank).find(frame).mask is not None for frame in frames]
+    finder = ContactFinder(blank)
+    fading = [finder.find(frame).mask is not None for frame in reversed(frames)]
+    assert fresh == sorted(fresh)
+    assert fading == sorted(fading, reverse=True)
+    assert 0 < sum(fresh) < sum(fading) < len(frames)
+
+
+def test_tightness_shrinks_the_mask(press: Draw, blank: Image) -> None:
+    areas = [ContactFinder(blank, tightness).find(press(0)).area_px for tightness in (0.6, 1.0, 1.6)]
+    assert areas == sorted(areas, reverse=True)
+    assert areas[2] < 0.9 * areas[0]
+
+
+def test_the_contour_runs_along_the_mask(press: Draw, blank: Image) -> None:
+    contact = ContactFinder(blank).find(press(-20))
+    assert contact.contour.dtype == np.float32
+    assert contact.contour.shape[1:] == (1, 2)
+    # The polygon through the middles of its outermost pixels lacks half a pixel all around.
+    rim_px = cv2.arcLength(contact.contour, True)
+    assert cv2.contourArea(contact.contour) == pytest.approx(contact.area_px - rim_px / 2, rel=0.02)
+    gaps = np.linalg.norm(np.diff(contact.contour[:, 0], axis=0), axis=1)
+    assert gaps.max() < 1.5
+
+
+def test_frames_may_be_read_only_and_strided(press: Draw, blank: Image) -> None:
+    image = press(10)
+    plain = ContactFinder(blank).find(image).area_px
+    image.setflags(write=False)
+    padded = np.zeros((320, 500, 3), np.uint8)
+    padded[:, 0:480:2] = image
+    flipped = np.ascontiguousarray(image[::-1, ::-1])[::-1, ::-1]
+    for view in (image, padded[:, 0:480:2], flipped):
+        assert ContactFinder(blank).find(view).area_px == plain
+
+
+CONTENT = st.one_of(
+    hnp.arrays(np.uint8, (24, 18, 3)),
+    st.integers(0, 255).map(lambda grey: np.full((24, 18, 3), grey, np.uint8)),
+    st.integers(0, 24 * 18 * 3 - 1).map(
+        lambda i: np.eye(1, 24 * 18 * 3, i, dtype=np.uint8).reshape(24, 18, 3)
+    ),
+    st.integers(0, 2**32 - 1).map(
+        lambda seed: np.random.default_rng(seed).choice([0, 255], (24, 18, 3)).astype(np.uint8)
+    ),
+)
+
+
+@settings(max_examples=80)
+@given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=3))
+def test_any_content_gives_a_sound_answer(background: Image, frames: list[Image]) -> None:
+    finder = ContactFinder(background)
+    assert all(is_sound(finder.find(frame), frame) for frame in frames)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((320, 240), np.uint8),
+        np.zeros((320, 240, 4), np.uint8),
+        np.zeros((320, 240, 3), np.float32),
+        np.zeros((240, 320, 3), np.uint8),
+        np.zeros((4, 4, 3), np.uint8),
+        np.zeros((0, 240, 3), np.uint8),
+        None,
+    ],
+    ids=["grey", "alpha", "float", "turned", "tiny", "empty", "none"],
+)
+def test_what_is_no_frame_is_an_input_error(blank: Image, image: Image) -> None:
+    with pytest.raises(InputError, match="tactile frame has"):
+        ContactFinder(blank).find(image)
+
+
+@pytest.mark.parametrize("tightness", [0.0, -1.0, float("nan"), 11.0])
+def test_an_absurd_tightness_is_an_input_error(blank: Image, tightness: float) -> None:
+    with pytest.raises(InputError, match="tightness"):
+        ContactFinder(blank, tightness)

@@ -1,0 +1,173 @@
+"""The contact mask by a network: what it finds, what it flags, and files that are no network."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.gel.variation import draw_variation
+from fakes.objects.catalogue import load_catalogue
+from fakes.objects.surfaces import build_surface, depth_for_force
+from rig.frames.masks import SegmentChoice, make_segmenter
+from rig.frames.model_cards import shipped_cards
+from rig.labels.outline import contact_label
+from rig.labels.scores import agreement
+from rig.tactile.contact.finder import Contact
+from rig.tactile.contact.model_files import MODELS
+from rig.tactile.contact.network import SHIPPED, load_network
+from rig.tactile.contact.segmenter import FrameState, Segmenter, moved_outline
+
+Image = NDArray[np.uint8]
+
+
+@pytest.fixture(scope="module")
+def pressed() -> tuple[Image, Image, Image]:
+    """Background, frame and label of a mug's handle on a unit unlike those of the bench."""
+    rng = np.random.default_rng(4)
+    unit = GelSensor(991, variation=draw_variation(np.random.default_rng(8)))
+    surface = build_surface(load_catalogue()["2"].sites[2], 1, 5)
+    imprint = Imprint(surface, 25.0, (0.5, -0.8), depth_for_force(surface, 0.9))
+    return unit.render(None, 0.0, rng), unit.render(imprint, 3.0, rng), contact_label(unit.touching(imprint))
+
+
+def field(number: int, value: bytes | int) -> bytes:
+    """One field of a protocol buffer."""
+    if isinstance(value, int):
+        return bytes([number << 3]) + varint(value)
+    return bytes([number << 3 | 2]) + varint(len(value)) + value
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 127:
+        out, value = out + bytes([value & 127 | 128]), value >> 7
+    return out + bytes([value])
+
+
+def identity_network(path: Path, shape: tuple[int, ...], metadata: bytes = b"") -> Path:
+    """Write an ONNX file that gives back what it is fed (onnx.proto3: fields of ModelProto)."""
+    dims = b"".join(field(1, field(1, side)) for side in shape)
+    tensor = field(2, field(1, field(1, 1) + field(2, dims)))
+    node = field(1, b"x") + field(2, b"y") + field(4, b"Identity")
+    graph = field(1, node) + field(2, b"g") + field(11, field(1, b"x") + tensor)
+    graph += field(12, field(1, b"y") + tensor)
+    extra = field(14, field(1, b"rig") + field(2, metadata)) if metadata else b""
+    path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(2, 18)) + extra)
+    return path
+
+
+@pytest.mark.parametrize("model", ["ours", "ours-full"])
+def test_a_contact_on_an_unseen_unit_is_found(model: str, pressed: tuple[Image, Image, Image]) -> None:
+    background, frame, label = pressed
+    contact = Segmenter(load_network(model), background).find(frame)
+    assert agreement(contact.mask, label).dice > 0.93
+    assert contact.mask is not None
+    assert contact.area_px == np.count_nonzero(contact.mask)
+    assert contact.contour.shape[1:] == (1, 2)
+    assert contact.contour.dtype == np.float32
+
+
+def test_a_network_is_called_as_the_classical_mask_is(pressed: tuple[Image, Image, Image]) -> None:
+    background, frame, _ = pressed
+    for model in (*SHIPPED, "classical"):
+        segmentation = make_segmenter(SegmentChoice(model), background).segment(frame)
+        assert isinstance(segmentation.contact, Contact)
+        assert segmentation.state is FrameState.CONTACT
+
+
+@pytest.mark.parametrize("model", ["ours", "classical"])
+def test_frames_without_contact_black_or_saturated_have_no_mask_and_say_why(
+    model: str, pressed: tuple[Image, Image, Image]
+) -> None:
+    background = pressed[0]
+    segmenter = make_segmenter(SegmentChoice(model), background)
+    for image, state in (
+        (background, FrameState.NO_CONTACT),
+        (np.zeros_like(background), FrameState.BLACK),
+        (np.full_like(background, 255), FrameState.SATURATED),
+    ):
+        found = segmenter.segment(image)
+        assert found.state is state
+        assert found.contact.mask is None
+
+
+def test_one_and_two_threads_give_the_same_mask(pressed: tuple[Image, Image, Image]) -> None:
+    background, frame, _ = pressed
+    for model in SHIPPED:
+        one, two = (Segmenter(load_network(model, n), background).find(frame).mask for n in (1, 2))
+        assert one is not None
+        np.testing.assert_array_equal(one, two)
+
+
+def test_the_margin_moves_the_outline_by_a_share_of_the_width(drawn_mask) -> None:
+    mask = drawn_mask(20.0)
+    wider, narrower = moved_outline(mask, 0.02), moved_outline(mask, -0.02)
+    assert np.all(narrower <= mask)
+    assert np.all(mask <= wider)
+    ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
+    expected = np.count_nonzero(cv2.dilate(mask, ball))
+    assert abs(np.count_nonzero(wider) - expected) < 0.03 * expected
+    np.testing.assert_array_equal(moved_outline(mask, 0.0), mask)
+    with pytest.raises(InputError, match="margin"):
+        Segmenter(load_network("pspnet"), margin=0.5)
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (np.zeros((320, 240), np.uint8), "shape"),
+        (np.zeros((320, 240, 3), np.float32), "float32"),
+        (np.zeros((160, 120, 3), np.uint8), "one size"),
+        (None, "uint8"),
+    ],
+)
+def test_images_of_another_type_or_size_are_refused(
+    image: object, said: str, pressed: tuple[Image, Image, Image]
+) -> None:
+    with pytest.raises(InputError, match=said):
+        Segmenter(load_network("ours"), pressed[0]).find(image)  # type: ignore[arg-type]
+
+
+def test_a_network_that_compares_asks_for_a_background() -> None:
+    with pytest.raises(InputError, match="--background"):
+        Segmenter(load_network("ours"))
+
+
+def test_what_is_no_network_is_refused_with_its_path(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.onnx"
+    cut.write_bytes((MODELS / "ours.onnx").read_bytes()[:5000])
+    empty = tmp_path / "empty.onnx"
+    empty.touch()
+    for path, said in ((tmp_path / "none.onnx", "no such network"), (cut, "ONNX"), (empty, "ONNX")):
+        with pytest.raises(InputError, match=said) as caught:
+            load_network(path)
+        assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "metadata", "said"),
+    [
+        ((1, 3, 32, 32), b"", "maps"),
+        ((1, 1, 32, 32), b"", "maps"),
+        ((3, 32, 32), b"", "maps"),
+    ],
+)
+def test_a_network_of_another_shape_is_refused(
+    shape: tuple[int, ...], metadata: bytes, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=said):
+        load_network(identity_network(tmp_path / "other.onnx", shape, metadata))
+
+
+def test_the_cards_describe_the_shipped_files() -> None:
+    cards = shipped_cards()
+    assert [card["name"] for card in cards] == list(SHIPPED)
+    for card in cards:
+        assert card["simulated"]
+        assert not set(card["fold"]["test"]) & set(card["fold"]["train"])
+        assert card["shipped"]["holds"]
+        assert card["shipped"]["bytes"] < 5e6

@@ -1,0 +1,131 @@
+"""The direction of a contour's long axis by the paper's three methods."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from rig.tactile.paper.axis import (
+    METHODS,
+    AxisMethod,
+    ellipse_axis,
+    fit_ellipse,
+    largest_contour,
+    pca_axis,
+    skeleton_axis,
+    wrapped,
+)
+
+EACH_METHOD = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
+# The skeleton is a short line of whole pixels that leans towards their rows and diagonals, the
+# more so the wider the ellipse.
+TOLERANCE_DEG = {"skeleton_axis": 6.0, "ellipse_axis": 0.2, "pca_axis": 0.2}
+
+
+def outline(
+    angle_deg: float, half_axes: tuple[float, float], center: tuple[float, float] = (120, 160)
+) -> NDArray[np.float32]:
+    """Points on an ellipse in image coordinates, turned counter-clockwise as seen."""
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    along, across = half_axes[0] * np.cos(t), half_axes[1] * np.sin(t)
+    turn = np.radians(angle_deg)
+    x = center[0] + along * np.cos(turn) - across * np.sin(turn)
+    y = center[1] - along * np.sin(turn) - across * np.cos(turn)
+    return np.stack([x, y], axis=1).astype(np.float32).reshape(-1, 1, 2)
+
+
+@EACH_METHOD
+@settings(max_examples=30)
+@given(angle_deg=st.floats(-360, 360), long_px=st.floats(75, 110), short_px=st.floats(8, 35))
+def test_a_drawn_ellipse_has_its_angle_counter_clockwise_as_seen(
+    method: AxisMethod, angle_deg: float, long_px: float, short_px: float
+) -> None:
+    axis = method(outline(angle_deg, (long_px, short_px)))
+    assert axis is not None
+    assert abs(wrapped(axis.angle_deg - angle_deg)) < TOLERANCE_DEG[method.__name__]
+    assert -90 < axis.angle_deg <= 90
+
+
+@EACH_METHOD
+def test_elongation_is_the_ratio_of_the_axes(method: AxisMethod) -> None:
+    axis = method(outline(25, (90, 45)))
+    assert axis is not None
+    assert axis.elongation == pytest.approx(2.0, abs=0.02)
+
+
+@EACH_METHOD
+def test_an_ellipse_half_outside_the_image_is_drawn_whole(method: AxisMethod) -> None:
+    axis = method(outline(-35, (90, 30), center=(-20.3, 5.8)))
+    assert axis is not None
+    assert abs(wrapped(axis.angle_deg + 35)) < TOLERANCE_DEG[method.__name__]
+
+
+@EACH_METHOD
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.empty((0, 1, 2), np.int32),
+        np.array([[[3, 4]]], np.int32),
+        np.array([[0, 0], [4, 0], [4, 4], [0, 4]], np.int32),
+        np.full((40, 1, 2), 7, np.int32),
+        np.stack([np.arange(50), np.arange(50)], axis=1).astype(np.int32),
+        np.stack([np.full(50, 3.0), np.arange(50.0)], axis=1).astype(np.float32),
+        np.full((9, 2), np.nan, np.float32),
+        np.array([[0, 0], [1, 5], [2, np.inf], [3, 1], [4, 4], [9, 9]], np.float32),
+    ],
+    ids=["none", "point", "four", "same", "diagonal", "upright", "nan", "infinite"],
+)
+def test_what_encloses_nothing_has_no_axis(
+    method: AxisMethod, points: NDArray[np.int32] | NDArray[np.float32]
+) -> None:
+    assert method(points) is None
+
+
+@EACH_METHOD
+@settings(max_examples=60)
+@given(points=hnp.arrays(np.int32, st.tuples(st.integers(0, 30), st.just(2)), elements=st.integers(-50, 400)))
+def test_any_points_give_an_axis_or_none(method: AxisMethod, points: NDArray[np.int32]) -> None:
+    axis = method(points)
+    assert axis is None or (np.isfinite(axis.angle_deg) and axis.elongation >= 1.0)
+
+
+def test_a_fit_far_beyond_its_points_is_no_ellipse() -> None:
+    arc = np.stack([np.arange(30.0), 0.01 * np.arange(30.0) ** 2], axis=1).astype(np.float32)
+    ellipse = fit_ellipse(arc)
+    assert ellipse is None or ellipse.long_px < 4 * 30
+
+
+def test_the_largest_contour_is_taken() -> None:
+    mask = np.zeros((60, 60), np.uint8)
+    mask[2:6, 2:6] = 255
+    mask[20:50, 10:55] = 255
+    contour = largest_contour(mask)
+    assert contour is not None
+    assert cv2.boundingRect(contour) == (10, 20, 45, 30)
+    assert largest_contour(np.zeros((9, 9), np.uint8)) is None
+
+
+@given(st.floats(-1e4, 1e4))
+def test_wrapping_keeps_the_axis(angle_deg: float) -> None:
+    assert -90 < wrapped(angle_deg) <= 90
+    turns = (wrapped(angle_deg) - angle_deg) / 180
+    assert turns == pytest.approx(round(turns), abs=1e-9)
+
+
+def test_the_authors_mask_gives_their_angles_in_our_convention(real_data: Path) -> None:
+    mask = cv2.imread(str(real_data / "aurova_figures" / "digit_mask.png"), cv2.IMREAD_GRAYSCALE)
+    assert mask is not None
+    contour = largest_contour(np.where(mask > 127, 255, 0).astype(np.uint8))
+    assert contour is not None
+    ellipse, pca, skeleton = ellipse_axis(contour), pca_axis(contour), skeleton_axis(contour)
+    assert ellipse is not None
+    assert pca is not None
+    assert skeleton is not None
+    assert -ellipse.angle_deg == pytest.approx(87.76, abs=0.01)
+    assert -pca.angle_deg == pytest.approx(86.91, abs=0.01)
+    assert -skeleton.angle_deg == pytest.approx(88.72, abs=0.05)

@@ -1,0 +1,74 @@
+"""The standard alignments to compare with: they follow a turn, and refuse what has no angle."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.tactile.estimators import MATCHERS, choose_estimator
+from rig.tactile.sample import SlipSample, State
+
+Image = NDArray[np.uint8]
+Press = Callable[..., Image]
+FRAME_NS = 16_666_667
+names = pytest.mark.parametrize("name", MATCHERS)
+
+
+def followed(name: str, blank: Image, frames: list[Image]) -> list[SlipSample]:
+    estimator = choose_estimator(name).make(blank)
+    return [estimator.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
+
+
+@names
+@pytest.mark.parametrize("sign", [1, -1])
+def test_follows_a_turn_with_its_sign(name: str, sign: int, press: Press, blank: Image) -> None:
+    turns = [0.0] * 8 + [sign * float(turn) for turn in range(31)]
+    samples = followed(name, blank, [press(turn, seed=i) for i, turn in enumerate(turns)])
+    errors = [abs((s.angle_deg or 0.0) - turn) for s, turn in zip(samples, turns, strict=True)]
+    assert all(s.state in (State.TRACKING, State.REKEYED) for s in samples)
+    assert max(errors) < 3.5
+    assert samples[-1].contact_area_px > 1000
+
+
+@names
+def test_refuses_a_disc(name: str, press: Press, blank: Image) -> None:
+    frames = [press(turn, half_axes=(50.0, 50.0), seed=turn) for turn in range(12)]
+    samples = followed(name, blank, frames)
+    assert {s.state for s in samples} == {State.UNOBSERVABLE}
+    assert {s.angle_deg for s in samples} == {None}
+
+
+@names
+def test_says_no_contact_and_goes_on_where_it_was(name: str, press: Press, blank: Image) -> None:
+    frames = [press(t, seed=t) for t in (0, 0, 0, 0, 0, 0, 0, 10)]
+    frames += [press(None, seed=i) for i in range(40)] + [press(10, seed=i) for i in range(8)]
+    samples = followed(name, blank, frames)
+    assert {s.state for s in samples[8:48]} == {State.NO_CONTACT}
+    assert samples[48].state is State.REKEYED
+    assert samples[-1].angle_deg == pytest.approx(10.0, abs=1.5)
+
+
+@names
+@pytest.mark.parametrize("grey", [0, 3, 128, 255])
+def test_any_content_is_answered_or_flagged(name: str, grey: int, press: Press, blank: Image) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, blank.shape).astype(np.uint8)
+    flat = np.full_like(blank, grey)
+    samples = followed(name, blank, [press(0.0), flat, noise, flat, press(0.0), blank, noise, press(40.0)])
+    assert all(s.angle_deg is None or np.isfinite(s.angle_deg) for s in samples)
+    assert all((s.angle_deg is None) == (s.state not in (State.TRACKING, State.REKEYED)) for s in samples)
+
+
+@names
+def test_a_repeated_frame_counts_for_nothing(name: str, press: Press, blank: Image) -> None:
+    estimator = choose_estimator(name).make(blank)
+    first = estimator.update(press(0.0), FRAME_NS)
+    again = estimator.update(press(9.0), FRAME_NS)
+    assert (again.time_ns, again.angle_deg) == (first.time_ns, first.angle_deg)
+
+
+@names
+def test_another_size_is_an_input_error(name: str, press: Press, blank: Image) -> None:
+    with pytest.raises(InputError, match="one size"):
+        choose_estimator(name).make(blank).update(press(0.0, size=(120, 160)), 0)

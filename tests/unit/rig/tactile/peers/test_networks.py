@@ -1,0 +1,104 @@
+"""The peers' networks: the wrist's wrench in even steps, angles from files, and what is no such file."""
+
+import json
+from collections.abc import Callable
+from hashlib import sha256
+from importlib.resources import as_file
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.clock import seconds
+from drivers.errors import InputError
+from drivers.types import ArmMode, ArmState, Pose
+from protocols.grasps import TRIAL_OBJECTS
+from rig.tactile.contact.model_files import MODELS
+from rig.tactile.estimators import ANGLENET, TOSKOV, choose_estimator
+from rig.tactile.peers.networks import load_image_network, load_wrench_network
+from rig.tactile.peers.wrench_steps import PERIOD_S, REST_S, WrenchSteps
+from rig.tactile.sample import State
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+BIAS = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+
+
+def state(time_s: float, *wrench: float) -> ArmState:
+    felt = tuple(b + w for b, w in zip(BIAS, wrench or (0.0,) * 6, strict=True))
+    return ArmState(seconds(time_s), Pose((0.4, 0.0, 0.2)), (0.0,) * 6, felt, ArmMode.RUNNING)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 500.0])
+def test_steps_come_thirty_times_a_second_whatever_the_rate(rate_hz: float) -> None:
+    steps = WrenchSteps()
+    made = [steps.add(state(i / rate_hz, 0.0, 0.0, -1.0 if i / rate_hz > 1.0 else 0.0, 0.0, 0.0, 0.0))
+            for i in range(round(2.0 * rate_hz))]  # fmt: skip
+    told = [step for step in made if step is not None]
+    assert len(told) == pytest.approx((2.0 - REST_S) / PERIOD_S, abs=2)
+    assert told[0] == pytest.approx(np.zeros(6), abs=1e-6), "the rest is taken away"
+    assert told[-1] == pytest.approx([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=1e-5)
+
+
+def test_a_state_that_is_not_newer_counts_for_nothing() -> None:
+    once, twice = WrenchSteps(), WrenchSteps()
+    for i in range(40):
+        first = once.add(state(i * PERIOD_S, 0.1 * i, 0.0, 0.0, 0.0, 0.0, 0.0))
+        second = twice.add(state(i * PERIOD_S, 0.1 * i, 0.0, 0.0, 0.0, 0.0, 0.0))
+        assert twice.add(state(i * PERIOD_S, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)) is None
+        assert (first is None) == (second is None)
+        assert first is None or (first == second).all()
+
+
+def test_toskov_needs_the_wrist_and_turns_its_answer_to_the_fingertip(press: Draw, blank: Image) -> None:
+    choice = choose_estimator(TOSKOV)
+    left, right = choice.make(blank, None, 1), choice.make(blank, None, -1)
+    assert left.update(press(10), 0).state is State.UNOBSERVABLE, "the wrist was not felt yet"
+    for i in range(1, 60):
+        for tip in (left, right):
+            tip.arm(state(i * PERIOD_S, -0.1, 0.0, -0.4 if i > 30 else 0.0, 0.0, -0.01, 0.0))
+    one, other = (tip.update(press(10), seconds(2.1)) for tip in (left, right))
+    assert one.state is other.state is State.TRACKING
+    assert one.angle_deg is not None
+    assert one.angle_deg == pytest.approx(-(other.angle_deg or 0.0))
+    assert left.update(press(None), seconds(2.2)).state is State.NO_CONTACT
+
+
+def test_angle_net_answers_every_contact(press: Draw, blank: Image) -> None:
+    estimator = choose_estimator(ANGLENET).make(blank)
+    touched, bare = estimator.update(press(10), 0), estimator.update(press(None), 1)
+    assert touched.state is State.TRACKING
+    assert touched.angle_deg is not None
+    assert abs(touched.angle_deg) < 90.0
+    assert set(touched.stage_s) == {"contact", "network"}
+    assert bare.state is State.NO_CONTACT
+
+
+@pytest.mark.parametrize(("name", "precision"), [(ANGLENET, "fp16"), (TOSKOV, "fp32")])
+def test_cards_are_of_the_files_beside_them(name: str, precision: str) -> None:
+    card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
+    assert card["files"][precision]["sha256"] == sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+    assert card["simulated"]
+    assert not card["trained_on_test_lifts"]
+    assert not set(card["objects"]["train"]) & set(TRIAL_OBJECTS)
+
+
+def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:
+    with (
+        as_file(MODELS / "toskov.onnx") as wrist,
+        as_file(MODELS / "anglenet.onnx") as angle,
+        as_file(MODELS / "ours.onnx") as mask,
+    ):
+        for file in (wrist, mask):
+            with pytest.raises(InputError, match="train-angle anglenet"):
+                load_image_network(file)
+        for file in (angle, mask):
+            with pytest.raises(InputError, match="train-angle toskov"):
+                load_wrench_network(file)
+        (tmp_path / "cut.onnx").write_bytes(angle.read_bytes()[:1000])
+    for load in (load_image_network, load_wrench_network):
+        with pytest.raises(InputError, match="no complete ONNX"):
+            load(tmp_path / "cut.onnx")
+        with pytest.raises(InputError, match="no such file"):
+            load(tmp_path / "missing.onnx")

@@ -1,0 +1,50 @@
+"""The estimator slip on real pictures of other sensors."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.tactile.contact.background import auto_background
+from rig.tactile.sample import SlipSample, State
+from rig.tactile.slip.estimator import SlipTracker
+
+Image = NDArray[np.uint8]
+
+
+def read(path: Path) -> Image:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    assert image is not None, path
+    return np.asarray(image, np.uint8)
+
+
+def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
+    """Show one picture again and again, each time with noise of its own."""
+    tracker, rng = SlipTracker(background), np.random.default_rng(0)
+    noisy = (np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for _ in range(frames))
+    return [tracker.update(picture, i * 16_666_667) for i, picture in enumerate(noisy)]
+
+
+def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
+    folder = real_data / "gelsight_ball"
+    background = read(folder / "background.png")
+    balls = sorted(folder.glob("*mm_*.png"))
+    assert len(balls) > 60
+    for ball in balls:
+        states = {sample.state for sample in held(background, read(ball))}
+        assert states == {State.UNOBSERVABLE}, ball.name
+
+
+@pytest.mark.parametrize("panel", range(1, 10))
+def test_a_real_contact_at_rest_stays_at_rest(real_data: Path, panel: int) -> None:
+    panels = [read(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
+    smallest = tuple(min(p.shape[axis] for p in panels) for axis in (0, 1))
+    panels = [p[: smallest[0], : smallest[1]] for p in panels]
+    samples = held(auto_background(panels), panels[panel - 1])
+    assert samples[-1].state is State.TRACKING
+    answered = [sample.angle_deg for sample in samples if sample.angle_deg is not None]
+    assert len(answered) >= 10
+    # Two of the nine are nearly round: their sigma is a third of a degree.
+    assert all(abs(angle) < 1.0 for angle in answered)

@@ -1,0 +1,47 @@
+"""The filter of angle and rate: still at rest, and at once when the object moves."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rig.tactile.slip.kalman import NOISE_RATIO, RateFilter
+
+TOLD_DEG = 0.02
+"""An alignment's noise as told; that of a frame is `NOISE_RATIO` times as large."""
+
+
+def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) -> np.ndarray:
+    noise = np.random.default_rng(3).normal(0.0, NOISE_RATIO * TOLD_DEG, len(angles_deg)) if noisy else 0.0
+    motion = RateFilter()
+    return np.degrees(
+        [
+            motion.update(i / rate_hz, math.radians(angle), math.radians(TOLD_DEG))
+            for i, angle in enumerate(angles_deg + noise)
+        ]
+    )
+
+
+def test_at_rest_the_noise_of_a_frame_is_averaged_away() -> None:
+    told = filtered(np.zeros(20_000))[60:]
+    assert told.std() < 0.85 * NOISE_RATIO * TOLD_DEG
+    assert np.abs(told).max() < 3.8 * NOISE_RATIO * TOLD_DEG
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0])
+@pytest.mark.parametrize("turn_deg_s", [-120.0, -20.0, 5.0, 60.0])
+def test_a_slip_out_of_rest_is_followed_from_its_first_frames(turn_deg_s: float, rate_hz: float) -> None:
+    true = np.concatenate([np.zeros(120), turn_deg_s * np.arange(1, 31) / rate_hz])
+    late = np.abs(filtered(true, rate_hz) - true)
+    assert late[120:].max() < 8.0 * NOISE_RATIO * TOLD_DEG
+    assert late[125:].mean() < 1.5 * NOISE_RATIO * TOLD_DEG
+
+
+def test_creep_below_the_noise_of_a_frame_is_not_held_back() -> None:
+    true = 1.0 * np.arange(300) / 60.0
+    assert abs((filtered(true) - true)[60:].mean()) < 0.2 * NOISE_RATIO * TOLD_DEG
+
+
+def test_without_noise_a_constant_rate_is_followed_exactly() -> None:
+    true = 40.0 * np.arange(120) / 60.0
+    assert np.abs(filtered(true, noisy=False) - true)[5:].max() < 1e-3

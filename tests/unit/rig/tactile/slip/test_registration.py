@@ -1,0 +1,194 @@
+"""From colours to gradients without a calibration, and the alignment of gradients."""
+
+import cmath
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rig.tactile.contact.gate import ContactGate
+from rig.tactile.slip.gradient import learn_map
+from rig.tactile.slip.height import Gradient, relief
+from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.keyframe import make_keyframe
+from rig.tactile.slip.registration import align, similarity
+from rig.tactile.slip.sampling import BROAD_SHARE, GradientField, sharpened
+
+Field = NDArray[np.float32]
+ROWS, COLUMNS = 80, 60
+
+
+def dent(
+    angle_deg: float, half_axes: tuple[float, float] = (19.0, 7.0), at: tuple[float, float] = (0, 0)
+) -> Field:
+    """Height of a smooth dent, (80, 60); its gradient is what a map should find."""
+    turn = math.radians(angle_deg)
+    x, y = np.meshgrid(np.arange(COLUMNS) - 29.5 - at[0], 39.5 + at[1] - np.arange(ROWS))
+    along, across = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    reach = np.clip(1.0 - (along / half_axes[0]) ** 2 - (across / half_axes[1]) ** 2, 0.0, None)
+    return cv2.GaussianBlur(np.sqrt(reach).astype(np.float32) * 6.0, (0, 0), 1.5)
+
+
+def slopes(height: Field) -> Gradient:
+    down, across = np.gradient(height)
+    return (across + 1j * down).astype(np.complex64)
+
+
+def colours(gradient: Gradient, azimuths_deg: tuple[float, ...], gains: tuple[float, ...]) -> Field:
+    """What three lamps at these azimuths make of a gradient."""
+    lamps = [g * cmath.exp(1j * math.radians(a)) for a, g in zip(azimuths_deg, gains, strict=True)]
+    return np.stack([0.2 * (gradient * lamp).real for lamp in lamps], axis=2).astype(np.float32)
+
+
+lamp_azimuths = st.tuples(
+    st.floats(0, 360), st.floats(80, 160), st.floats(80, 160), st.sampled_from([-1, 1])
+).map(lambda v: (v[0], v[0] + v[3] * v[1], v[0] - v[3] * v[2]))
+lamp_gains = st.tuples(*[st.floats(0.6, 1.4)] * 3)
+
+
+@settings(max_examples=40)
+@given(angle=st.floats(-90, 90), azimuths=lamp_azimuths, gains=lamp_gains)
+def test_the_map_is_learnt_whatever_the_lamps(
+    angle: float, azimuths: tuple[float, ...], gains: tuple[float, ...]
+) -> None:
+    true = slopes(dent(angle))
+    seen = colours(true, azimuths, gains)
+    seen += np.random.default_rng(0).normal(0, 0.004, seen.shape).astype(np.float32)
+    region = ContactGate().find(seen)
+    assert region is not None
+    learnt = learn_map(seen, region.mask)
+    assert learnt is not None
+    found = learnt.apply(seen)
+    inside = region.mask > 0
+    alike = float(np.vdot(found[inside], true[inside]).real) / float(
+        np.linalg.norm(found[inside]) * np.linalg.norm(true[inside])
+    )
+    assert alike > 0.97, "same directions, handedness and proportions, at any scale"
+
+
+def test_a_picture_without_a_dent_teaches_nothing() -> None:
+    assert learn_map(np.zeros((80, 60, 3), np.float32), np.ones((80, 60), np.uint8)) is None
+
+
+def test_only_the_box_is_worked_out() -> None:
+    seen = colours(slopes(dent(30.0)), (0, 120, 240), (1, 1, 1))
+    region = ContactGate().find(seen)
+    assert region is not None
+    learnt = learn_map(seen, region.mask)
+    assert learnt is not None
+    box = learnt.apply(seen, (10, 20, 30, 40))
+    assert np.array_equal(box[20:60, 10:40], learnt.apply(seen)[20:60, 10:40])
+    assert not box[:20].any()
+
+
+def test_a_gradient_integrates_to_its_relief() -> None:
+    height = dent(20.0)
+    found = relief(slopes(height), (height > 0.1).astype(np.uint8))
+    assert np.abs(found - height).max() < 0.08 * height.max()
+
+
+@settings(max_examples=40)
+@given(
+    turn=st.floats(-25, 25),
+    shift=st.tuples(st.floats(-3, 3), st.floats(-3, 3)),
+    slope=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
+    gain=st.floats(0.9, 1.1),
+)
+def test_an_alignment_finds_turn_and_shift(
+    turn: float, shift: tuple[float, float], slope: tuple[float, float], gain: float
+) -> None:
+    before, after = dent(10.0), dent(10.0 + turn, at=shift)
+    key = make_keyframe(slopes(before), (before > 0.2).astype(np.uint8))
+    assert key is not None
+    tilted = gain * slopes(after) + complex(*slope)
+    field = GradientField(tilted.astype(np.complex64), (after > 0.2).astype(np.uint8))
+    found = align(key, field, 0.0, 0j)
+    assert math.degrees(found.angle_rad) == pytest.approx(turn, abs=0.3)
+    assert (found.shift_px.real, found.shift_px.imag) == pytest.approx(shift, abs=0.15)
+    assert found.misfit < 0.2
+    assert found.gain == pytest.approx(gain, abs=0.05)
+
+
+def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:
+    contrast = {}
+    for name, half_axes in (("ball", (12.0, 12.0)), ("oval", (15.0, 11.0)), ("edge", (22.0, 4.0))):
+        height = dent(0.0, half_axes)
+        key = make_keyframe(slopes(height), (height > 0.2).astype(np.uint8))
+        assert key is not None
+        contrast[name] = key.contrast
+    assert contrast["ball"] < 0.05 < 0.18 < contrast["oval"] < contrast["edge"]
+
+
+def test_a_degenerate_contact_gives_numbers_or_nothing() -> None:
+    flat = np.zeros((80, 60), np.complex64)
+    assert make_keyframe(flat, np.ones((80, 60), np.uint8)) is None
+    line = np.full((80, 60), 1j, np.complex64)
+    key = make_keyframe(line, np.ones((80, 60), np.uint8))
+    if key is not None:
+        found = align(key, GradientField(line, np.ones((80, 60), np.uint8)), 0.0, 0j)
+        assert math.isfinite(found.angle_rad)
+        assert math.isfinite(key.contrast)
+    edge = dent(0.0)
+    key = make_keyframe(slopes(edge), (edge > 0.2).astype(np.uint8))
+    assert key is not None
+    lost = align(key, GradientField(slopes(edge), np.zeros((80, 60), np.uint8)), 0.0, 0j)
+    assert lost.overlap == 0.0
+    assert lost.misfit == math.inf
+    assert similarity(key, GradientField(flat, np.ones((80, 60), np.uint8)), 0.0, 0j) == -1.0
+
+
+@given(st.floats(4.0, 54.0), st.floats(4.0, 74.0))
+def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
+    rows, columns = np.mgrid[0:80, 0:60].astype(np.float32)
+    gradient = columns + 2 * rows + 1j * columns * rows
+    field = GradientField(gradient.astype(np.complex64), np.ones((80, 60), np.uint8))
+    values, inside = field.at(np.array([x + 1j * y], np.complex64))
+    assert inside.all()
+    fine = 1.0 - BROAD_SHARE
+    assert values[0].real == pytest.approx(fine * (x + 2 * y), rel=1e-4)
+    assert values[0].imag == pytest.approx(fine * x * y, rel=1e-4)
+
+
+def test_sharpening_keeps_what_is_fine_and_turns_with_the_field() -> None:
+    line = np.zeros((80, 60), np.complex64)
+    line[40] = 1.0 + 2.0j
+    found = sharpened(line)
+    assert abs(found[40, 30]) > 0.8 * abs(line[40, 30])
+    assert abs(found[43, 30]) < 0.2 * abs(line[40, 30])
+    turned = (line * np.complex64(1j)).astype(np.complex64)
+    np.testing.assert_allclose(sharpened(turned), 1j * found, atol=1e-6)
+
+
+@pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])
+def test_outside_the_picture_nothing_is_seen(place: tuple[float, float]) -> None:
+    field = GradientField(np.ones((80, 60), np.complex64), np.ones((80, 60), np.uint8))
+    with np.errstate(invalid="ignore"):
+        _, inside = field.at(np.array([complex(*place)], np.complex64))
+    assert not inside.any()
+
+
+@given(rate=st.floats(-3.0, 3.0))
+@settings(max_examples=20)
+def test_the_filter_follows_a_steady_turn_without_lag(rate: float) -> None:
+    motion = RateFilter()
+    for i in range(40):
+        angle = motion.update(i / 60, rate * i / 60, 0.001)
+    assert angle == pytest.approx(rate * 39 / 60, abs=1e-3)
+    assert motion.rate_rad_s == pytest.approx(rate, abs=0.02)
+    assert motion.predicted(40 / 60) == pytest.approx(rate * 40 / 60, abs=2e-3)
+
+
+def test_an_alignment_on_its_way_to_anywhere_is_not_settled() -> None:
+    height = dent(10.0, (22.0, 4.0))
+    key = make_keyframe(slopes(height), (height > 0.2).astype(np.uint8))
+    assert key is not None
+    rubbish = (
+        np.random.default_rng(1).normal(0, 0.1, (80, 60, 2)).astype(np.float32).view(np.complex64)[..., 0]
+    )
+    mask = np.ones((80, 60), np.uint8)
+    assert align(key, GradientField(slopes(height), mask), 0.05, 0.5 + 0j).settled
+    assert not align(key, GradientField(rubbish, mask), 0.0, 0j).settled

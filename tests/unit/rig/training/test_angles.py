@@ -1,0 +1,43 @@
+"""Learning angles from lifts: how objects are held back, what is learnt, and what is exported."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from rig.training.simulated_lifts import simulated_wrists
+
+torch = pytest.importorskip("torch", reason="training is the extra 'train'")
+
+
+def test_the_trials_objects_are_held_back() -> None:
+    from rig.training.angles import split_objects
+
+    split = split_objects(["1", "2", "3", "4", "t1", "t1"], False, "here")
+    assert (split.train, split.validation, split.test) == (("2", "3"), ("4",), ("1", "t1"))
+    assert split_objects(["t1", "t2"], True, "here").train == ("t1", "t2")
+    with pytest.raises(InputError, match="--on-test-lifts"):
+        split_objects(["t1", "t2"], False, "here")
+
+
+def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Path) -> None:
+    from rig.tactile.peers.networks import load_wrench_network
+    from rig.training.peer_export import export_wrist
+    from rig.training.wrist import blind_error_deg, error_deg, sequences, train_wrist
+
+    lifts = sequences(simulated_wrists(["7", "2"], 2, 5, lambda *_: None))
+    network, errors = train_wrist(lifts, lifts, 30, 0, lambda *_: None)
+    assert min(errors) == pytest.approx(error_deg(network, lifts))
+    assert min(errors) < 0.9 * blind_error_deg(lifts)
+    export_wrist(network, tmp_path / "wrist.onnx")
+    assert load_wrench_network(tmp_path / "wrist.onnx").blank().shape == (1, 1, 32)
+
+
+def test_an_angle_network_answers_alike_from_its_files(tmp_path: Path) -> None:
+    from rig.training.angle_net import AngleNet
+    from rig.training.peer_export import export_angle_net
+
+    torch.manual_seed(0)
+    export_angle_net(AngleNet().eval(), tmp_path / "full.onnx", tmp_path / "half.onnx")
+    full, half = ((tmp_path / f"{name}.onnx").stat().st_size for name in ("full", "half"))
+    assert half < 0.6 * full

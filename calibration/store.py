@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from calibration.verdict import Judgement, Rejected, Verdict
+from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError, RecordingError
 
 SCHEMA = 1
@@ -33,7 +33,7 @@ class CalibrationFile:
     kind: str
     serials: Mapping[str, str]
     value: Mapping[str, Any]
-    judgement: Judgement
+    judgement: Assessment
     created: str
     quality: Mapping[str, Any] = field(default_factory=dict)
     rejected: tuple[Rejected, ...] = ()
@@ -192,7 +192,7 @@ def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> Calibrati
         kind=about["kind"],
         serials={str(k): str(v) for k, v in about["serials"].items()},
         value=value,
-        judgement=Judgement(tuple(about["refusals"]), tuple(about["doubts"])),
+        judgement=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
         created=datetime.fromisoformat(about["created"]).isoformat(),
         quality=about.get("quality", {}),
         rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),

@@ -17,7 +17,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class Assessment:
     """Reasons to refuse, and doubts; each says what was seen and what to do."""
 
     refusals: tuple[str, ...] = ()
@@ -35,9 +35,9 @@ class Judgement:
         """All reasons, the worst first."""
         return self.refusals + self.doubts
 
-    def __add__(self, other: "Judgement") -> "Judgement":
+    def __add__(self, other: "Assessment") -> "Assessment":
         """Both judgements' reasons."""
-        return Judgement(self.refusals + other.refusals, self.doubts + other.doubts)
+        return Assessment(self.refusals + other.refusals, self.doubts + other.doubts)
 
     def __str__(self) -> str:
         """One line for people."""
@@ -70,17 +70,17 @@ def sift(
     return kept, rejected
 
 
-def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Judgement:
+def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Assessment:
     """Judge a number that should be small; one that is not finite is refused. `text` takes `{value}`."""
     said = text.format(value=value)
     if not value <= refuse_above:
-        return Judgement(refusals=(said,))
-    return Judgement(doubts=(said,)) if value > weak_above else Judgement()
+        return Assessment(refusals=(said,))
+    return Assessment(doubts=(said,)) if value > weak_above else Assessment()
 
 
-def floor(value: float, weak_below: float, refuse_below: float, text: str) -> Judgement:
+def floor(value: float, weak_below: float, refuse_below: float, text: str) -> Assessment:
     """Judge a number that should be large; one that is not finite is refused. `text` takes `{value}`."""
     said = text.format(value=value)
     if not value >= refuse_below:
-        return Judgement(refusals=(said,))
-    return Judgement(doubts=(said,)) if value < weak_below else Judgement()
+        return Assessment(refusals=(said,))
+    return Assessment(doubts=(said,)) if value < weak_below else Assessment()

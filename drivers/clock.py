@@ -32,6 +32,6 @@ class SystemClock:
             time.sleep(remaining_ns / NS_PER_S)
 
 
-def seconds(duration_s: float) -> int:
+def to_ns(duration_s: float) -> int:
     """Convert a duration in s to integer ns."""
     return round(duration_s * NS_PER_S)

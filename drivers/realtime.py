@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 LOWEST_REAL_TIME = 1
 
 
-def be_punctual() -> None:
+def ask_for_realtime() -> None:
     """Ask for the lowest real-time priority for this thread and what it starts from now on.
 
     Granted to root, and to users with an `rtprio` limit (/etc/security/limits.conf); elsewhere
@@ -22,9 +22,9 @@ def be_punctual() -> None:
 
 
 @contextmanager
-def punctual() -> Iterator[None]:
+def realtime() -> Iterator[None]:
     """Be punctual for a while; threads that were started meanwhile stay so."""
-    be_punctual()
+    ask_for_realtime()
     try:
         yield
     finally:

@@ -14,7 +14,7 @@ KINDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ScriptedFault:
     """One failure of one device, `at_s` after the bench was made, lasting `duration_s`.
 
     device: arm, gripper, camera, tactile (all fingertips) or a sensor's serial. `lift` limits
@@ -45,7 +45,7 @@ class Fault:
 class FaultScript:
     """The faults of one bench, asked by each fake as it works."""
 
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[ScriptedFault, ...] = ()
 
     def active(self, kind: str, time_ns: int, *names: str) -> bool:
         """Whether a fault of this kind is on at `time_ns` for a device with any of these names."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, OutOfLimitsError
 from drivers.types import Frame, Pose
 
@@ -68,10 +68,10 @@ def capture_hand_eye(
 
 def wait_until_still(bench: Bench) -> None:
     """Return once the arm has stood still for 0.4 s. Raises `DeviceTimeoutError` after 4 s."""
-    deadline = bench.clock.now_ns() + seconds(STILL_TIMEOUT_S)
+    deadline = bench.clock.now_ns() + to_ns(STILL_TIMEOUT_S)
     before = bench.arm.state().base_T_tcp
     while bench.clock.now_ns() < deadline:
-        bench.clock.sleep_until(bench.clock.now_ns() + seconds(SETTLE_S))
+        bench.clock.sleep_until(bench.clock.now_ns() + to_ns(SETTLE_S))
         now = bench.arm.state().base_T_tcp
         if not _moved(before, now):
             return

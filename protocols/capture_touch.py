@@ -21,7 +21,7 @@ from protocols.steps import (
     step_fingers,
     tighten,
 )
-from protocols.watch import Operator, Watch
+from protocols.watch import LiftObserver, Operator
 
 REFERENCE_S = 0.2
 SETTLE_S = 0.3
@@ -47,7 +47,11 @@ class Touch:
 
 
 def capture_presses(
-    bench: Bench, operator: Operator, watch: Watch, touches: Sequence[Touch], keep: Callable[[Touch], None]
+    bench: Bench,
+    operator: Operator,
+    watch: LiftObserver,
+    touches: Sequence[Touch],
+    keep: Callable[[Touch], None],
 ) -> None:
     """Press each gauge as planned; `keep` is called while it is pressed and everything stands still.
 
@@ -66,7 +70,7 @@ def capture_presses(
 def capture_openings(
     bench: Bench,
     operator: Operator,
-    watch: Watch,
+    watch: LiftObserver,
     touches: Sequence[Touch],
     closed: Callable[[Touch, float], None],
     opened: Callable[[Touch, float], None],
@@ -95,7 +99,7 @@ def capture_openings(
 def _each(
     bench: Bench,
     operator: Operator,
-    watch: Watch,
+    watch: LiftObserver,
     touches: Sequence[Touch],
     touched: Callable[[Pump, Touch, int], None],
 ) -> None:

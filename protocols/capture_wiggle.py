@@ -15,7 +15,7 @@ from protocols.steps import (
     start_watching,
     tighten,
 )
-from protocols.watch import Operator, Phase, Watch
+from protocols.watch import LiftObserver, Operator, Phase
 
 ACCELERATION_M_S2 = 0.8
 SETTLE_S = 0.5
@@ -30,7 +30,7 @@ class Stroke:
 
 
 def capture_wiggle(
-    bench: Bench, operator: Operator, watch: Watch, touch: Touch, strokes: Sequence[Stroke]
+    bench: Bench, operator: Operator, watch: LiftObserver, touch: Touch, strokes: Sequence[Stroke]
 ) -> None:
     """Grasp, wiggle, set down; the watch sees all of it, the wiggle between LIFT and LOWER.
 

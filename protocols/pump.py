@@ -6,11 +6,11 @@ from contextlib import suppress
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import DeviceTimeoutError, StaleFrameError
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
-from protocols.watch import Watch
+from protocols.watch import LiftObserver
 
 FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
@@ -30,7 +30,7 @@ class Pump:
     backlogs hold what arrives meanwhile.
     """
 
-    def __init__(self, bench: Bench, watch: Watch) -> None:
+    def __init__(self, bench: Bench, watch: LiftObserver) -> None:
         self._bench = bench
         self._watch = watch
         self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
@@ -39,7 +39,7 @@ class Pump:
 
     def start(self) -> None:
         """Skip what was captured before now."""
-        self._bench.clock.sleep_until(self._bench.clock.now_ns() + seconds(0.05))
+        self._bench.clock.sleep_until(self._bench.clock.now_ns() + to_ns(0.05))
         for stream in self._streams:
             stream.skip()
 
@@ -50,12 +50,12 @@ class Pump:
 
     def run_for(self, duration_s: float) -> None:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered."""
-        end = self._bench.clock.now_ns() + seconds(duration_s)
+        end = self._bench.clock.now_ns() + to_ns(duration_s)
         self.run_until(lambda: min(s.next_ns for s in self._streams) >= end, duration_s + CATCH_UP_S)
 
     def run_until(self, done: Callable[[], bool], timeout_s: float) -> None:
         """Deliver frames until `done`. Raises `DeviceTimeoutError`, or what a source raises."""
-        deadline = self._bench.clock.now_ns() + seconds(timeout_s)
+        deadline = self._bench.clock.now_ns() + to_ns(timeout_s)
         while not done():
             if self._bench.clock.now_ns() > deadline:
                 raise DeviceTimeoutError(f"bench: still not done after {timeout_s:.1f} s; stopped waiting")
@@ -111,7 +111,7 @@ class _Stream:
 
     def check_alive(self, now_ns: int) -> None:
         """Raise `StaleFrameError` where nothing has come for too long."""
-        if now_ns - self._earliest_ns > seconds(FRAME_TIMEOUT_S):
+        if now_ns - self._earliest_ns > to_ns(FRAME_TIMEOUT_S):
             self._accept(self.source.newest_frame(FRAME_TIMEOUT_S))
             self.waiting = self._last
 

@@ -7,13 +7,13 @@ from drivers.bench import Bench
 from drivers.types import Pose
 from protocols.pump import Pump
 from protocols.steps import approach, close_to_contact, lower_and_release, make_safe, step_fingers
-from protocols.watch import Watch
+from protocols.watch import LiftObserver
 
 REFERENCE_S = 0.5
 CAPTURE_TIMEOUT_S = 4.0
 
 
-class CaptureWatch(Watch, Protocol):
+class CaptureObserver(LiftObserver, Protocol):
     """A watch that takes images when asked to."""
 
     def want(self, images: int, grip_counts: int) -> None:
@@ -37,14 +37,14 @@ class PosePlan:
     grips: tuple[tuple[int, int], ...]
 
 
-def record_reference(bench: Bench, watch: Watch) -> None:
+def record_reference(bench: Bench, watch: LiftObserver) -> None:
     """Show the watch what the fingertips see without contact; nothing moves."""
     pump = Pump(bench, watch)
     pump.start()
     pump.run_for(REFERENCE_S)
 
 
-def record_pose(bench: Bench, plan: PosePlan, watch: CaptureWatch) -> None:
+def record_pose(bench: Bench, plan: PosePlan, watch: CaptureObserver) -> None:
     """Grasp at one pose, grip step by step while images are taken, and set the object free.
 
     Raises the device's error after the safe end, with a note on how it ended.

@@ -14,7 +14,7 @@ from protocols.steps import (
     start_watching,
     tighten,
 )
-from protocols.watch import Phase, Watch
+from protocols.watch import LiftObserver, Phase
 
 REFERENCE_S = 0.25
 GRASP_S = 3.0
@@ -41,7 +41,7 @@ class LiftPlan:
     lift_height_m: float
 
 
-def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
+def run_lift(bench: Bench, plan: LiftPlan, watch: LiftObserver) -> None:
     """Carry out one lift; whatever happens, it ends with the arm stopped or the object set down.
 
     A phase begins where the frames seen so far end, so that each frame belongs to one phase.
@@ -64,7 +64,7 @@ def run_lift(bench: Bench, plan: LiftPlan, watch: Watch) -> None:
     lower_and_release(bench, plan.base_T_grasp, plan.width_m)
 
 
-def _grasp(bench: Bench, pump: Pump, watch: Watch, plan: LiftPlan) -> None:
+def _grasp(bench: Bench, pump: Pump, watch: LiftObserver, plan: LiftPlan) -> None:
     """Close to first contact, a few counts further, and wait until phase A has lasted its time."""
     began_ns = bench.clock.now_ns()
     tighten(bench, pump, watch, close_to_contact(bench, pump, watch), plan.grip_counts)

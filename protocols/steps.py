@@ -5,7 +5,7 @@ from drivers.errors import DeviceError, GraspError, GripperFaultError, Protectiv
 from drivers.interfaces import Motion
 from drivers.types import Pose
 from protocols.pump import Pump
-from protocols.watch import Operator, Phase, Watch
+from protocols.watch import LiftObserver, Operator, Phase
 
 TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10
@@ -62,7 +62,7 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa:
         move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
-def start_watching(bench: Bench, watch: Watch, reference_s: float) -> Pump:
+def start_watching(bench: Bench, watch: LiftObserver, reference_s: float) -> Pump:
     """Begin to deliver frames: of the untouched gels for so long, then of the grasp."""
     pump = Pump(bench, watch)
     pump.start()
@@ -72,7 +72,7 @@ def start_watching(bench: Bench, watch: Watch, reference_s: float) -> Pump:
     return pump
 
 
-def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
+def close_to_contact(bench: Bench, pump: Pump, watch: LiftObserver) -> int:
     """Close in one-count steps until both fingertips touch; return the counts at that point.
 
     The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
@@ -91,14 +91,14 @@ def close_to_contact(bench: Bench, pump: Pump, watch: Watch) -> int:
     )
 
 
-def tighten(bench: Bench, pump: Pump, watch: Watch, from_counts: int, by_counts: int) -> int:
+def tighten(bench: Bench, pump: Pump, watch: LiftObserver, from_counts: int, by_counts: int) -> int:
     """Close by so many counts, one at a time; return the counts then."""
     for counts in range(from_counts + 1, from_counts + by_counts + 1):
         step_fingers(bench, pump, watch, counts)
     return from_counts + by_counts
 
 
-def step_fingers(bench: Bench, pump: Pump, watch: Watch, counts: int) -> None:
+def step_fingers(bench: Bench, pump: Pump, watch: LiftObserver, counts: int) -> None:
     """Move the fingers to `counts` while frames keep coming, and let the gel settle."""
     pump.run_until(bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
     watch.gripper(bench.gripper.state())

@@ -16,7 +16,7 @@ class Phase(StrEnum):
     LOWER = "lower"
 
 
-class Watch(Protocol):
+class LiftObserver(Protocol):
     """Sees everything that happens, and can say whether a fingertip is touching."""
 
     def phase(self, phase: Phase, time_ns: int) -> None:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from calibration.camera.intrinsics import CameraFit, residual_likeness
 from calibration.camera.projection_sigma import projection_sigma_px
 from calibration.targets.views import Array, coverage
-from calibration.verdict import Judgement, floor, limit
+from calibration.verdict import Assessment, floor, limit
 
 GOOD_VIEWS = 10
 
@@ -24,7 +24,7 @@ def tilt_spread_deg(result: CameraFit) -> float:
     return float(np.degrees(np.arctan2(sines, np.abs(normals @ normals.T))).max())
 
 
-def judge_camera(result: CameraFit) -> Judgement:
+def judge_camera(result: CameraFit) -> Assessment:
     """Judge a camera fit by tilt, focal uncertainty, coverage, count and held-out error."""
     camera = result.fit.camera
     covered = float((coverage(result.fit.views) > 0).mean())
@@ -55,11 +55,11 @@ def judge_camera(result: CameraFit) -> Judgement:
     return bent + tilts + known + unseen + mapped + seen + enough + noise
 
 
-def _judge_tilts(spread_deg: float, largest_deg: float) -> Judgement:
+def _judge_tilts(spread_deg: float, largest_deg: float) -> Assessment:
     """Square-on views tell no focal length; views tilted all the same way tell it badly."""
     hint = "tilt the board by 30 degrees each way"
     if spread_deg < 10.0 and largest_deg < 15.0:
-        return Judgement(
+        return Assessment(
             refusals=(f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}",)
         )
     return floor(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.presses import Press, rim_radius
-from calibration.verdict import Judgement, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -44,7 +44,7 @@ class BallFit:
     normal part in those. null_rms: rms of a normal part where nothing touches. centres_px: found.
     """
 
-    judgement: Judgement
+    judgement: Assessment
     map: GradientMap
     held_out_mm: dict[str, float]
     true_mm: dict[str, float]
@@ -79,7 +79,7 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     true = {p.press.id: p.radius_mm for p in good}
     centres = {p.press.id: p.press.centre_px for p in good}
     fitted = fit_to(good, mm_per_px)
-    result = BallFit(Judgement(), fitted, held_out, true, normal_rms, null_rms, centres, tuple(rejected))
+    result = BallFit(Assessment(), fitted, held_out, true, normal_rms, null_rms, centres, tuple(rejected))
     return replace(result, judgement=_judge(result))
 
 
@@ -178,7 +178,7 @@ def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
     return None
 
 
-def _judge(result: BallFit) -> Judgement:
+def _judge(result: BallFit) -> Assessment:
     errors = result.radius_error()
     spread = np.array([abs(result.held_out_mm[i] / true - 1.0) for i, true in result.true_mm.items()])
     worst = max(abs(e) for e in errors.values())
@@ -193,5 +193,5 @@ def _judge(result: BallFit) -> Judgement:
     )
     judged += floor(len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good")
     if len(errors) < 2:
-        judged += Judgement(doubts=("only one ball diameter: a wrong scale or diameter would go unseen",))
+        judged += Assessment(doubts=("only one ball diameter: a wrong scale or diameter would go unseen",))
     return judged

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.gel.gradient_map import colour_change
-from calibration.gel.reference import check_frame
+from calibration.gel.reference import check_light
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -40,7 +40,7 @@ def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press
 
     Raises `CalibrationError` for a picture of another size, or one without light.
     """
-    check_frame(image, name)
+    check_light(image, name)
     change = colour_change(image, reference)
     grey = cv2.GaussianBlur(image.astype(np.float32) - reference, (0, 0), 2.0)
     strength = np.linalg.norm(grey, axis=2).astype(np.float32)

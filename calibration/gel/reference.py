@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.verdict import Judgement, floor, limit
+from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
 
@@ -56,7 +56,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
     """
     if len(frames) < FEWEST_FRAMES:
         raise CalibrationError(f"tactile reference: {len(frames)} frames, {FEWEST_FRAMES} are the least")
-    check_frame(frames[0], "tactile reference")
+    check_light(frames[0], "tactile reference")
     if any(frame.shape != frames[0].shape or frame.dtype != np.uint8 for frame in frames):
         raise CalibrationError("tactile reference: its frames differ in size or type; is it one sensor?")
     stack = np.stack(frames).astype(np.float32)
@@ -72,7 +72,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
     return Reference(image, noise, float((image >= _SATURATED).mean()), _hot_pixels(image), len(frames))
 
 
-def check_frame(frame: Image, name: str) -> None:
+def check_light(frame: Image, name: str) -> None:
     """Raise `CalibrationError` unless (H, W, 3) uint8 with light and content."""
     if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
         raise CalibrationError(f"{name}: (H, W, 3) uint8 RGB is needed, got {frame.shape} {frame.dtype}")
@@ -99,7 +99,7 @@ def compare(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
     return Drift(gain, share, (float(dx), float(dy)))
 
 
-def judge_reference(reference: Reference, drift: Drift | None = None) -> Judgement:
+def judge_reference(reference: Reference, drift: Drift | None = None) -> Assessment:
     """Judge light and, where an earlier reference is known, drift."""
     judged = limit(
         100 * reference.saturated, 1.0, 30.0, "{value:.0f} % of the values are saturated: dim the LEDs"
@@ -110,11 +110,11 @@ def judge_reference(reference: Reference, drift: Drift | None = None) -> Judgeme
     judged += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
     judged += floor(float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)")
     if drift is None:
-        return judged + Judgement(
+        return judged + Assessment(
             doubts=("no earlier reference to compare with: contact in it would go unseen",)
         )
     if not np.isfinite(drift.gain).all() or float(np.min(drift.gain)) < 0.3:
-        return judged + Judgement((f"an LED went out (R, G, B gains {np.round(drift.gain, 2).tolist()})",))
+        return judged + Assessment((f"an LED went out (R, G, B gains {np.round(drift.gain, 2).tolist()})",))
     worst = float(np.abs(np.log(drift.gain)).max())
     judged += limit(100 * worst, 10.0, 60.0, "the light changed by {value:.0f} % since the earlier reference")
     judged += limit(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from calibration.verdict import Judgement, floor, limit
+from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -39,7 +39,7 @@ class GelScale:
     turn_deg: float
     residual_px: float
     held_out_px: float
-    judgement: Judgement
+    judgement: Assessment
 
     @property
     def pixel_aspect(self) -> float:

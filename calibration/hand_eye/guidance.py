@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.observability import Observability
 from calibration.hand_eye.refine import linearised
-from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem
+from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem
 from calibration.hand_eye.solve import HandEyeResult
 from calibration.targets.views import View, coverage
 from drivers.errors import CalibrationError
@@ -62,7 +62,7 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
     return best
 
 
-def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pose) -> Sample | None:  # noqa: N803
+def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pose) -> HandEyeSample | None:  # noqa: N803
     """What the camera would see at a pose; None where the target is out of the picture or too oblique."""
     if result.pose is None or result.target is None or result.problem is None:
         return None
@@ -77,7 +77,7 @@ def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pos
     pixels = camera.project(in_camera)
     inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
     view = View("next", np.arange(len(points)), points, pixels, camera.size)
-    return Sample("next", base_T_tcp, view) if inside else None
+    return HandEyeSample("next", base_T_tcp, view) if inside else None
 
 
 def progress(motion: Observability, views: Sequence[View]) -> Progress:

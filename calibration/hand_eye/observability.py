@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.verdict import Judgement, floor
+from calibration.verdict import Assessment, floor
 
 Array = NDArray[np.floating]
 
@@ -49,21 +49,21 @@ def observability(a_R: Array) -> Observability:  # noqa: N803
     )
 
 
-def judge_motion(seen: Observability) -> Judgement:
+def judge_motion(seen: Observability) -> Assessment:
     """Refuse motions that leave a part free; doubt those that nearly do.
 
     All three numbers are needed: a pure translation passes two of them, half turns the other two.
     """
     if seen.max_angle_deg < 5.0:
-        return Judgement(refusals=(f"the tool turned by {seen.max_angle_deg:.2f} degrees at most: {_HINT}",))
+        return Assessment(refusals=(f"the tool turned by {seen.max_angle_deg:.2f} degrees at most: {_HINT}",))
     if seen.rotation_gap < 1e-4 and seen.least_angle_deg > 150.0:
-        return Judgement(
+        return Assessment(
             refusals=(
                 "all turns between poses are near 180 degrees, which leaves mirror answers: use 30 to 120",
             )
         )
     if seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
-        return Judgement(refusals=(f"all turns are about parallel axes: {_HINT}",))
+        return Assessment(refusals=(f"all turns are about parallel axes: {_HINT}",))
     return (
         floor(seen.max_angle_deg, 20.0, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT)
         + floor(

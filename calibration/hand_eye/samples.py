@@ -28,7 +28,7 @@ class Setup(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class HandEyeSample:
     """One still moment: `base_T_tcp` as the robot says, and the target as the camera saw it."""
 
     id: str
@@ -79,7 +79,7 @@ class Problem:
         return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
-def make_problem(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -> Problem:
+def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
     """Collect samples into arrays, the lens' distortion taken off the pixels."""
     poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
     seen = np.vstack([s.view.image_px for s in samples])
@@ -95,12 +95,14 @@ def make_problem(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -
     )
 
 
-def usable_samples(samples: Sequence[Sample], camera: CameraModel) -> tuple[list[Sample], list[Rejected]]:
+def usable_samples(
+    samples: Sequence[HandEyeSample], camera: CameraModel
+) -> tuple[list[HandEyeSample], list[Rejected]]:
     """Leave out samples that no solver should see, with the reason of each."""
     return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
 
 
-def _fault(sample: Sample, camera: CameraModel) -> str | None:
+def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
     view = sample.view
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
         return "a corner is not a finite number"
@@ -114,7 +116,7 @@ def _fault(sample: Sample, camera: CameraModel) -> str | None:
     return pose_fault(sample.base_T_tcp, "robot pose")
 
 
-def _repeats(sample: Sample, others: list[Sample]) -> str | None:
+def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
     """A sample taken again at the same place adds no view, and makes leaving one out mean nothing."""
     for other in others:
         if other.id == sample.id:

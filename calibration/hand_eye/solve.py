@@ -11,10 +11,10 @@ from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
 from calibration.hand_eye.observability import Observability, judge_motion, observability
 from calibration.hand_eye.refine import Refined, refine
-from calibration.hand_eye.samples import Problem, Sample, Setup, make_problem, usable_samples
+from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem, usable_samples
 from calibration.hand_eye.target_pose import consistent_choice, target_poses
 from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
-from calibration.verdict import Judgement, Rejected, floor, limit
+from calibration.verdict import Assessment, Rejected, floor, limit
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -41,7 +41,7 @@ class HandEyeResult:
     """
 
     setup: Setup
-    judgement: Judgement
+    judgement: Assessment
     rejected: tuple[Rejected, ...]
     motion: Observability | None = None
     pose: Pose | None = None
@@ -55,13 +55,13 @@ class HandEyeResult:
     refined: Refined | None = None
 
 
-def calibrate_hand_eye(samples: Sequence[Sample], camera: CameraModel, setup: Setup) -> HandEyeResult:
+def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
     """Solve, or say why not: bad data gives a refused result with its reasons, never a silent number."""
     good, rejected = usable_samples(samples, camera)
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         text = f"{len(good)} usable samples, {FEWEST_SAMPLES} are the least and 15 are good"
-        return HandEyeResult(setup, Judgement((text + (f" ({why})" if why else ""),)), tuple(rejected))
+        return HandEyeResult(setup, Assessment((text + (f" ({why})" if why else ""),)), tuple(rejected))
     problem = make_problem(good, camera, setup)
     motion = observability(problem.a_R)
     gate = judge_motion(motion)
@@ -73,7 +73,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], camera: CameraModel, setup: Se
     sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
     if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
         reason = contradiction(problem, start)
-        return HandEyeResult(setup, Judgement((reason,)), tuple(rejected), motion, sample_px=sample_px)
+        return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)
     rejected += [
         Rejected(problem.ids[i], f"missed by {sample_px[problem.ids[i]]:.1f} px by the others' answer")
         for i in outliers
@@ -93,7 +93,7 @@ def _finish(
     gate = judge_motion(motion)
     final = refine(problem, start.transforms)
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
-        reasons = gate if gate.refusals else Judgement((contradiction(problem, final),))
+        reasons = gate if gate.refusals else Assessment((contradiction(problem, final),))
         return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
     spread = uncertainty(problem, final)
     sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
@@ -104,7 +104,7 @@ def _finish(
     )  # fmt: skip
 
 
-def _judge(final: Refined, spread: Uncertainty, rejected: int) -> Judgement:
+def _judge(final: Refined, spread: Uncertainty, rejected: int) -> Assessment:
     return (
         limit(final.rms_px, 1.5, _WORST_RMS_PX, _LOOSE)
         + limit(1e3 * float(np.linalg.norm(spread.sigma_m)), 1.0, 50.0, _MORE)

@@ -19,7 +19,7 @@ from calibration.markers.planar import (
 )
 from calibration.targets.aruco import Corners, Refusal
 from calibration.targets.edges import refine_edges
-from calibration.verdict import Judgement, floor, limit
+from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
 
@@ -118,7 +118,7 @@ class MarkerReport:
     drift_deg: change from the first to the last quarter. refused: pictures by reason.
     """
 
-    judgement: Judgement
+    judgement: Assessment
     plane: PlaneReference
     rest_deg: Array
     sigma_deg: float
@@ -152,7 +152,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     )
 
 
-def _judge(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Judgement:
+def _judge(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:
     return (
         floor(
             plane.side_px, 30.0, 16.0, "markers are {value:.0f} px wide; 40 px and more are good: move nearer"

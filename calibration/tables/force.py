@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from calibration.tables.opening import Opening
-from calibration.verdict import Judgement, floor, limit
+from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -24,7 +24,7 @@ class ForceTable:
     signal: Array
     force_n: Array
     misfit_n: float
-    judgement: Judgement
+    judgement: Assessment
 
     def force_at(self, signal: float, allow_beyond: bool = False) -> Opening:
         """Force in N. Raises `CalibrationError` beyond what was measured, unless allowed."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from calibration.verdict import Judgement, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -83,7 +83,7 @@ class GripperResult:
     misfit_m: rms by which measurements miss their table; both None where unknown.
     """
 
-    judgement: Judgement
+    judgement: Assessment
     tables: dict[Direction, OpeningTable]
     rejected: tuple[Rejected, ...]
     hysteresis_m: float | None = None
@@ -103,7 +103,7 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
         text = (
             f"{len(good)} usable measurements; at least {FEWEST_COUNTS} different counts one way are needed"
         )
-        return GripperResult(Judgement((text,)), {}, tuple(rejected))
+        return GripperResult(Assessment((text,)), {}, tuple(rejected))
     misfit = float(np.sqrt((np.concatenate(missed) ** 2).mean()))
     hysteresis = _hysteresis(tables)
     judged = limit(
@@ -111,7 +111,7 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
     )
     judged += floor(min(len(t.counts) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good")
     if len(tables) < 2:
-        judged += Judgement(doubts=(f"only {next(iter(tables))} was measured: hysteresis is unknown",))
+        judged += Assessment(doubts=(f"only {next(iter(tables))} was measured: hysteresis is unknown",))
     else:
         judged += limit(
             1e3 * (hysteresis or 0.0), 1.0, np.inf, "closing and opening differ by {value:.1f} mm"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.poses import pose_fault
-from calibration.verdict import Judgement, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -26,7 +26,7 @@ class PivotResult:
     singular value of the scaled system.
     """
 
-    judgement: Judgement
+    judgement: Assessment
     rejected: tuple[Rejected, ...] = ()
     tip_m: Array | None = None
     point_m: Array | None = None
@@ -42,7 +42,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     good, rejected = sift(poses, lambda named: named[0], _fault)
     if len(good) < FEWEST:
         text = f"{len(good)} usable distinct poses, {FEWEST} are the least and 10 are good"
-        return PivotResult(Judgement((text,)), tuple(rejected))
+        return PivotResult(Assessment((text,)), tuple(rejected))
     names = [name for name, _ in good]
     turns = np.array([pose.rotation.as_matrix() for _, pose in good])
     moves = np.array([pose.position_m for _, pose in good])
@@ -66,7 +66,7 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejecte
     cone, condition = _observability(turns)
     gate = _gate(cone, condition)
     if gate.refusals or len(names) < FEWEST:
-        left = gate if gate.refusals else Judgement((f"{len(names)} poses agree, {FEWEST} are the least",))
+        left = gate if gate.refusals else Assessment((f"{len(names)} poses agree, {FEWEST} are the least",))
         return PivotResult(left, tuple(rejected), cone_deg=cone, condition=condition)
     tip, point = solve_pivot(turns, moves)
     missed = turns @ tip + moves - point
@@ -132,11 +132,11 @@ def _same(pose: Pose, other: Pose) -> bool:
     return bool(np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1))
 
 
-def _gate(cone_deg: float, condition: float) -> Judgement:
+def _gate(cone_deg: float, condition: float) -> Assessment:
     if cone_deg < 10.0:
-        return Judgement((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
+        return Assessment((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
     if condition < 0.02:
-        return Judgement((f"all turns are about one axis, so the tip along it is free: {_HINT}",))
+        return Assessment((f"all turns are about one axis, so the tip along it is free: {_HINT}",))
     return floor(cone_deg, 30.0, 10.0, "the tool turned by {value:.0f} degrees at most: " + _HINT)
 
 

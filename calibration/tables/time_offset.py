@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.verdict import Judgement, limit
+from calibration.verdict import Assessment, limit
 from drivers.errors import CalibrationError
 
 Array = NDArray[np.floating]
@@ -26,7 +26,7 @@ _DRIFT_FROM_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stream:
+class TimedSignal:
     """A signal of one clock: time_ns (N,) int64 increasing, values (N,) float64, samples left out."""
 
     time_ns: NDArray[np.int64]
@@ -42,7 +42,7 @@ class TimeOffset:
     its rest. offset_s is None where refused.
     """
 
-    judgement: Judgement
+    judgement: Assessment
     offset_s: float | None = None
     sigma_s: float | None = None
     drift_ppm: float | None = None
@@ -54,7 +54,7 @@ class TimeOffset:
     overlap_s: float = 0.0
 
 
-def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> Stream:
+def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
     """Sort by time and leave out repeated stamps and values that are not finite.
 
     Raises `CalibrationError` for times that are no integers, shapes that differ, a clock that jumps
@@ -73,7 +73,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> Stream:
     longest_s = float(np.diff(times).max()) / 1e9
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
-    return Stream(times, signal, len(finite) - len(times))
+    return TimedSignal(times, signal, len(finite) - len(times))
 
 
 def unwrapped(counter: NDArray[np.integer], bits: int = 32) -> NDArray[np.int64]:
@@ -84,7 +84,7 @@ def unwrapped(counter: NDArray[np.integer], bits: int = 32) -> NDArray[np.int64]
     return int(counter[0]) + np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
 
 
-def time_offset(first: Stream, second: Stream, search_s: float = 0.5) -> TimeOffset:
+def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) -> TimeOffset:
     """Find the offset within +- `search_s`, or say why these streams do not determine it.
 
     Least squares on the second signal against the first, interpolated, with free gain and level;
@@ -96,9 +96,9 @@ def time_offset(first: Stream, second: Stream, search_s: float = 0.5) -> TimeOff
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
         text = f"the streams overlap by {len(t2)} samples (search +-{search_s:g} s): record longer"
-        return TimeOffset(Judgement((text,)), used=len(t2))
+        return TimeOffset(Assessment((text,)), used=len(t2))
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
-        return TimeOffset(Judgement(("nothing moved while this was recorded: wiggle by several degrees",)))
+        return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
     costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in grid])
     best = int(np.argmin(costs))
@@ -137,18 +137,18 @@ def _refined(
 
 def _judge(
     explained: float, alike: float, sigma_s: float, offset_s: float, search_s: float, rival: float
-) -> Judgement:
+) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
-        return Judgement((f"{share}: wiggle by several degrees",))
+        return Assessment((f"{share}: wiggle by several degrees",))
     if explained < _WELL_EXPLAINED and alike > _NOT_NOISE:
-        return Judgement(
+        return Assessment(
             ("what the best offset leaves is no noise: the offset may lie beyond the end of the search",)
         )
     if abs(offset_s) > search_s - 2 * _GRID_S:
-        return Judgement((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
+        return Assessment((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
     if rival < 1.5:
-        return Judgement(
+        return Assessment(
             ("another offset fits almost as well, because the motion repeats: wiggle at a changing rate",)
         )
     return limit(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError, OutOfLimitsError
 from drivers.robotiq_3f.registers import (
     AXES,
@@ -12,12 +12,12 @@ from drivers.robotiq_3f.registers import (
     AxisRequest,
     AxisState,
     Command,
-    Fault,
+    FaultCode,
     GraspMode,
     MotionStatus,
     Stage,
     Status,
-    fault_text,
+    fault_code_text,
     force_counts,
     speed_counts,
 )
@@ -25,11 +25,11 @@ from drivers.types import GripperLimits
 
 ECHO_TIMEOUT_S = 0.8
 """How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
-NOT_ACTIVE = (Fault.ACTIVATION_NEEDED, Fault.NOT_ACTIVATED)
+NOT_ACTIVE = (FaultCode.ACTIVATION_NEEDED, FaultCode.NOT_ACTIVATED)
 
 
 @dataclass(frozen=True, slots=True)
-class Hand:
+class GripperCommands:
     """Which fingers grasp, how far they go, and the speed and force (rSP, rFR) they go with."""
 
     fingers: tuple[str, ...]
@@ -37,7 +37,9 @@ class Hand:
     effort: AxisRequest
 
     @classmethod
-    def of(cls, fingers: Sequence[str], limits: GripperLimits, speed_m_s: float, force_n: float) -> "Hand":
+    def of(
+        cls, fingers: Sequence[str], limits: GripperLimits, speed_m_s: float, force_n: float
+    ) -> "GripperCommands":
         """Check and build. Raises `InputError` and `OutOfLimitsError`."""
         if len(fingers) < 2 or len(set(fingers)) < len(fingers) or not set(fingers) <= set(FINGERS):
             raise InputError(f"gripper: fingers {list(fingers)}: name two or three of A, B and C")
@@ -87,9 +89,9 @@ class Sent:
         """
         if self.time_ns is None:
             return True
-        if time_ns >= self.time_ns + seconds(REFRESH_S) and echoes(status, self.command):
+        if time_ns >= self.time_ns + to_ns(REFRESH_S) and echoes(status, self.command):
             return False
-        if time_ns > self.time_ns + seconds(ECHO_TIMEOUT_S):
+        if time_ns > self.time_ns + to_ns(ECHO_TIMEOUT_S):
             raise DeviceTimeoutError(
                 f"{name}: acknowledged a motion but did not take it up within {ECHO_TIMEOUT_S} s; "
                 "check the preset (rtu, tcp, tcp-2014), then activate again"
@@ -120,21 +122,23 @@ def require_sound(status: Status, name: str, was_ready: bool) -> None:
     """
     unasked = status.fault in NOT_ACTIVE and not status.ready and not was_ready
     if status.fault and not unasked:
-        raise GripperFaultError(f"{name}: {fault_text(status.fault)}", status.fault)
+        raise GripperFaultError(f"{name}: {fault_code_text(status.fault)}", status.fault)
     if was_ready and not status.ready and status.stage is not Stage.CHANGING_MODE:
         raise GripperFaultError(
             f"{name}: lost its activation (power cut or reset); see that the object is safe, "
             "then activate again",
-            Fault.ACTIVATION_NEEDED,
+            FaultCode.ACTIVATION_NEEDED,
         )
 
 
 def require_ready(status: Status, name: str) -> None:
     """Raise `GripperFaultError` unless motions may be asked for (5: not activated, 6: mode change)."""
     if status.stage is Stage.CHANGING_MODE:
-        raise GripperFaultError(f"{name}: {fault_text(Fault.MODE_CHANGE_PENDING)}", Fault.MODE_CHANGE_PENDING)
+        raise GripperFaultError(
+            f"{name}: {fault_code_text(FaultCode.MODE_CHANGE_PENDING)}", FaultCode.MODE_CHANGE_PENDING
+        )
     if not status.ready:
         raise GripperFaultError(
             f"{name}: not activated; ask for activation first (the fingers will sweep their range)",
-            Fault.ACTIVATION_NEEDED,
+            FaultCode.ACTIVATION_NEEDED,
         )

@@ -18,10 +18,17 @@ from contextlib import contextmanager, suppress
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
-from drivers.robotiq_3f.commands import ECHO_TIMEOUT_S, Hand, Sent, require_ready, require_sound, under_way
+from drivers.robotiq_3f.commands import (
+    ECHO_TIMEOUT_S,
+    GripperCommands,
+    Sent,
+    require_ready,
+    require_sound,
+    under_way,
+)
 from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
 from drivers.robotiq_3f.motion import GripperMotion
-from drivers.robotiq_3f.poller import GripperLine, Sample
+from drivers.robotiq_3f.poller import GripperLine, StatusSample
 from drivers.robotiq_3f.registers import Command, GraspMode, Stage, Status, pack_command
 from drivers.types import GripperLimits, GripperState
 
@@ -55,7 +62,7 @@ class Robotiq3F(Gripper):
         force_n: float = 15.0,
     ) -> None:
         self._link = link
-        self._hand = Hand.of(fingers, limits, speed_m_s, force_n)
+        self._hand = GripperCommands.of(fingers, limits, speed_m_s, force_n)
         self._clock = clock or SystemClock()
         self._line: GripperLine | None = None
         self._lock = threading.Lock()
@@ -226,7 +233,7 @@ class Robotiq3F(Gripper):
             raise DeviceError(f"{self._link.name}: the activation was ended by a reset from elsewhere")
         return self._sound(status).ready
 
-    def _awaits_echo(self, sample: Sample) -> bool:
+    def _awaits_echo(self, sample: StatusSample) -> bool:
         """Whether the last motion is still to show in the status; raises when it never does."""
         sent = self._sent
         if sent is None:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError
 from drivers.robotiq_3f.registers import REGISTERS
 
@@ -90,7 +90,7 @@ def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
     return Link(f"gripper on {device}", _preset(preset), make_client, settle_s=RTU_TIMEOUT_S)
 
 
-class Requests:
+class StatusClient:
     """Reads the status and writes commands over one link. For one thread only.
 
     After any failure the line is closed and opened anew: a late or broken reply then cannot be
@@ -143,7 +143,7 @@ class Requests:
 
     def _once(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
         if self._failed_ns is not None:
-            self._clock.sleep_until(self._failed_ns + seconds(self._link.settle_s))
+            self._clock.sleep_until(self._failed_ns + to_ns(self._link.settle_s))
         try:
             reply = self._reply(ask)
             self._check(reply, function)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceTimeoutError
 from drivers.interfaces import Motion
 
@@ -23,9 +23,9 @@ class GripperMotion(Motion):
 
     def wait(self, timeout_s: float) -> None:
         """Block until done, see `drivers.interfaces.Motion`."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         while not self.done():
             if self._clock.now_ns() >= deadline:
                 self._stop()
                 raise DeviceTimeoutError(f"gripper: motion not finished after {timeout_s:.1f} s; stopped it")
-            self._clock.sleep_until(self._clock.now_ns() + seconds(WATCH_S))
+            self._clock.sleep_until(self._clock.now_ns() + to_ns(WATCH_S))

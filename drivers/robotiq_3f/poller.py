@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.robotiq_3f.modbus import Link, Requests
+from drivers.robotiq_3f.modbus import Link, StatusClient
 from drivers.robotiq_3f.registers import REFRESH_S, Status, unpack_status
 
 POLL_S = 0.01
@@ -26,7 +26,7 @@ Registers = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class StatusSample:
     """A status and the time it was asked for, ns: whatever delayed its reply, it is not older than that."""
 
     time_ns: int
@@ -39,15 +39,15 @@ class GripperLine:
     def __init__(self, link: Link, clock: Clock) -> None:
         self._name = link.name
         self._clock = clock
-        self._requests = Requests(link, clock)
+        self._requests = StatusClient(link, clock)
         self._jobs: queue.Queue[tuple[Registers, Future[None]]] = queue.Queue()
         self._news = threading.Condition()
-        self._newest: Sample | None = None
+        self._newest: StatusSample | None = None
         self._error: DeviceError | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
 
-    def open(self) -> Sample:
+    def open(self) -> StatusSample:
         """Open the line and return a first status. Raises `DeviceError`, with the line let go."""
         self._thread.start()
         try:
@@ -74,14 +74,14 @@ class GripperLine:
                 f"{self._name}: command not acknowledged within {ANSWER_S} s; check power and cable"
             ) from None
 
-    def sample(self) -> Sample:
+    def sample(self) -> StatusSample:
         """Newest status; waits for the first one. Raises `DeviceError`, also when it is too old."""
         self._require_open()
         with self._news:
             self._news.wait_for(lambda: self._error is not None or self._newest is not None, ANSWER_S)
             if self._error is not None:
                 raise type(self._error)(*self._error.args) from self._error
-            if self._newest is None or self._clock.now_ns() > self._newest.time_ns + seconds(ANSWER_S):
+            if self._newest is None or self._clock.now_ns() > self._newest.time_ns + to_ns(ANSWER_S):
                 raise DeviceTimeoutError(f"{self._name}: no status for {ANSWER_S} s; check power and cable")
             return self._newest
 
@@ -93,14 +93,14 @@ class GripperLine:
         start = self._clock.now_ns()
         while True:
             sample = self.sample()
-            if sample.time_ns >= start + seconds(REFRESH_S) and reached(sample.status):
+            if sample.time_ns >= start + to_ns(REFRESH_S) and reached(sample.status):
                 return
-            if self._clock.now_ns() > start + seconds(timeout_s):
+            if self._clock.now_ns() > start + to_ns(timeout_s):
                 raise DeviceTimeoutError(
                     f"{self._name}: {what} not reached within {timeout_s} s; "
                     "check power and preset, then activate again"
                 )
-            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
+            self._clock.sleep_until(self._clock.now_ns() + to_ns(POLL_S))
 
     def round_trips_s(self) -> Sequence[float]:
         """Durations of the last requests that were answered, s; at most 1000."""
@@ -141,9 +141,9 @@ class GripperLine:
         except DeviceError as error:
             self._publish(self._newest, error)
         else:
-            self._publish(Sample(asked_ns, status), None)
+            self._publish(StatusSample(asked_ns, status), None)
 
-    def _publish(self, sample: Sample | None, error: DeviceError | None) -> None:
+    def _publish(self, sample: StatusSample | None, error: DeviceError | None) -> None:
         with self._news:
             self._newest, self._error = sample, error
             self._news.notify_all()

@@ -62,7 +62,7 @@ class ObjectStatus(IntEnum):
     AT_REQUEST = 3
 
 
-class Fault(IntEnum):
+class FaultCode(IntEnum):
     """gFLT. 5 to 7 refuse a command, 9 to 11 pass, 13 to 15 need reset and activation."""
 
     NONE = 0x00
@@ -78,15 +78,17 @@ class Fault(IntEnum):
 
 
 FAULT_TEXTS = {
-    Fault.ACTIVATION_NEEDED: "the action waits for the activation to end; activate, then move",
-    Fault.MODE_CHANGE_PENDING: "the action waits for the mode change to end; move when it has",
-    Fault.NOT_ACTIVATED: "the activation bit is not set; activate, then move",
-    Fault.NOT_READY: "the communication chip is not ready (may be booting); wait some seconds",
-    Fault.MODE_CHANGE_BLOCKED: "something is in the way of the scissor axis; free the fingers within 20 s",
-    Fault.RELEASING: "automatic release in progress; wait until the fingers have opened",
-    Fault.ACTIVATION_FAILED: "activation failed; free the fingers, then activate again",
-    Fault.MODE_CHANGE_FAILED: "the scissor axis was blocked for 20 s; free the fingers, then activate again",
-    Fault.RELEASED: "automatic release done; activate again",
+    FaultCode.ACTIVATION_NEEDED: "the action waits for the activation to end; activate, then move",
+    FaultCode.MODE_CHANGE_PENDING: "the action waits for the mode change to end; move when it has",
+    FaultCode.NOT_ACTIVATED: "the activation bit is not set; activate, then move",
+    FaultCode.NOT_READY: "the communication chip is not ready (may be booting); wait some seconds",
+    FaultCode.MODE_CHANGE_BLOCKED: "something is in the way of the scissor axis; "
+    "free the fingers within 20 s",
+    FaultCode.RELEASING: "automatic release in progress; wait until the fingers have opened",
+    FaultCode.ACTIVATION_FAILED: "activation failed; free the fingers, then activate again",
+    FaultCode.MODE_CHANGE_FAILED: "the scissor axis was blocked for 20 s; "
+    "free the fingers, then activate again",
+    FaultCode.RELEASED: "automatic release done; activate again",
 }
 
 
@@ -151,11 +153,11 @@ class Status:
         return self.axes[AXES.index(name)]
 
 
-def fault_text(code: int) -> str:
+def fault_code_text(code: int) -> str:
     """Say what a fault code means and what to do, with its hexadecimal value."""
     if code not in FAULT_TEXTS:
         return f"fault 0x{code:02X}, which the manual does not name; reset and activate the gripper"
-    return f"fault 0x{code:02X}, {FAULT_TEXTS[Fault(code)]}"
+    return f"fault 0x{code:02X}, {FAULT_TEXTS[FaultCode(code)]}"
 
 
 def pack_command(command: Command) -> tuple[int, ...]:

@@ -17,9 +17,9 @@ from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_numbe
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
-from drivers.ur5e.probe import Version, greet
+from drivers.ur5e.probe import Version, probe_controller
 from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_until, zero_force_sensor
-from drivers.ur5e.shared_state import Sample
+from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
@@ -82,7 +82,7 @@ class UR5e(Arm):
         """
         self.disconnect()
         self._clock_ahead_ns = self._clock.now_ns() - SystemClock().now_ns()
-        version = greet(self._host, GREETING_S)
+        version = probe_controller(self._host, GREETING_S)
         try:
             self._dashboard = Dashboard(self._host)
             self._identify(self._dashboard, version)
@@ -206,7 +206,7 @@ class UR5e(Arm):
         sample = self._require_link().sample()
         return sample.timestamp_s - sample.sampled_ns / NS_PER_S
 
-    def moving_sample(self) -> Sample:
+    def moving_sample(self) -> StateSample:
         """Newest sample of an arm that can move. Raises what keeps it from moving."""
         sample = self._require_link().sample()
         if reason := program_reason(sample):

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -125,7 +125,7 @@ class CallableProcess(ChildProcess):
             raise self._lost(name) from error
 
     def _receive(self, timeout_s: float, name: str, check: Callable[[], object] = lambda: None) -> Any:
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         while b"\n" not in self._rest:
             if self._clock.now_ns() >= deadline:
                 self._process.kill()

@@ -21,9 +21,9 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from drivers.clock import SystemClock, seconds
-from drivers.realtime import be_punctual
-from drivers.ur5e.shared_state import Board
+from drivers.clock import SystemClock, to_ns
+from drivers.realtime import ask_for_realtime
+from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0
 STATE_LIMIT_S = 0.6
@@ -88,7 +88,7 @@ class Watchdog:
     def feed(self) -> None:
         """Write something, if it is time."""
         if self._next_ns is not None and self._clock.now_ns() >= self._next_ns:
-            self._next_ns = self._clock.now_ns() + seconds(WATCH_S)
+            self._next_ns = self._clock.now_ns() + to_ns(WATCH_S)
             if self._control.isProgramRunning():
                 self._control.kickWatchdog()
 
@@ -113,13 +113,13 @@ def _answer(table: dict[str, Call], request: dict[str, Any]) -> dict[str, Any]:
         return {"error": str(error)}
 
 
-def watch(board: Board, parent_pid: int) -> None:
+def watch(board: SharedState, parent_pid: int) -> None:
     """End this process when the arm's state gets old or the parent is gone."""
     clock = SystemClock()
     while True:
-        clock.sleep_until(clock.now_ns() + seconds(WATCH_S))
+        clock.sleep_until(clock.now_ns() + to_ns(WATCH_S))
         sample = board.read()
-        if sample is None or clock.now_ns() - sample.received_ns > seconds(STATE_LIMIT_S):
+        if sample is None or clock.now_ns() - sample.received_ns > to_ns(STATE_LIMIT_S):
             os._exit(STATE_LOST)
         if os.getppid() != parent_pid:
             os._exit(PARENT_LOST)
@@ -127,9 +127,9 @@ def watch(board: Board, parent_pid: int) -> None:
 
 def main(host: str, socket_fd: int, board_fd: int, parent_pid: int) -> None:
     """Connect, say so, and serve."""
-    be_punctual()
+    ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
-    threading.Thread(target=watch, args=(Board(board_fd), parent_pid), daemon=True).start()
+    threading.Thread(target=watch, args=(SharedState(board_fd), parent_pid), daemon=True).start()
     connection = socket.socket(fileno=socket_fd)
     try:
         from rtde_control import RTDEControlInterface

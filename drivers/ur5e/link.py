@@ -5,11 +5,11 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from drivers.clock import NS_PER_S, SystemClock, seconds
+from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.ur5e.child_process import CallableProcess, ChildProcess
 from drivers.ur5e.probe import Deadline, Version
-from drivers.ur5e.shared_state import Board, Sample
+from drivers.ur5e.shared_state import SharedState, StateSample
 
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""
@@ -30,7 +30,7 @@ class ArmLink:
         """Start to listen. Raises `DeviceError` when no state arrives."""
         require_ur_rtde()
         self._host, self._clock = host, SystemClock()
-        self._board = Board()
+        self._board = SharedState()
         self._control: CallableProcess | None = None
         arguments = (host, rate_hz, self._board.fd, os.getpid(), int(version >= WITH_PAYLOAD))
         self._stream = ChildProcess(
@@ -48,7 +48,7 @@ class ArmLink:
         self._stream.end()
         self._board.close()
 
-    def sample(self) -> Sample:
+    def sample(self) -> StateSample:
         """Newest sample. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens."""
         sample = self._board.read()
         age_s = self.age_s(sample) if sample else float("inf")
@@ -66,7 +66,7 @@ class ArmLink:
             "look at it, check the controller and the network, then connect again"
         )
 
-    def age_s(self, sample: Sample) -> float:
+    def age_s(self, sample: StateSample) -> float:
         """Time since the controller's time stamp last changed, s."""
         return (self._clock.now_ns() - sample.received_ns) / NS_PER_S
 
@@ -127,7 +127,7 @@ class ArmLink:
                 raise DeviceTimeoutError(
                     f"arm: {self._host} accepts connections but sends no state; restart the controller"
                 )
-            self._clock.sleep_until(self._clock.now_ns() + seconds(_POLL_S))
+            self._clock.sleep_until(self._clock.now_ns() + to_ns(_POLL_S))
 
 
 def require_ur_rtde() -> None:

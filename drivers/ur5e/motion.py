@@ -6,11 +6,11 @@ from typing import Protocol
 
 from scipy.spatial.transform import Rotation
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.interfaces import Motion
 from drivers.types import Pose
-from drivers.ur5e.shared_state import Sample, Six
+from drivers.ur5e.shared_state import Six, StateSample
 
 POLL_S = 0.008
 BEGIN_LIMIT_S = 0.5
@@ -22,10 +22,10 @@ STILL_M_S, STILL_RAD_S = 0.002, 0.01
 NEAR_M, NEAR_RAD = 0.001, 0.01
 
 
-class Mover(Protocol):
+class MovingArm(Protocol):
     """What a motion needs to know of its arm."""
 
-    def moving_sample(self) -> Sample:
+    def moving_sample(self) -> StateSample:
         """Newest state. Raises the arm's error when it cannot be moving any more."""
         ...
 
@@ -42,7 +42,7 @@ class ArmMotion(Motion):
     """A straight motion to `target`. stopped: whether the arm was told to stop since it began."""
 
     def __init__(
-        self, arm: Mover, target: Pose, before: int, start: Six, clock: Clock, stopped: Callable[[], bool]
+        self, arm: MovingArm, target: Pose, before: int, start: Six, clock: Clock, stopped: Callable[[], bool]
     ) -> None:
         self._arm, self._target, self._before = arm, target, before
         self._clock, self._stopped = clock, stopped
@@ -69,14 +69,14 @@ class ArmMotion(Motion):
 
     def wait(self, timeout_s: float) -> None:
         """Block until done, see `drivers.interfaces.Motion`."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         while not self.done():
             if self._clock.now_ns() >= deadline:
                 self._arm.stop()
                 raise DeviceTimeoutError(f"arm: motion not finished after {timeout_s:.1f} s; stopped it")
-            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
+            self._clock.sleep_until(self._clock.now_ns() + to_ns(POLL_S))
 
-    def _over(self, sample: Sample) -> bool:
+    def _over(self, sample: StateSample) -> bool:
         """Whether the controller has carried the operation out."""
         if self._ended_ns is None:
             if self._on_its_way(sample):
@@ -89,16 +89,16 @@ class ArmMotion(Motion):
             self._ended_ns = self._clock.now_ns()
         return True
 
-    def _on_its_way(self, sample: Sample) -> bool:
+    def _on_its_way(self, sample: StateSample) -> bool:
         """Whether the stream alone tells that the motion goes on; asking costs a message and its answer."""
         now = self._clock.now_ns()
-        if not is_still(sample) and now - self._asked_ns < seconds(ASK_S):
+        if not is_still(sample) and now - self._asked_ns < to_ns(ASK_S):
             return True
         self._asked_ns = now
         return False
 
-    def _never_began(self, sample: Sample) -> bool:
-        if self._clock.now_ns() - self._began_ns < seconds(BEGIN_LIMIT_S):
+    def _never_began(self, sample: StateSample) -> bool:
+        if self._clock.now_ns() - self._began_ns < to_ns(BEGIN_LIMIT_S):
             return False
         if not self._stopped() and not is_at(sample.pose, self._target):
             raise DeviceError(
@@ -107,9 +107,9 @@ class ArmMotion(Motion):
         self._ended_ns = self._clock.now_ns()
         return True
 
-    def _arrived(self, sample: Sample) -> bool:
+    def _arrived(self, sample: StateSample) -> bool:
         """Whether the stream shows it too; it may be a cycle behind."""
-        settling = self._clock.now_ns() - (self._ended_ns or 0) < seconds(SETTLE_LIMIT_S)
+        settling = self._clock.now_ns() - (self._ended_ns or 0) < to_ns(SETTLE_LIMIT_S)
         there = self._stopped() or is_at(sample.pose, self._target)
         if is_still(sample) and there:
             return True
@@ -123,7 +123,7 @@ class ArmMotion(Motion):
         )
 
 
-def is_still(sample: Sample) -> bool:
+def is_still(sample: StateSample) -> bool:
     """Whether the TCP stands still."""
     return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
 

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, seconds
+from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 
 RTDE_PORT, SCRIPT_PORT = 30004, 30003
@@ -34,14 +34,14 @@ class Deadline:
     def after(cls, timeout_s: float, clock: Clock | None = None) -> "Deadline":
         """The deadline `timeout_s` from now."""
         clock = clock or SystemClock()
-        return cls(clock, clock.now_ns() + seconds(timeout_s))
+        return cls(clock, clock.now_ns() + to_ns(timeout_s))
 
     def left_s(self) -> float:
         """Time left, s; zero when it has passed."""
         return max(0.0, (self.time_ns - self.clock.now_ns()) / NS_PER_S)
 
 
-def greet(host: str, timeout_s: float) -> Version:
+def probe_controller(host: str, timeout_s: float) -> Version:
     """Ask the controller for its version, see its time move on, and that it takes scripts.
 
     Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` when it says nothing within

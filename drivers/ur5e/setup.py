@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import Clock, SystemClock, seconds
+from drivers.clock import Clock, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import ArmMode, Vector3, Vector6
 from drivers.ur5e.dashboard import RELEASED, Dashboard
@@ -108,11 +108,11 @@ def wait_until(
     met: Callable[[], bool], limit_s: float, what: str, clock: Clock, pause_s: float = _POLL_S
 ) -> None:
     """Wait for a condition. Raises `DeviceTimeoutError` after `limit_s`."""
-    deadline = clock.now_ns() + seconds(limit_s)
+    deadline = clock.now_ns() + to_ns(limit_s)
     while not met():
         if clock.now_ns() >= deadline:
             raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
-        clock.sleep_until(clock.now_ns() + seconds(pause_s))
+        clock.sleep_until(clock.now_ns() + to_ns(pause_s))
 
 
 def _set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:

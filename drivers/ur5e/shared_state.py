@@ -21,7 +21,7 @@ Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class StateSample:
     """One data package of the arm's controller.
 
     timestamp_s: the controller's own time. received_ns: monotonic time at which this timestamp was
@@ -47,7 +47,7 @@ class Sample:
     gaps: int
 
 
-class Board:
+class SharedState:
     """The shared memory. `fd` is handed on to the processes that share it."""
 
     def __init__(self, fd: int | None = None) -> None:
@@ -62,7 +62,7 @@ class Board:
             self._memory.close()
             os.close(self.fd)
 
-    def write(self, sample: Sample) -> None:
+    def write(self, sample: StateSample) -> None:
         """Publish a sample; one process writes."""
         (count,) = _COUNT.unpack_from(self._memory)
         _SAMPLE.pack_into(
@@ -75,7 +75,7 @@ class Board:
         )
         _COUNT.pack_into(self._memory, 0, count + 1)
 
-    def read(self) -> Sample | None:
+    def read(self) -> StateSample | None:
         """The newest sample; None before the first and after `close`."""
         try:
             while True:
@@ -92,7 +92,7 @@ def _place(count: int) -> int:
     return _COUNT.size + count % 2 * _SAMPLE.size
 
 
-def _sample(values: tuple[Any, ...]) -> Sample:
+def _sample(values: tuple[Any, ...]) -> StateSample:
     timestamp_s, received_ns, sampled_ns, *rest = values
     joints, pose, speed, wrench = (tuple(rest[i : i + 6]) for i in range(0, 24, 6))
-    return Sample(timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, *rest[24:])
+    return StateSample(timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, *rest[24:])

@@ -14,9 +14,9 @@ import sys
 from dataclasses import replace
 from typing import Any, NoReturn
 
-from drivers.clock import NS_PER_S, SystemClock, seconds
-from drivers.realtime import be_punctual
-from drivers.ur5e.shared_state import Board, Sample
+from drivers.clock import NS_PER_S, SystemClock, to_ns
+from drivers.realtime import ask_for_realtime
+from drivers.ur5e.shared_state import SharedState, StateSample
 
 START_LIMIT_S = 5.0
 POLL_S = 0.0004
@@ -49,14 +49,14 @@ class ClockMap:
     def to_host_ns(self, controller_ns: int, received_ns: int) -> int:
         """Monotonic time at which the controller took a sample."""
         offset = received_ns - controller_ns
-        if self._block_start_ns is None or received_ns - self._block_start_ns > seconds(OFFSET_BLOCK_S):
+        if self._block_start_ns is None or received_ns - self._block_start_ns > to_ns(OFFSET_BLOCK_S):
             self._block_start_ns = received_ns
             self._before, self._current = self._current, offset
         self._current = min(self._current, offset)
         return controller_ns + min(self._before, self._current)
 
 
-def listen(receive: Any, board: Board, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
+def listen(receive: Any, board: SharedState, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
     """Publish each new sample until the connection or the parent process is gone."""
     clock, times = SystemClock(), ClockMap()
     last_s = -math.inf
@@ -64,14 +64,14 @@ def listen(receive: Any, board: Board, parent_pid: int, rate_hz: float, with_pay
     while receive.isConnected() and os.getppid() == parent_pid:
         timestamp_s = receive.getTimestamp()
         if timestamp_s == last_s:
-            clock.sleep_until(clock.now_ns() + seconds(POLL_S))
+            clock.sleep_until(clock.now_ns() + to_ns(POLL_S))
             continue
         received_ns = clock.now_ns()
         gaps += max(0, round((timestamp_s - last_s) * rate_hz) - 1) if samples else 0
         samples, last_s = samples + 1, timestamp_s
         sampled_ns = times.to_host_ns(round(timestamp_s * NS_PER_S), received_ns)
         board.write(
-            Sample(
+            StateSample(
                 timestamp_s,
                 received_ns,
                 sampled_ns,
@@ -98,7 +98,7 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
 
 def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
     """Connect, listen, and end; the exit code says how."""
-    be_punctual()
+    ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
     variables = [*VARIABLES, "payload"] if with_payload else list(VARIABLES)
     try:
@@ -108,7 +108,7 @@ def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload
     except (ImportError, RuntimeError, ValueError) as error:
         sys.exit(" ".join(str(error).split()))
     faulthandler.cancel_dump_traceback_later()
-    board = Board(board_fd)
+    board = SharedState(board_fd)
     listen(receive, board, parent_pid, rate_hz, with_payload)
     if last := board.read():
         board.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on

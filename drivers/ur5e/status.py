@@ -5,7 +5,7 @@ Values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safe
 
 from drivers.errors import DeviceError, ProtectiveStopError
 from drivers.types import ArmMode
-from drivers.ur5e.shared_state import Sample
+from drivers.ur5e.shared_state import StateSample
 
 PLAYING = 2
 RUNNING_MODE = 7
@@ -34,7 +34,7 @@ _SAFETY = (
 )
 
 
-def arm_mode(sample: Sample) -> ArmMode:
+def arm_mode(sample: StateSample) -> ArmMode:
     """What the safety system allows, most serious first."""
     if sample.safety_bits & EMERGENCY:
         return ArmMode.EMERGENCY_STOP
@@ -45,7 +45,7 @@ def arm_mode(sample: Sample) -> ArmMode:
     return ArmMode.RUNNING
 
 
-def stop_reason(sample: Sample) -> DeviceError | None:
+def stop_reason(sample: StateSample) -> DeviceError | None:
     """Why the arm cannot move, as an error to raise; None when nothing of that kind is said."""
     bits = sample.safety_bits
     if bits & EMERGENCY:
@@ -72,7 +72,7 @@ def stop_reason(sample: Sample) -> DeviceError | None:
     return None
 
 
-def program_reason(sample: Sample) -> DeviceError | None:
+def program_reason(sample: StateSample) -> DeviceError | None:
     """Why commands are not carried out: the above, or the control program does not run."""
     reason = stop_reason(sample)
     if reason is None and sample.runtime_state != PLAYING:

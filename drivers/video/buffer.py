@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.types import Frame
 
@@ -55,7 +55,7 @@ class FrameBuffer:
 
     def next(self, timeout_s: float) -> Frame:
         """Take the oldest unread frame. Raises `DeviceTimeoutError`, `DeviceError` at the end."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         with self._changed:
             while not self._backlog:
                 if self._closed:
@@ -82,7 +82,7 @@ class FrameBuffer:
 
     def await_first(self, timeout_s: float) -> None:
         """Wait for the first frame. Raises `DeviceError` at the first trouble instead."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         with self._changed:
             while self._newest is None:
                 if self._trouble:

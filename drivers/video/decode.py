@@ -7,13 +7,13 @@ import numpy as np
 from drivers.errors import DamagedFrameError, DeviceError
 from drivers.types import Image
 from drivers.video.jpeg import decode, turned_left, whole_jpeg
-from drivers.video.stream import Shot
+from drivers.video.stream import RawFrame
 
 _PNG, _PNG_END = b"\x89PNG", b"IEND"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Developed:
+class DecodedFrame:
     """A shot made into a picture: (H, W, 3) uint8 RGB, upright, and its bytes where it has any.
 
     flaw: why it is no picture of the scene ("green", "shifted"); such a frame is withheld.
@@ -24,7 +24,7 @@ class Developed:
     flaw: str | None = None
 
 
-def developed(shot: Shot, size_px: tuple[int, int] | None, upright: bool) -> Developed:
+def decode_frame(shot: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> DecodedFrame:
     """Decode a shot. size_px: (width, height) its picture has to have; any when None.
 
     upright: turn pictures that lie on their side (wider than high) 90 degrees counter-clockwise;
@@ -44,27 +44,27 @@ def developed(shot: Shot, size_px: tuple[int, int] | None, upright: bool) -> Dev
     return picture
 
 
-def same_picture(one: Developed, other: Developed) -> bool:
+def same_picture(one: DecodedFrame, other: DecodedFrame) -> bool:
     """Whether two pictures are equal to the last bit, as no live sensor's are."""
     if one.jpeg is not None and other.jpeg is not None:
         return one.jpeg == other.jpeg
     return one.image.shape == other.image.shape and bool((one.image == other.image).all())
 
 
-def _picture(shot: Shot) -> Developed:
+def _picture(shot: RawFrame) -> DecodedFrame:
     if shot.image is not None:
-        return Developed(shot.image, None)
+        return DecodedFrame(shot.image, None)
     data = shot.encoded or b""
     if not data.startswith(_PNG):
         jpeg, _ = whole_jpeg(data)
-        return Developed(decode(jpeg), jpeg)
+        return DecodedFrame(decode(jpeg), jpeg)
     if _PNG_END not in data[-16:]:
         raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it anew")
-    return Developed(decode(data), None)
+    return DecodedFrame(decode(data), None)
 
 
-def _turned(picture: Developed) -> Developed:
+def _turned(picture: DecodedFrame) -> DecodedFrame:
     jpeg = picture.jpeg
-    return Developed(
+    return DecodedFrame(
         np.ascontiguousarray(np.rot90(picture.image)), None if jpeg is None else turned_left(jpeg)
     )

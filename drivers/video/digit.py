@@ -10,12 +10,12 @@ glitches and shifts at 640 x 480 (10). No DIGIT was at hand to try this driver o
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, InputError, OutOfLimitsError
 from drivers.interfaces import TactileSensor
-from drivers.video.decode import Developed, developed
+from drivers.video.decode import DecodedFrame, decode_frame
 from drivers.video.glitches import GlitchCheck
 from drivers.video.mjpeg import MjpegStream
-from drivers.video.open_stream import Opened, Wanted
+from drivers.video.open_stream import OpenSource, SourceSpec
 from drivers.video.source import AddressedSource
-from drivers.video.stream import Shot
+from drivers.video.stream import RawFrame
 from drivers.video.udev import Discover, list_video_nodes
 from drivers.video.v4l2 import OpenCapture, V4l2Stream, open_capture
 
@@ -44,7 +44,7 @@ class Digit(AddressedSource, TactileSensor):
         open_device: OpenCapture = open_capture,
     ) -> None:
         raw_px = (size_px[1], size_px[0])
-        wanted = Wanted(serial, address, raw_px, rate_hz)
+        wanted = SourceSpec(serial, address, raw_px, rate_hz)
         if wanted.is_device:
             _check_mode(wanted)
         super().__init__(wanted, clock or SystemClock(), discover, open_device)
@@ -69,15 +69,15 @@ class Digit(AddressedSource, TactileSensor):
         self._glitches = GlitchCheck()
         super().connect()
 
-    def _prepare(self, source: Opened) -> None:
+    def _prepare(self, source: OpenSource) -> None:
         self._apply_light(source)
         self._glitches.reopened()
 
-    def _picture(self, shot: Shot) -> Developed:
-        picture = developed(shot, self._size_px, upright=True)
-        return Developed(picture.image, picture.jpeg, self._glitches.flaw(picture.image))
+    def _picture(self, shot: RawFrame) -> DecodedFrame:
+        picture = decode_frame(shot, self._size_px, upright=True)
+        return DecodedFrame(picture.image, picture.jpeg, self._glitches.flaw(picture.image))
 
-    def _apply_light(self, source: Opened) -> bool:
+    def _apply_light(self, source: OpenSource) -> bool:
         """Set the LEDs; False where there are none."""
         stream = source.stream
         if isinstance(stream, V4l2Stream):
@@ -100,7 +100,7 @@ def light_value(light: tuple[float, float, float], revision: str = "") -> int:
     return red << 8 | green << 4 | blue
 
 
-def _check_mode(wanted: Wanted) -> None:
+def _check_mode(wanted: SourceSpec) -> None:
     if wanted.size_px is None or wanted.rate_hz in MODES.get(wanted.size_px, ()):
         return
     wide, high = wanted.size_px

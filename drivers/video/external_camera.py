@@ -2,10 +2,10 @@
 
 from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
-from drivers.video.decode import Developed, developed
-from drivers.video.open_stream import Opened, Wanted
+from drivers.video.decode import DecodedFrame, decode_frame
+from drivers.video.open_stream import OpenSource, SourceSpec
 from drivers.video.source import AddressedSource
-from drivers.video.stream import Shot
+from drivers.video.stream import RawFrame
 from drivers.video.udev import Discover, list_video_nodes
 from drivers.video.v4l2 import OpenCapture, open_capture
 
@@ -29,12 +29,12 @@ class ExternalCamera(AddressedSource, Camera):
         discover: Discover = list_video_nodes,
         open_device: OpenCapture = open_capture,
     ) -> None:
-        wanted = Wanted(serial, address, size_px, rate_hz)
+        wanted = SourceSpec(serial, address, size_px, rate_hz)
         super().__init__(wanted, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
 
-    def _prepare(self, source: Opened) -> None:
+    def _prepare(self, source: OpenSource) -> None:
         """Nothing but size and rate is set."""
 
-    def _picture(self, shot: Shot) -> Developed:
-        return developed(shot, self._size_px, upright=False)
+    def _picture(self, shot: RawFrame) -> DecodedFrame:
+        return decode_frame(shot, self._size_px, upright=False)

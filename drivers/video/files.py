@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, InputError
-from drivers.video.stream import FrameStream, Shot
+from drivers.video.stream import FrameStream, RawFrame
 
 IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
 
@@ -58,7 +58,7 @@ class FolderStream(RecordedStream):
         super().__init__(path, rate_hz, clock)
         self._files = image_files(path)
 
-    def read(self) -> Shot:
+    def read(self) -> RawFrame:
         """Wait for the next image's time and read its file."""
         if self._number >= len(self._files):
             raise self._ended()
@@ -67,7 +67,7 @@ class FolderStream(RecordedStream):
             data = self._files[number].read_bytes()
         except OSError as error:
             raise DeviceError(f"{self._files[number]}: cannot be read ({error.strerror})") from error
-        return Shot(self._clock.now_ns(), data, None, due_ns, number)
+        return RawFrame(self._clock.now_ns(), data, None, due_ns, number)
 
 
 class VideoStream(RecordedStream):
@@ -77,7 +77,7 @@ class VideoStream(RecordedStream):
         super().__init__(path, rate_hz, clock)
         self._capture = cv2.VideoCapture(str(path))
 
-    def read(self) -> Shot:
+    def read(self) -> RawFrame:
         """Wait for the next image's time and decode it."""
         number, due_ns = self._await_next()
         there, bgr = self._capture.read()
@@ -85,7 +85,7 @@ class VideoStream(RecordedStream):
             self._number = number
             raise self._ended()
         image = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
-        return Shot(self._clock.now_ns(), None, image, due_ns, number)
+        return RawFrame(self._clock.now_ns(), None, image, due_ns, number)
 
     def close(self) -> None:
         """Close the file."""

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from typing import Any
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, InputError
 from drivers.video.multipart import MultipartParser, Part, boundary_of
-from drivers.video.stream import FrameStream, Shot
+from drivers.video.stream import FrameStream, RawFrame
 
 READ_TIMEOUT_S = 1.5
 """No image for this long means that the server is stuck: the stream is opened again."""
@@ -56,9 +56,9 @@ class MjpegStream(FrameStream):
         self.control_url = None if control is None else urljoin(url, control)
         self.warm_up = 0 if control is None else WARM_UP_IMAGES
 
-    def read(self) -> Shot:
+    def read(self) -> RawFrame:
         """Wait for the next part."""
-        deadline = self._clock.now_ns() + seconds(self._timeout_s)
+        deadline = self._clock.now_ns() + to_ns(self._timeout_s)
         while not self._ready:
             if self._clock.now_ns() > deadline:
                 raise DeviceError(f"{self._url}: no image within {self._timeout_s:g} s; is the server stuck?")
@@ -66,7 +66,7 @@ class MjpegStream(FrameStream):
             now = self._clock.now_ns()
             self._ready.extend((part, now) for part in self._parser.feed(data))
         part, arrived_ns = self._ready.popleft()
-        return Shot(arrived_ns, part.body, None, _stamp(part.headers), _number(part.headers))
+        return RawFrame(arrived_ns, part.body, None, _stamp(part.headers), _number(part.headers))
 
     def configure(self, settings: Sequence[dict[str, Any]]) -> None:
         """Send settings one after the other to a server that takes them. Raises `DeviceError`."""

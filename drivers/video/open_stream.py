@@ -15,7 +15,7 @@ from drivers.video.v4l2 import OpenCapture, V4l2Stream
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class SourceSpec:
     """What to open. size_px: raw (width, height), as it comes when None.
 
     address: "/dev/videoN", "http://HOST:PORT/PATH", a folder or a video file; None finds the
@@ -58,7 +58,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenSource:
     """An open stream, and the device it is of (None where it is of no device here)."""
 
     stream: FrameStream
@@ -66,7 +66,7 @@ class Opened:
     node: VideoNode | None = None
 
 
-def open_wanted(wanted: Wanted, clock: Clock, discover: Discover, open_device: OpenCapture) -> Opened:
+def open_source(wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
     """Open what is wanted, set to its size and rate. Raises `DeviceError`."""
     address = wanted.address
     if address is None or wanted.is_device:
@@ -78,28 +78,30 @@ def open_wanted(wanted: Wanted, clock: Clock, discover: Discover, open_device: O
         except DeviceError:
             stream.close()
             raise
-        return Opened(stream, address)
+        return OpenSource(stream, address)
     path = Path(address)
     kind = FolderStream if path.is_dir() else VideoStream
-    return Opened(kind(path, wanted.rate_hz, clock), address)
+    return OpenSource(kind(path, wanted.rate_hz, clock), address)
 
 
-def _open_device(wanted: Wanted, clock: Clock, discover: Discover, open_device: OpenCapture) -> Opened:
+def _open_device(
+    wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture
+) -> OpenSource:
     nodes = discover()
     node = find_video_node(wanted.serial, nodes) if wanted.address is None else _node_at(wanted, nodes)
     stream = V4l2Stream(
         node.device, wanted.size_px, wanted.rate_hz, clock, open_device, on_same_bus(node, nodes)
     )
-    return Opened(stream, node.device, node)
+    return OpenSource(stream, node.device, node)
 
 
-def _node_at(wanted: Wanted, nodes: Sequence[VideoNode]) -> VideoNode:
+def _node_at(wanted: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
     """The node at a given address; udev need not know it."""
     known = [node for node in nodes if node.device == wanted.address]
     return known[0] if known else VideoNode(wanted.address or "", wanted.serial)
 
 
-def _settings(wanted: Wanted) -> list[dict[str, Any]]:
+def _settings(wanted: SourceSpec) -> list[dict[str, Any]]:
     """Size before rate: a new size resets the rate."""
     settings: list[dict[str, Any]] = [{"rate_hz": wanted.rate_hz}]
     if wanted.size_px is not None:

@@ -15,9 +15,9 @@ from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, Ri
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
-from drivers.video.decode import Developed, same_picture
-from drivers.video.sequence import FrameCount, MeasuredRate
-from drivers.video.stream import CaptureTimes, FrameStream, Shot
+from drivers.video.decode import DecodedFrame, same_picture
+from drivers.video.sequence import MeasuredRate, SequenceCounter
+from drivers.video.stream import CaptureTimes, FrameStream, RawFrame
 
 BACKLOG_S = 2.0
 """Unread frames are kept so long: a busy computer catches up with them and loses none."""
@@ -29,7 +29,7 @@ SLOW_SHARE = 0.95
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
 
 
-Develop = Callable[[Shot], Developed]
+Develop = Callable[[RawFrame], DecodedFrame]
 Open = Callable[[], FrameStream]
 
 
@@ -63,7 +63,7 @@ class FrameReader(FrameSource):
         self._run: _Run | None = None
         # Written by the reader's thread alone.
         self._counts: Counter[str] = Counter()
-        self._count = FrameCount(rate_hz)
+        self._count = SequenceCounter(rate_hz)
         self._rate = MeasuredRate()
         self._times = CaptureTimes("arrival")
 
@@ -187,7 +187,7 @@ class FrameReader(FrameSource):
         try:
             self._warm_up(run, stream)
             self._opened(run)
-            last: Developed | None = None
+            last: DecodedFrame | None = None
             while not run.stopping.is_set():
                 last = self._take(run, stream, times, last)
         finally:
@@ -208,8 +208,8 @@ class FrameReader(FrameSource):
         self._rate.clear()
 
     def _take(
-        self, run: _Run, stream: FrameStream, times: CaptureTimes, last: Developed | None
-    ) -> Developed | None:
+        self, run: _Run, stream: FrameStream, times: CaptureTimes, last: DecodedFrame | None
+    ) -> DecodedFrame | None:
         """Read, judge and deliver one image; return it, or the last one where it was damaged."""
         shot = stream.read()
         time_ns = times.time_of(shot)

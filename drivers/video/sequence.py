@@ -10,7 +10,7 @@ _ENOUGH = 8
 _RATE_TIMES = 241
 
 
-class FrameCount:
+class SequenceCounter:
     """Gives each image its sequence number; counts the images that never came.
 
     The source's own numbers decide where it has any; else the capture times, where the source

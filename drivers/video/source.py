@@ -4,10 +4,10 @@ from abc import abstractmethod
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
-from drivers.video.decode import Developed
-from drivers.video.open_stream import Opened, Wanted, open_wanted
+from drivers.video.decode import DecodedFrame
+from drivers.video.open_stream import OpenSource, SourceSpec, open_source
 from drivers.video.reader import FrameReader
-from drivers.video.stream import FrameStream, Shot
+from drivers.video.stream import FrameStream, RawFrame
 from drivers.video.udev import Discover
 from drivers.video.v4l2 import OpenCapture
 
@@ -15,13 +15,15 @@ from drivers.video.v4l2 import OpenCapture
 class AddressedSource(FrameReader):
     """A frame source at an address. Its kind says what to set after opening and what a picture is."""
 
-    def __init__(self, wanted: Wanted, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
+    def __init__(
+        self, wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture
+    ) -> None:
         super().__init__(wanted.serial, wanted.rate_hz, self._open, self._picture, clock)
         self._wanted = wanted
         self._clock = clock
         self._discover = discover
         self._open_device = open_device
-        self._source: Opened | None = None
+        self._source: OpenSource | None = None
 
     def identity(self) -> dict[str, str]:
         """What the device says of itself (as far as it has been opened), and where it was found.
@@ -40,15 +42,15 @@ class AddressedSource(FrameReader):
         }
 
     @abstractmethod
-    def _prepare(self, source: Opened) -> None:
+    def _prepare(self, source: OpenSource) -> None:
         """Set what is set after opening. Raises `DeviceError`."""
 
     @abstractmethod
-    def _picture(self, shot: Shot) -> Developed:
+    def _picture(self, shot: RawFrame) -> DecodedFrame:
         """Make a picture of a shot."""
 
     def _open(self) -> FrameStream:
-        source = open_wanted(self._wanted, self._clock, self._discover, self._open_device)
+        source = open_source(self._wanted, self._clock, self._discover, self._open_device)
         try:
             self._prepare(source)
         except DeviceError:

@@ -11,7 +11,7 @@ MAX_DELAY_NS = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class RawFrame:
     """One image as it came: encoded bytes or pixels, never both.
 
     encoded: a JPEG, from files also a PNG. image: (H, W, 3) uint8 RGB. arrived_ns: monotonic
@@ -36,7 +36,7 @@ class FrameStream(Protocol):
     ends: bool
     """Whether it has a last image, as a file has; it is not opened again then."""
 
-    def read(self) -> Shot:
+    def read(self) -> RawFrame:
         """Wait for the next image. Raises `DeviceError` when no more will come."""
         ...
 
@@ -66,7 +66,7 @@ class CaptureTimes:
         """What the times are: "kernel", "peer", "schedule", or "arrival"."""
         return self._stamp if self._trusted else "arrival"
 
-    def time_of(self, shot: Shot) -> int:
+    def time_of(self, shot: RawFrame) -> int:
         """Return an image's capture time, monotonic ns, later than the one before."""
         stamped = shot.stamped_ns
         if self._trusted is None:

@@ -14,7 +14,7 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.video.jpeg import encode
-from drivers.video.stream import FrameStream, Shot
+from drivers.video.stream import FrameStream, RawFrame
 from drivers.video.udev import VideoNode
 
 WARM_UP_IMAGES = 10
@@ -64,7 +64,7 @@ class V4l2Stream(FrameStream):
             self.close()
             raise
 
-    def read(self) -> Shot:
+    def read(self) -> RawFrame:
         """Wait for the next buffer; OpenCV waits at most 10 s."""
         there, data = self._capture.read()
         if not there or data is None:
@@ -74,7 +74,7 @@ class V4l2Stream(FrameStream):
         stamped_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         # A device without JPEG is encoded here, once, so that what is stored is what is judged.
         encoded = data.tobytes() if self._encoded else encode(np.asarray(data[..., ::-1], np.uint8))
-        return Shot(arrived_ns, encoded, None, stamped_ns if stamped_ns > 0 else None)
+        return RawFrame(arrived_ns, encoded, None, stamped_ns if stamped_ns > 0 else None)
 
     def set_zoom(self, value: int) -> None:
         """Set the UVC zoom control. Raises `DeviceError` when the device does not take it."""

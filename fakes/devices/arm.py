@@ -16,7 +16,7 @@ from fakes.faults import FaultScript
 from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench
 from fakes.world.motion import ToolPath, distance
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 
 TOOL_LENGTH_M = 0.28
@@ -83,7 +83,7 @@ class FakeArm(Arm):
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         self._check_running()
-        travel = Travel(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
+        travel = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, travel)
         return FakeMotion("arm", self._clock, self._arrived, self.stop)
 

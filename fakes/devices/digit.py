@@ -14,7 +14,7 @@ from fakes.gel.dots import Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Variation
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
-from fakes.world.state import Grasp, Moment, WorldView
+from fakes.world.state import Grasp, WorldState, WorldView
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
@@ -57,7 +57,7 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
-        moment = self._world.moment_at(time_ns)
+        moment = self._world.state_at(time_ns)
         image = self._gel.render(self._imprint(moment), time_ns / NS_PER_S, rng)
         if self._light == 1.0:
             return image
@@ -65,7 +65,7 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def true_mask(self, time_ns: int) -> Image:
         """Where object and gel touch at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
-        return self._gel.touching(self._imprint(self._world.moment_at(time_ns)))
+        return self._gel.touching(self._imprint(self._world.state_at(time_ns)))
 
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
@@ -77,7 +77,7 @@ class FakeDigit(FakeSource, TactileSensor):
             self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
 
-    def _imprint(self, moment: Moment) -> Imprint | None:
+    def _imprint(self, moment: WorldState) -> Imprint | None:
         grasp = self._world.grasp
         if not moment.held or moment.force_n <= 0.0 or grasp is None:
             return None
@@ -93,7 +93,7 @@ class FakeDigit(FakeSource, TactileSensor):
             shear=self._shear(grasp, moment, turn) if self._markers else None,
         )
 
-    def _shear(self, grasp: Grasp, moment: Moment, turn_rad: float) -> Shear:
+    def _shear(self, grasp: Grasp, moment: WorldState, turn_rad: float) -> Shear:
         """How the gel's surface has followed the object since the fingers closed on it."""
         (off_x, off_y), draw = self._off_mm(grasp), self._world.draw
         across = self._side * (draw.misplacement_m[0] * 1e3 + draw.pivot_mm[0]) + off_x
@@ -106,7 +106,7 @@ class FakeDigit(FakeSource, TactileSensor):
         off_x, off_z = grasp.off_m
         return -self._side * off_x * 1e3, off_z * 1e3
 
-    def _centre_mm(self, grasp: Grasp, moment: Moment, turn_rad: float) -> tuple[float, float]:
+    def _centre_mm(self, grasp: Grasp, moment: WorldState, turn_rad: float) -> tuple[float, float]:
         """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
         draw, (off_x, off_y) = self._world.draw, self._off_mm(grasp)
         px, py = draw.pivot_mm
@@ -115,7 +115,7 @@ class FakeDigit(FakeSource, TactileSensor):
         down = draw.misplacement_m[1] * 1e3 + py - y + moment.slide_m * 1e3
         return self._side * across + off_x, down + off_y
 
-    def _tilt(self, moment: Moment, turn_rad: float) -> tuple[float, float]:
+    def _tilt(self, moment: WorldState, turn_rad: float) -> tuple[float, float]:
         """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
         draw = self._world.draw
         tx = draw.tilt_at_rest[0] + moment.loaded * draw.tilt_under_load[0]

@@ -1,6 +1,6 @@
 """A simulated Robotiq 3-Finger gripper: activation, travel in counts, contact by object width."""
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, to_ns
 from drivers.errors import (
     DeviceError,
     GripperFaultError,
@@ -12,7 +12,7 @@ from drivers.types import GripperLimits, GripperState
 from fakes.devices.handle import FakeMotion
 from fakes.faults import FaultScript
 from fakes.world.motion import FingerPath
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
 SPEED_COUNTS_S = 100.0
@@ -68,7 +68,7 @@ class FakeGripper(Gripper):
     def activate(self) -> None:
         """Sweep the fingers open."""
         self._require_usable()
-        self._clock.sleep_until(self._clock.now_ns() + seconds(ACTIVATION_S))
+        self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated = True
         self.move_to(self._world.layout.open_counts).wait(timeout_s=5.0)
 
@@ -104,7 +104,7 @@ class FakeGripper(Gripper):
         end = min(float(position_counts), max(start, self._stall_counts(now)))
         if self._faults.active("blocked", now, "gripper"):
             end = start
-        travel = Travel(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
+        travel = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, travel)
         return FakeMotion("gripper", self._clock, self._arrived, self.stop)
 

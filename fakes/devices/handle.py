@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from drivers.clock import Clock, seconds
+from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceTimeoutError
 from drivers.interfaces import Motion
 
@@ -26,11 +26,11 @@ class FakeMotion(Motion):
 
     def wait(self, timeout_s: float) -> None:
         """Block until the motion has ended, see `drivers.interfaces.Motion`."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         while not self.done():
             if self._clock.now_ns() >= deadline:
                 self._stop()
                 raise DeviceTimeoutError(
                     f"{self._device}: motion not finished after {timeout_s:.1f} s; stopped it"
                 )
-            self._clock.sleep_until(self._clock.now_ns() + seconds(POLL_S))
+            self._clock.sleep_until(self._clock.now_ns() + to_ns(POLL_S))

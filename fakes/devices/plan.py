@@ -16,7 +16,7 @@ from fakes.devices.source import Shutter
 from fakes.faults import FaultScript
 from fakes.gel.variation import FAMILY, draw_variation
 from fakes.world.fixture import PrintedSheet, nothing_printed
-from fakes.world.state import Layout, WorldView
+from fakes.world.state import BenchLayout, WorldView
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
 """The simulated camera does not stand exactly where the bench file says; no real one does."""
@@ -87,7 +87,7 @@ class CameraPlan:
 class BenchPlan:
     """A whole simulated bench."""
 
-    layout: Layout
+    layout: BenchLayout
     digits: tuple[DigitPlan, ...]
     camera: CameraPlan
 

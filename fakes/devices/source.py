@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.types import Frame, Image
 from fakes.faults import FaultScript
@@ -71,10 +71,10 @@ class FakeSource:
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Oldest unread frame, see `drivers.interfaces.FrameSource`."""
-        deadline = self._clock.now_ns() + seconds(timeout_s)
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
         while True:
             index = max(self._due_index(), self._newest_index() - BACKLOG_FRAMES + 1)
-            arrival = self._captured_ns(index) + seconds(self._shutter.latency_s)
+            arrival = self._captured_ns(index) + to_ns(self._shutter.latency_s)
             if arrival > deadline:
                 self._clock.sleep_until(deadline)
                 raise DeviceTimeoutError(
@@ -109,7 +109,7 @@ class FakeSource:
 
     def _captured_ns(self, index: int) -> int:
         wobble_s = self._wobble[index % len(self._wobble)] * self._shutter.jitter_s
-        return seconds(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble_s)
+        return to_ns(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble_s)
 
     def _active(self, kind: str, index: int) -> bool:
         return self._faults.active(kind, self._captured_ns(index), *self._names)

@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from drivers.errors import InputError
-from fakes.objects.shapes import SHAPES, Ball, Contact, Pad, Shape
+from fakes.objects.shapes import SHAPES, Ball, ContactShape, Pad, Shape
 from fakes.objects.texture import TEXTURES
 
 _PARTS_KEY = "parts"
@@ -29,7 +29,7 @@ class GraspSite:
 
     offset_m: float
     width_m: float
-    contact: Contact
+    contact: ContactShape
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def find_gauge(text: str) -> ObjectModel | None:
     if not 1.0 <= size_mm <= 150.0:
         raise InputError(f"'{text}': give its size in mm, 1 to 150, as {kind}:30")
     part = Pad(length_mm=24.0, width_mm=18.0) if kind == "gauge" else Ball(radius_mm=size_mm / 2.0)
-    site = GraspSite(0.0, size_mm / 1e3, Contact((part,), exact=True))
+    site = GraspSite(0.0, size_mm / 1e3, ContactShape((part,), exact=True))
     return ObjectModel(text, f"{kind} of {size_mm:g} mm", 0.05, 0.9, 0.04, 0.02, (site,))
 
 
@@ -124,7 +124,7 @@ def _site(where: str, table: Any) -> GraspSite:
     values = dict(table)
     parts = tuple(_part(where, part) for part in values.pop(_PARTS_KEY))
     own = {key: values.pop(key) for key in _SITE_KEYS if key in values}
-    contact = _build(Contact, where, {"parts": parts, **values})
+    contact = _build(ContactShape, where, {"parts": parts, **values})
     if contact.texture != "none" and contact.texture not in TEXTURES:
         raise InputError(f"{where}: unknown texture '{contact.texture}': use one of {', '.join(TEXTURES)}")
     return _build(GraspSite, where, {"contact": contact, **own})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fakes.objects.shapes import Ball, Contact, Cylinder, Edge, Pad, Rim, Shape
+from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
 from fakes.objects.texture import TEXTURES
 
 _KINDS = ("ball", "cylinder", "cylinder", "pad", "edge", "rim")
@@ -10,11 +10,11 @@ _PARTS = (1, 1, 1, 2, 3)
 _PLAIN_SHARE = 0.35
 
 
-def random_contact(rng: np.random.Generator) -> Contact:
+def random_contact(rng: np.random.Generator) -> ContactShape:
     """Draw one to three shapes near one another, with or without a texture."""
     parts = tuple(_random_part(rng) for _ in range(int(rng.choice(_PARTS))))
     texture = "none" if rng.random() < _PLAIN_SHARE else str(rng.choice(list(TEXTURES)))
-    return Contact(
+    return ContactShape(
         parts,
         texture=texture,
         texture_mm=_between(rng, 0.03, 0.20),

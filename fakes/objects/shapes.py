@@ -180,7 +180,7 @@ def _crown(distance: Field, radius_mm: float) -> Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactShape:
     """What an object shows at one grasp site: the nearest of its parts, with a texture.
 
     texture names one of `fakes.objects.texture.TEXTURES`; texture_mm is its height, pitch_mm its

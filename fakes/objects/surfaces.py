@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from fakes.objects.catalogue import GraspSite
-from fakes.objects.shapes import Contact, Field, Shape
+from fakes.objects.shapes import ContactShape, Field, Shape
 from fakes.objects.texture import texture_height
 
 SURFACE_PX = 256
@@ -42,7 +42,7 @@ class Surface:
     mm_per_px: float
 
 
-def build_surface(site: GraspSite | Contact, side: int, seed: int) -> Surface:
+def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surface:
     """Make the surface that one finger meets at a grasp site.
 
     side: +1 for the finger on the external camera's side, -1 for the opposite finger, which sees

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from fakes.objects.shapes import Contact, Field
+from fakes.objects.shapes import ContactShape, Field
 
 Texture = Callable[[Field, Field, float, np.random.Generator], Field]
 """(along_mm, across_mm, pitch_mm, rng) to a height between 0 and 1."""
 
 
-def texture_height(contact: Contact, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
+def texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
     """Return the texture of a contact in mm over object coordinates in mm; its phase comes from `rng`."""
     if contact.texture == "none" or contact.texture_mm == 0.0:
         return np.zeros_like(x_mm)

@@ -13,12 +13,12 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import GraspSite, find_object
-from fakes.objects.shapes import Ball, Contact
+from fakes.objects.shapes import Ball, ContactShape
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
 
 REST_S, AFTER_S = 0.4, 0.2
@@ -84,9 +84,9 @@ def render_clip(scene: Scene) -> Clip:
     return Clip(
         background,
         frames,
-        tuple(map(seconds, times_s)),
+        tuple(map(to_ns, times_s)),
         turned * scene.angle_deg,
-        seconds(REST_S),
+        to_ns(REST_S),
         across / down,
     )
 
@@ -134,9 +134,11 @@ def _surface(contact: str, seed: int) -> Surface:
     return build_surface(_site(contact), 1, seed)
 
 
-def _site(contact: str) -> GraspSite | Contact:
+def _site(contact: str) -> GraspSite | ContactShape:
     if contact == TWO_BALLS:
-        return Contact((Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2)))
+        return ContactShape(
+            (Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2))
+        )
     name, _, number = contact.partition(":")
     sites = find_object(name).sites
     if not number.isdecimal() or int(number) >= len(sites):

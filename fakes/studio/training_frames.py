@@ -15,7 +15,7 @@ from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, draw_variation
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.random_contact import random_contact
-from fakes.objects.shapes import Contact
+from fakes.objects.shapes import ContactShape
 from fakes.objects.surfaces import GEL_HALF_MM, build_surface, depth_for_force
 
 FRAMES_PER_UNIT = 12
@@ -74,7 +74,7 @@ def _frame(
 
 def _drawn_object(
     objects: Sequence[str], random_share: float, rng: np.random.Generator
-) -> tuple[str, Contact]:
+) -> tuple[str, ContactShape]:
     if rng.random() < random_share:
         return RANDOM_SHAPE, random_contact(rng)
     name = str(rng.choice(list(objects)))
@@ -82,7 +82,7 @@ def _drawn_object(
     return name, sites[int(rng.integers(len(sites)))].contact
 
 
-def _imprint(contact: Contact, any_angle: bool, rng: np.random.Generator) -> Imprint:
+def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator) -> Imprint:
     """Press at a random place, angle, tilt and force (0.2 to 2.5 N)."""
     surface = build_surface(contact, int(rng.choice([-1, 1])), int(rng.integers(1 << 31)))
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S, to_ns
 from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.plan import CameraPlan, DigitPlan
@@ -19,8 +19,8 @@ from fakes.faults import FaultScript
 from fakes.objects.catalogue import find_object
 from fakes.wire.mjpeg.sensor import Kind, MjpegSensor
 from fakes.world.motion import FingerPath, ToolPath
-from fakes.world.trapezoid import Travel
-from fakes.world.world import Layout, World
+from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.world import BenchLayout, World
 
 OBJECTS = ("t1", "t2", "t5", "12")
 SQUEEZE_COUNTS = 4
@@ -54,9 +54,9 @@ def lift_costs_ms(name: str, kind: Kind) -> np.ndarray:
 
     sensor = MjpegSensor(render, source.rate_hz, clock, kind)
     costs = []
-    while clock.now_ns() < seconds(DURATION_S):
+    while clock.now_ns() < to_ns(DURATION_S):
         clock.sleep_until(sensor.due_ns(NS_PER_S)[0])
-        world.moment_at(clock.now_ns())  # the world's own steps are another process's work
+        world.state_at(clock.now_ns())  # the world's own steps are another process's work
         began = time.thread_time()
         sensor.capture()
         costs.append((time.thread_time() - began) * 1e3)
@@ -69,13 +69,13 @@ def _lifting(name: str) -> World:
     site = model.sites[0]
     table = Pose((0.45, 0.0, 0.06))
     start = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, _DOWN)
-    world = World(Layout(base_T_table=table, home=start), seed=1)
+    world = World(BenchLayout(base_T_table=table, home=start), seed=1)
     world.place(model)
     layout = world.layout
     closed = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m
     counts = closed + SQUEEZE_COUNTS
-    world.fingers = FingerPath(counts, counts, Travel(0, 0.0, 1.0, 1.0))
-    travel = Travel(NS_PER_S // 2, LIFT_M, 0.05, 0.5)
+    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    travel = TrapezoidProfile(NS_PER_S // 2, LIFT_M, 0.05, 0.5)
     world.tool = ToolPath.between(start, start.translated(z_m=LIFT_M), travel)
     return world
 

@@ -15,11 +15,11 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from drivers.clock import NS_PER_S, SystemClock, seconds
+from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.types import Pose
 from fakes.clock import SharedClock
 from fakes.wire.ur.controller import URController
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 DURATION_S = 5.0
 HOST = "127.0.0.1"
@@ -31,7 +31,7 @@ def serve(host: str, version: str, pipe: Connection) -> None:
     """Run a controller until the other side hangs up; answer each message with a snapshot."""
     sys.setswitchinterval(0.0005)
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    world = World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=0)
+    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=0)
     controller = URController(world, SharedClock(_CLOCK.now_ns()), host, version)
     controller.start()
     pipe.send("ready")
@@ -66,16 +66,16 @@ def measure(host: str, snapshot: Callable[[], dict[str, Any]]) -> dict[str, floa
 
 
 def _samples_per_s(receive: Any) -> float:
-    seen, end = set(), _CLOCK.now_ns() + seconds(DURATION_S)
+    seen, end = set(), _CLOCK.now_ns() + to_ns(DURATION_S)
     while _CLOCK.now_ns() < end:
         seen.add(receive.getTimestamp())
-        _CLOCK.sleep_until(_CLOCK.now_ns() + seconds(_LOOK_S))
+        _CLOCK.sleep_until(_CLOCK.now_ns() + to_ns(_LOOK_S))
     return len(seen) / DURATION_S
 
 
 def _servo_calls_per_s(receive: Any, control: Any) -> float:
     joints, calls = receive.getActualQ(), 0
-    end = _CLOCK.now_ns() + seconds(DURATION_S)
+    end = _CLOCK.now_ns() + to_ns(DURATION_S)
     while _CLOCK.now_ns() < end:
         cycle = control.initPeriod()
         joints[0] += 0.0002
@@ -89,11 +89,11 @@ def _stop_begins_s(receive: Any, control: Any) -> float:
     pose = receive.getActualTCPPose()
     pose[2] -= 0.2
     control.moveL(pose, 0.1, 1.0, True)
-    _CLOCK.sleep_until(_CLOCK.now_ns() + seconds(0.5))
+    _CLOCK.sleep_until(_CLOCK.now_ns() + to_ns(0.5))
     began = _CLOCK.now_ns()
     control.stopL(10.0, True)
     while abs(receive.getActualTCPSpeed()[2]) > 0.099 and _CLOCK.now_ns() - began < NS_PER_S:
-        _CLOCK.sleep_until(_CLOCK.now_ns() + seconds(_LOOK_S / 3))
+        _CLOCK.sleep_until(_CLOCK.now_ns() + to_ns(_LOOK_S / 3))
     return (_CLOCK.now_ns() - began) / NS_PER_S
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from drivers.types import Pose
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,18 +16,18 @@ class ToolPath:
 
     start: Pose
     end: Pose
-    travel: Travel
+    travel: TrapezoidProfile
     _tilts_rad: tuple[float, float]
 
     @classmethod
-    def between(cls, start: Pose, end: Pose, travel: Travel) -> "ToolPath":
+    def between(cls, start: Pose, end: Pose, travel: TrapezoidProfile) -> "ToolPath":
         """A motion from one pose to another."""
         return cls(start, end, travel, (tool_tilt(start), tool_tilt(end)))
 
     @classmethod
     def resting(cls, pose: Pose) -> "ToolPath":
         """A path that stays where it is."""
-        return cls.between(pose, pose, Travel(0, 0.0, 1.0, 1.0))
+        return cls.between(pose, pose, TrapezoidProfile(0, 0.0, 1.0, 1.0))
 
     def position_at(self, time_ns: int) -> tuple[float, float, float]:
         """Position in base, m."""
@@ -60,7 +60,7 @@ class FingerPath:
 
     start: float
     end: float
-    travel: Travel
+    travel: TrapezoidProfile
 
     def position_at(self, time_ns: int) -> float:
         """Finger position in counts."""

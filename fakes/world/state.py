@@ -13,7 +13,7 @@ from fakes.world.fixture import Fixture
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class BenchLayout:
     """Where things are on the simulated bench (base frame, m) and how wide the fingers open."""
 
     base_T_table: Pose  # noqa: N815
@@ -26,7 +26,7 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class WorldState:
     """The world at one instant. Angles in rad, counter-clockwise as the camera sees them."""
 
     time_ns: int
@@ -40,7 +40,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
+class LiftVariation:
     """What differs from lift to lift, drawn from the world's seed."""
 
     misplacement_m: tuple[float, float]
@@ -53,7 +53,7 @@ class Draw:
     sway_phase: float
 
     @classmethod
-    def from_rng(cls, rng: np.random.Generator) -> "Draw":
+    def from_rng(cls, rng: np.random.Generator) -> "LiftVariation":
         """Draw one lift's peculiarities."""
 
         def pair(spread: float) -> tuple[float, float]:
@@ -86,7 +86,7 @@ class WorldView(Protocol):
     """What the simulated cameras need of the world."""
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> BenchLayout:
         """Where things are on this bench."""
         ...
 
@@ -96,7 +96,7 @@ class WorldView(Protocol):
         ...
 
     @property
-    def draw(self) -> Draw:
+    def draw(self) -> LiftVariation:
         """The present lift's peculiarities."""
         ...
 
@@ -110,7 +110,7 @@ class WorldView(Protocol):
         """The calibration target that is mounted, if any."""
         ...
 
-    def moment_at(self, time_ns: int) -> Moment:
+    def state_at(self, time_ns: int) -> WorldState:
         """The world at `time_ns`."""
         ...
 
@@ -123,7 +123,9 @@ class WorldView(Protocol):
         ...
 
 
-def object_pose(layout: Layout, draw: Draw, grasp: Grasp | None, moment: Moment, tool_m: Vector3) -> Pose:
+def object_pose(
+    layout: BenchLayout, draw: LiftVariation, grasp: Grasp | None, moment: WorldState, tool_m: Vector3
+) -> Pose:
     """`base_T_object` at a moment: origin at the centre of mass, x along the object, z up.
 
     grasp: how the object is held, None while it lies in its place. tool_m: the TCP in base.
@@ -137,7 +139,7 @@ def object_pose(layout: Layout, draw: Draw, grasp: Grasp | None, moment: Moment,
     return Pose.from_rotation(place - turn.apply((grasp.site.offset_m, 0.0, 0.0)), turn)
 
 
-def between(before: Moment, after: Moment, time_ns: int) -> Moment:
+def between(before: WorldState, after: WorldState, time_ns: int) -> WorldState:
     """The moment at `time_ns` between two others, mixed in proportion."""
     f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
     if before.held != after.held:
@@ -146,7 +148,7 @@ def between(before: Moment, after: Moment, time_ns: int) -> Moment:
     def mixed(a: float, b: float) -> float:
         return a + f * (b - a)
 
-    return Moment(
+    return WorldState(
         time_ns,
         mixed(before.force_n, after.force_n),
         mixed(before.object_turn_rad, after.object_turn_rad),

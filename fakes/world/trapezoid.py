@@ -7,7 +7,7 @@ from drivers.clock import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class Travel:
+class TrapezoidProfile:
     """A trapezoidal run over `distance` (any unit) starting at `start_ns`.
 
     speed and acceleration are in the distance's unit per s and per s^2. `fraction_at` runs

@@ -19,8 +19,8 @@ from fakes.world.fixture import Fixture, parse_fixture
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
 from fakes.world.pivot import gap_m
 from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
-from fakes.world.state import Draw, Grasp, Layout, Moment, between, object_pose
-from fakes.world.trapezoid import Travel
+from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
+from fakes.world.trapezoid import TrapezoidProfile
 
 STEP_NS = 2_000_000
 HISTORY_STEPS = 1500
@@ -38,29 +38,29 @@ class World:
     Several threads may use one world. `tool` and `fingers` are replaced whole, never changed.
     """
 
-    layout: Layout
+    layout: BenchLayout
     seed: int
     tool: ToolPath = field(init=False)
     fingers: FingerPath = field(init=False)
     model: ObjectModel | None = None
     site: GraspSite | None = None
-    draw: Draw = field(init=False)
+    draw: LiftVariation = field(init=False)
     _rng: np.random.Generator = field(init=False)
     _slip: SlipDynamics | None = None
     fixture: Fixture | None = None
     _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
-    _history: deque[Moment] = field(init=False)
+    _history: deque[WorldState] = field(init=False)
     _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
-        self.draw = Draw.from_rng(self._rng)
+        self.draw = LiftVariation.from_rng(self._rng)
         self.tool = ToolPath.resting(self.layout.home)
         opened = float(self.layout.open_counts)
-        self.fingers = FingerPath(opened, opened, Travel(0, 0.0, 1.0, 1.0))
-        first = Moment(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+        self.fingers = FingerPath(opened, opened, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+        first = WorldState(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
     @property
@@ -86,7 +86,7 @@ class World:
             if seed is not None:
                 self.seed = seed
                 self._rng = np.random.default_rng(seed)
-                self.draw = Draw.from_rng(self._rng)
+                self.draw = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
 
     def opening_at(self, time_ns: int) -> float:
@@ -102,12 +102,12 @@ class World:
         width = site.width_m + (0.0 if site.contact.exact else self.draw.width_error_m)
         return max(0.0, width - self.opening_at(time_ns))
 
-    def moment_at(self, time_ns: int) -> Moment:
+    def state_at(self, time_ns: int) -> WorldState:
         """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
         with self._lock:
             return self._moment_at(time_ns)
 
-    def grip_at(self, time_ns: int) -> tuple[Moment, GripLoad] | None:
+    def grip_at(self, time_ns: int) -> tuple[WorldState, GripLoad] | None:
         """The moment at `time_ns` and what acts on the grip then; None while nothing is held."""
         with self._lock:
             moment = self._moment_at(time_ns)
@@ -128,7 +128,7 @@ class World:
         """From the tip in the hand to the hole on the table, base axes, m."""
         return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
 
-    def _moment_at(self, time_ns: int) -> Moment:
+    def _moment_at(self, time_ns: int) -> WorldState:
         while self._history[-1].time_ns < time_ns:
             self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
         newest = self._history[-1].time_ns
@@ -155,12 +155,12 @@ class World:
         off = abs(table_x + nearest.offset_m - x)
         return nearest if off <= REACH_OF_GRASP_M else None
 
-    def _stepped(self, time_ns: int) -> Moment:
+    def _stepped(self, time_ns: int) -> WorldState:
         wrist = self.tool.tilt_at(time_ns)
         squeeze = self.squeeze_at(time_ns)
         if squeeze <= 0.0 or self.model is None:
             self.site, self._slip = None, None
-            return Moment(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
+            return WorldState(time_ns, 0.0, 0.0, wrist, 0.0, 0.0, 0.0, False)
         if self._slip is None:
             self._close_on_object(time_ns, wrist)
         return self._held(time_ns, squeeze, wrist)
@@ -175,7 +175,7 @@ class World:
         self._grasp_height_m = z
         self._grasp_tilt_rad = wrist_rad
 
-    def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> Moment:
+    def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
         slip, model, site = self._slip, self.model, self.site
         if slip is None or model is None or site is None:
             raise DeviceError("simulated world: an object is held by no grasp site")
@@ -185,9 +185,9 @@ class World:
         force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.draw.force_shift * loaded + sway)
         slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
         if slip.fallen:
-            return Moment(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
+            return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
         turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
-        return Moment(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
+        return WorldState(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
 
     def _load(self, model: ObjectModel, site: GraspSite, force_n: float) -> GripLoad:
         left_end = model.com_from_left_m + site.offset_m

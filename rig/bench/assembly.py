@@ -16,9 +16,9 @@ from fakes.devices.arm import FakeArm
 from fakes.devices.digit import FakeDigit
 from fakes.devices.gripper import FakeGripper
 from fakes.devices.plan import BenchPlan, CameraPlan, DigitPlan
-from fakes.faults import Fault, FaultScript
+from fakes.faults import FaultScript, ScriptedFault
 from fakes.world.fixture import Sheet
-from fakes.world.state import Layout
+from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.watch import Operator
 from rig.bench.operators import SimulatedOperator
@@ -135,7 +135,7 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
     """What the simulated bench of a bench file is made of."""
     camera = config.camera
     return BenchPlan(
-        Layout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
+        BenchLayout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
         tuple(
             DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers)
             for number, t in enumerate(config.tactile)
@@ -161,5 +161,5 @@ def printed_target(spec: str) -> Sheet:
     return Sheet(picture.grey, picture.origin_m, picture.px_per_m)
 
 
-def _fault(fault: object) -> Fault:
-    return Fault(**fault.model_dump())  # type: ignore[attr-defined]
+def _fault(fault: object) -> ScriptedFault:
+    return ScriptedFault(**fault.model_dump())  # type: ignore[attr-defined]

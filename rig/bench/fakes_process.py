@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import DeviceError, InputError, RigError
-from drivers.realtime import punctual
+from drivers.realtime import realtime
 from fakes.wire.host.host import Addresses, FakesHost, WirePlan
 from fakes.wire.net.loopback import free_address, require_free
 from fakes.wire.net.side_channel import Control
@@ -38,7 +38,7 @@ def hosted_fakes(
         raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
     host = host or free_address()
     require_free(host)
-    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, punctual():
+    with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, realtime():
         gripper = config.gripper
         rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
         wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)

@@ -62,13 +62,13 @@ def build_learning_bench(config: BenchConfig, seed: int, sight_hz: float | None)
     )
 
     def turn_deg(time_ns: int) -> float:
-        moment = world.moment_at(time_ns)
+        moment = world.state_at(time_ns)
         return float(np.degrees(moment.object_turn_rad - moment.wrist_rad))
 
     return LearningBench(
         bench,
         lambda object_id: world.place(find_object(object_id), seed),
-        lambda time_ns: world.moment_at(time_ns).force_n,
+        lambda time_ns: world.state_at(time_ns).force_n,
         turn_deg,
     )
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.errors import InputError
-from drivers.realtime import punctual
+from drivers.realtime import realtime
 from protocols.watch import Operator
 from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.operators import ConsoleOperator
@@ -100,7 +100,7 @@ class StandingBench(BenchSource):
         While it lasts, the lift goes before other programs of the computer, where it may.
         """
         bench = self._bench or self._open()
-        with punctual():
+        with realtime():
             if not self._connected:
                 self._connection.enter_context(bench.connected())
                 self._connected = True

@@ -29,7 +29,7 @@ def between(name: str, value: SupportsFloat, low: float, high: float) -> Measure
     return Measured(name, float(value), f"{low:g} to {high:g}", low <= float(value) <= high)
 
 
-def told(name: str, value: SupportsFloat) -> Measured:
+def informative(name: str, value: SupportsFloat) -> Measured:
     """A number of which nothing is asked."""
     return Measured(name, float(value), "", None)
 

@@ -8,13 +8,13 @@ from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.bench_hand_eye import facing_poses
 from rig.calibrate.camera import camera_from_folder
 from rig.calibrate.markers import markers_from_folder
-from rig.calibrate.outcome import Outcome
+from rig.calibrate.outcome import CalibrationResult
 
 _REACH_M = (0.17, 0.10, 0.12)
 _STILL_FRAMES = 60
 
 
-def collect_camera(station: Station, target: Target, count: int) -> Outcome:
+def collect_camera(station: Station, target: Target, count: int) -> CalibrationResult:
     """Show the board, firm on the tool, to the camera from `count` poses, and fit the camera.
 
     Raises `OperatorStopError` unless the operator agrees to the motion, `DeviceError`, `InputError`.
@@ -43,7 +43,7 @@ def collect_camera(station: Station, target: Target, count: int) -> Outcome:
     return outcome.marked(config.simulated)
 
 
-def collect_markers(station: Station, object_name: str) -> Outcome:
+def collect_markers(station: Station, object_name: str) -> CalibrationResult:
     """Look at an object's markers while it rests in its place: sixty pictures. Nothing moves."""
     config = station.config
     grasps = find_grasp_file(object_name)

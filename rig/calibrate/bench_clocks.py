@@ -17,7 +17,7 @@ from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.watch import Phase
 from rig.calibrate.bench import Station, TouchWatch, grasp_at
-from rig.calibrate.outcome import Outcome
+from rig.calibrate.outcome import CalibrationResult
 from rig.calibrate.tables import sync_from_folder
 from rig.config import BenchConfig
 
@@ -31,7 +31,7 @@ _FIRM = 6
 """Counts past contact that hold a block at its middle without slip."""
 
 
-def collect_streams(station: Station, object_name: str, search_s: float) -> list[Outcome]:
+def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
     """Wiggle an object with markers in the fingers; give each sensor's offset from the arm's clock.
 
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.

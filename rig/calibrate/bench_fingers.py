@@ -6,14 +6,14 @@ from calibration.store import write_text
 from drivers.errors import InputError
 from protocols.capture_touch import Touch, capture_openings
 from rig.calibrate.bench import Station, TouchWatch, grasp_at
-from rig.calibrate.outcome import Outcome
+from rig.calibrate.outcome import CalibrationResult
 from rig.calibrate.tables import gripper_from_folder
 
 _SLACK_M = 0.006
 """How much wider than a block the fingers come down around it, on top of the usual margin."""
 
 
-def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Outcome:
+def collect_openings(station: Station, blocks_mm: Sequence[float]) -> CalibrationResult:
     """Close on each block until both gels feel it, open until they do not, and make the tables.
 
     Raises `InputError` for blocks the fingers cannot take, `OperatorStopError`, `DeviceError`.

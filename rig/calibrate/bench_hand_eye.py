@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.guidance import next_pose
-from calibration.hand_eye.samples import Sample, Setup
+from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.store import write_text
 from calibration.targets.boards import Target
@@ -19,7 +19,7 @@ from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_e
 from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_outcome
-from rig.calibrate.outcome import Outcome
+from rig.calibrate.outcome import CalibrationResult
 from rig.config import BenchConfig
 
 FIRST_POSES = 6
@@ -34,7 +34,7 @@ _MOUNTED = {
 }
 
 
-def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> Outcome:
+def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> CalibrationResult:
     """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
 
     The target is firm on the tool (eye-to-hand), or firm on the bench with the camera on the tool
@@ -103,7 +103,7 @@ class _Session:
         self._target, self._camera, self._setup = target, camera, setup
         self._left, self._count, self._say = candidates, count, station.say
         self.raw: Path = station.raw("hand-eye")
-        self.samples: list[Sample] = []
+        self.samples: list[HandEyeSample] = []
         self.rejected: list[Rejected] = []
         self._rows: list[str] = []
         self._visited = 0
@@ -122,7 +122,7 @@ class _Session:
         self._rows.append(pose_row(capture.id, capture.base_T_tcp))
         view = self._target.find(grey, capture.id)
         if isinstance(view, View):
-            self.samples.append(Sample(capture.id, capture.base_T_tcp, view))
+            self.samples.append(HandEyeSample(capture.id, capture.base_T_tcp, view))
             self._say(f"  {capture.id}: kept, {len(self.samples)} of {self._count}")
         else:
             self.skip(capture.id, view)

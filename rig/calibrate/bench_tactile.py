@@ -13,7 +13,7 @@ from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
 from rig.calibrate.bench import Station, TouchWatch, grasp_at, write_picture
-from rig.calibrate.outcome import Outcome, Picture
+from rig.calibrate.outcome import CalibrationResult, Picture
 from rig.calibrate.tactile import tactile_from_folder
 from rig.config import BenchConfig
 
@@ -25,7 +25,7 @@ _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
-def collect_references(station: Station) -> list[Outcome]:
+def collect_references(station: Station) -> list[CalibrationResult]:
     """Take thirty frames of every fingertip, untouched; nothing moves.
 
     The mean picture is kept as `tactile-reference-<serial>.png`; one kept earlier is compared with.
@@ -40,7 +40,7 @@ def collect_references(station: Station) -> list[Outcome]:
     return outcomes
 
 
-def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> list[Outcome]:
+def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
     """Press each ball at `count` places of both gels at once, and solve for scale and colour map.
 
     The arm moves the contact over the gels by known steps; so the scale along x and y needs no
@@ -103,7 +103,7 @@ def _kept(touch: Touch, serial: str, sign: int, config: BenchConfig, watch: Touc
     return f"{picture},{1e3 * touch.width_m:g},{-sign * right:.4f},{up:.4f},{background}"
 
 
-def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -> Outcome:
+def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -> CalibrationResult:
     path = folder / f"tactile-reference-{serial}.png"
     drift = compare(reference, _earlier(path)) if path.exists() else None
     judged = judge_reference(reference, drift)
@@ -111,7 +111,7 @@ def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -
         write_picture(path, np.rint(reference.image).astype(np.uint8))
     rows, columns = reference.image.shape[:2]
     value = {"image_height": rows, "image_width": columns, "reference_image": path.name}
-    return Outcome(
+    return CalibrationResult(
         "tactile", {"tactile": serial}, value, _quality(reference, drift), judged, _numbers(reference, drift),
         f"{_FRAMES} frames at rest", _FRAMES, files=[path] if path.exists() else [],
         pictures=[Picture("Reference", "The mean of the frames.", _png(reference))],

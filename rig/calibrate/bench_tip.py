@@ -8,7 +8,7 @@ from drivers.types import Pose, Vector3
 from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
-from rig.calibrate.outcome import Outcome
+from rig.calibrate.outcome import CalibrationResult
 from rig.calibrate.tables import tcp_from_folder
 
 _LARGEST_TILT_DEG = 30.0
@@ -16,7 +16,7 @@ _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 """The golden angle: directions that never line up, however many there are."""
 
 
-def collect_tip(station: Station, count: int) -> Outcome:
+def collect_tip(station: Station, count: int) -> CalibrationResult:
     """Seat the tip in its hole at `count` tilts and solve for where it is in the TCP's frame.
 
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.

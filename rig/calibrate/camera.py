@@ -10,14 +10,16 @@ from calibration.camera.intrinsics import CameraFit, calibrate_camera
 from calibration.camera.projection_sigma import projection_sigma_px
 from calibration.targets.boards import Target
 from calibration.targets.views import View, coverage
-from calibration.verdict import Judgement, Rejected
+from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
 from rig.calibrate import figures
-from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey
 
 
-def camera_from_folder(folder: Path, pattern: str, target: Target, serial: str, keep_all: bool) -> Outcome:
+def camera_from_folder(
+    folder: Path, pattern: str, target: Target, serial: str, keep_all: bool
+) -> CalibrationResult:
     """Find the target in a folder's pictures and fit the camera. Raises `InputError`."""
     files = picture_files(folder, pattern)
     found = {path.name: target.find(read_grey(path), path.name) for path in files}
@@ -30,7 +32,7 @@ def camera_from_folder(folder: Path, pattern: str, target: Target, serial: str, 
         return _refused(folder, files, serial, unseen, str(error))
     rejected = [*unseen, *result.rejected]
     projected = projection_sigma_px(result)
-    return Outcome(
+    return CalibrationResult(
         "camera",
         {"camera": serial},
         camera_info(result.fit.camera, serial),
@@ -46,10 +48,12 @@ def camera_from_folder(folder: Path, pattern: str, target: Target, serial: str, 
     )
 
 
-def _refused(folder: Path, files: list[Path], serial: str, unseen: list[Rejected], reason: str) -> Outcome:
+def _refused(
+    folder: Path, files: list[Path], serial: str, unseen: list[Rejected], reason: str
+) -> CalibrationResult:
     thumbs = [Thumbnail(r.id, r.reason, figures.thumbnail(read_grey(folder / r.id))) for r in unseen[:12]]
-    judged = Judgement(refusals=(reason,))
-    return Outcome(
+    judged = Assessment(refusals=(reason,))
+    return CalibrationResult(
         "camera", {"camera": serial}, {}, {}, judged, {}, str(folder), 0, unseen, files, (), thumbs
     )
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.guidance import progress
-from calibration.hand_eye.samples import Sample, Setup
+from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.targets.boards import Target
 from calibration.targets.views import View
 from calibration.verdict import Rejected
 from drivers.types import Pose
 from rig.calibrate import figures
-from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey, read_poses
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
@@ -24,11 +24,11 @@ FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp
 
 def hand_eye_from_folder(
     folder: Path, target: Target, camera: CameraModel, serial: str, setup: Setup
-) -> Outcome:
+) -> CalibrationResult:
     """Pair pictures `<id>.png` with the rows of poses.csv by id, and solve. Raises `InputError`."""
     files = picture_files(folder)
     poses, rejected = read_poses(folder / "poses.csv")
-    samples: list[Sample] = []
+    samples: list[HandEyeSample] = []
     for path in files:
         if path.stem not in poses:
             if path.stem not in {r.id for r in rejected}:
@@ -38,7 +38,7 @@ def hand_eye_from_folder(
         if isinstance(view, str):
             rejected.append(Rejected(path.stem, view))
         else:
-            samples.append(Sample(path.stem, poses[path.stem], view))
+            samples.append(HandEyeSample(path.stem, poses[path.stem], view))
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - {p.stem for p in files}]
     outcome = hand_eye_outcome(samples, camera, serial, setup, str(folder), rejected, target)
     pictures = {path.stem: path for path in files}
@@ -47,18 +47,18 @@ def hand_eye_from_folder(
 
 
 def hand_eye_outcome(
-    samples: Sequence[Sample],
+    samples: Sequence[HandEyeSample],
     camera: CameraModel,
     serial: str,
     setup: Setup,
     source: str,
     rejected: Sequence[Rejected] = (),
     target: Target | None = None,
-) -> Outcome:
+) -> CalibrationResult:
     """Solve samples into an outcome with its figures."""
     result = calibrate_hand_eye(samples, camera, setup)
     views = [s.view for s in samples]
-    return Outcome(
+    return CalibrationResult(
         "hand-eye",
         {"camera": serial},
         _value(result),
@@ -170,7 +170,7 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
     return pictures
 
 
-def _thumb(path: Path | None, samples: Sequence[Sample]) -> bytes | None:
+def _thumb(path: Path | None, samples: Sequence[HandEyeSample]) -> bytes | None:
     if path is None:
         return None
     marks = [s.view.image_px for s in samples if s.id == path.stem]

@@ -7,7 +7,7 @@ import numpy as np
 from calibration.markers.angle import MarkerAngle, assess_markers
 from calibration.markers.planar import Intrinsics
 from rig.calibrate import figures
-from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey
 
 
@@ -18,7 +18,7 @@ def markers_from_folder(
     dictionary: str,
     intrinsics: Intrinsics | None,
     serial: str,
-) -> Outcome:
+) -> CalibrationResult:
     """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
     pictures = [read_grey(path) for path in files]
@@ -49,7 +49,7 @@ def markers_from_folder(
     shown = figures.lines(
         {"angle": (np.arange(float(len(report.rest_deg))), report.rest_deg)}, "picture", "degrees"
     )
-    return Outcome(
+    return CalibrationResult(
         "markers",
         {"camera": serial},
         value,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.store import CalibrationFile, plain, save, write_text
-from calibration.verdict import Judgement, Rejected, Verdict
+from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError
 from rig.pages.page import render
 
@@ -33,7 +33,7 @@ class Thumbnail:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CalibrationResult:
     """A calibration before it is filed.
 
     value, quality: as in the file. numbers: what the page lists first, as text. source: where the
@@ -44,7 +44,7 @@ class Outcome:
     serials: Mapping[str, str]
     value: Mapping[str, Any]
     quality: Mapping[str, Any]
-    judgement: Judgement
+    judgement: Assessment
     numbers: Mapping[str, str]
     source: str
     used: int
@@ -55,7 +55,7 @@ class Outcome:
     simulated: bool = False
     part: str = ""
 
-    def marked(self, simulated: bool) -> "Outcome":
+    def marked(self, simulated: bool) -> "CalibrationResult":
         """The same, marked as SIMULATED or not."""
         return replace(self, simulated=simulated)
 
@@ -69,7 +69,7 @@ class Filed:
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-def file_outcome(outcome: Outcome, folder: Path) -> Filed:
+def file_result(outcome: CalibrationResult, folder: Path) -> Filed:
     """Write file and page into a folder. Raises `CalibrationError` for a refused one, after writing both."""
     part = [outcome.part] if outcome.part else []
     stem = "-".join([outcome.kind, *part, *outcome.serials.values()])
@@ -99,7 +99,7 @@ def file_outcome(outcome: Outcome, folder: Path) -> Filed:
     return Filed(path, page, figures)
 
 
-def _page(outcome: Outcome, filed: CalibrationFile) -> str:
+def _page(outcome: CalibrationResult, filed: CalibrationFile) -> str:
     """One HTML page that needs nothing else; each picture is inside it as data."""
     return render(
         "rig.calibrate",
@@ -112,7 +112,7 @@ def _page(outcome: Outcome, filed: CalibrationFile) -> str:
     )
 
 
-def _as_file(outcome: Outcome) -> CalibrationFile:
+def _as_file(outcome: CalibrationResult) -> CalibrationFile:
     digest = sha256()
     for path in sorted(outcome.files):
         digest.update(path.name.encode())

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
-from calibration.tables.time_offset import Stream, make_stream
+from calibration.tables.time_offset import TimedSignal, make_stream
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose
@@ -69,7 +69,7 @@ def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
     return poses, rejected
 
 
-def read_stream(path: Path) -> Stream:
+def read_stream(path: Path) -> TimedSignal:
     """A stream from a CSV: time_ns (or t_s) and value. Raises `InputError`, `CalibrationError`."""
     rows = read_table(path, ("value",))
     if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:

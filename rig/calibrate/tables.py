@@ -11,11 +11,11 @@ from calibration.tables.time_offset import time_offset
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures
-from rig.calibrate.outcome import Outcome, Picture
+from rig.calibrate.outcome import CalibrationResult, Picture
 from rig.calibrate.sources import number, read_poses, read_stream, read_table
 
 
-def gripper_from_folder(folder: Path, serial: str) -> Outcome:
+def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
     """gripper.csv: counts, opening_mm, direction (closing, opening); force.csv, if there: signal, force_n."""
     path = folder / "gripper.csv"
     rows = read_table(path, ("counts", "opening_mm", "direction"))
@@ -33,7 +33,7 @@ def gripper_from_folder(folder: Path, serial: str) -> Outcome:
     return _gripper_outcome(samples, serial, folder)
 
 
-def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) -> Outcome:
+def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) -> CalibrationResult:
     result = calibrate_opening(samples)
     value: dict[str, object] = {
         str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
@@ -70,7 +70,7 @@ def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) ->
         for k, v in (("hysteresis_m", result.hysteresis_m), ("misfit_m", result.misfit_m))
         if v is not None
     }
-    return Outcome(
+    return CalibrationResult(
         "gripper",
         {"gripper": serial},
         value,
@@ -85,7 +85,7 @@ def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) ->
     )
 
 
-def tcp_from_folder(folder: Path, serial: str) -> Outcome:
+def tcp_from_folder(folder: Path, serial: str) -> CalibrationResult:
     """poses.csv: poses of the flange (or tool) while its tip rests in one hole."""
     poses, rejected = read_poses(folder / "poses.csv")
     result = calibrate_pivot(list(poses.items()))
@@ -109,7 +109,7 @@ def tcp_from_folder(folder: Path, serial: str) -> Outcome:
             )
         ]
     used = 0 if result.residual_m is None else len(result.residual_m)
-    return Outcome(
+    return CalibrationResult(
         "tcp",
         {"tool": serial},
         value,
@@ -124,7 +124,7 @@ def tcp_from_folder(folder: Path, serial: str) -> Outcome:
     )
 
 
-def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> Outcome:
+def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> CalibrationResult:
     """Two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
@@ -169,7 +169,7 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
         )
         if v is not None
     }
-    return Outcome(
+    return CalibrationResult(
         "sync",
         {"reference": first, "stream": second},
         value,

@@ -10,11 +10,11 @@ from calibration.gel.balls import BallFit, BallPress, calibrate_gel
 from calibration.gel.presses import Press, find_press, rim_centre
 from calibration.gel.reference import Reference, judge_reference
 from calibration.gel.scale import GelScale, fit_scale
-from calibration.verdict import Judgement, Rejected
+from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 from rig.calibrate import figures
-from rig.calibrate.outcome import Outcome, Picture, Thumbnail
+from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import number, read_rgb, read_table
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
@@ -34,7 +34,9 @@ class _Presses:
     files: list[Path] = field(default_factory=list)
 
 
-def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float] | None) -> Outcome:
+def tactile_from_folder(
+    folder: Path, serial: str, mm_per_px: tuple[float, float] | None
+) -> CalibrationResult:
     """background.png, and catalog.csv with its pictures: the gel's scale and colour map.
 
     mm_per_px: along x and y where it is known; else it is fitted to the known moves of the presses
@@ -56,10 +58,10 @@ def tactile_from_folder(folder: Path, serial: str, mm_per_px: tuple[float, float
     if scale is not None:
         judged += scale.judgement
     elif mm_per_px is None:
-        judged += Judgement(
+        judged += Assessment(
             doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
         )
-    return Outcome(
+    return CalibrationResult(
         "tactile",
         {"tactile": serial},
         _value(result, used, scale, mapped),
@@ -117,16 +119,16 @@ def _thumbnails(presses: _Presses) -> list[Thumbnail]:
     ]
 
 
-def _refused(presses: _Presses, serial: str, reason: str) -> Outcome:
-    return Outcome(
-        "tactile", {"tactile": serial}, {}, {}, Judgement((reason,)), {}, str(presses.folder), 0,
+def _refused(presses: _Presses, serial: str, reason: str) -> CalibrationResult:
+    return CalibrationResult(
+        "tactile", {"tactile": serial}, {}, {}, Assessment((reason,)), {}, str(presses.folder), 0,
         presses.rejected, presses.files, (), _thumbnails(presses),
     )  # fmt: skip
 
 
-def _without_map(judged: Judgement) -> Judgement:
+def _without_map(judged: Assessment) -> Assessment:
     """A scale from known moves stands without the colours: what is wrong with their map is a doubt."""
-    return Judgement(doubts=tuple(f"colour map left out: {reason}" for reason in judged.reasons))
+    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in judged.reasons))
 
 
 def _value(

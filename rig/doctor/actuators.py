@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import RigError
 from drivers.interfaces import Arm, Gripper
 from drivers.types import ArmMode
 from rig.config import ArmConfig
-from rig.doctor.finding import Finding, Verdict, percentiles_ms, percentiles_text
+from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
 
 POLL_S = 0.0005
 RATE_SHARE = 0.98
@@ -35,7 +35,7 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
         if config.driver != "fake":
             findings += _stream(bench.arm, bench.clock, config.frequency_hz, duration_s)
     except RigError as error:
-        findings.append(Finding("arm", "state stream", Verdict.FAILURE, str(error), "see the message"))
+        findings.append(Finding("arm", "state stream", Severity.FAILURE, str(error), "see the message"))
     return findings
 
 
@@ -51,18 +51,18 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     told = "" if state.activated else "nothing now: each trial asks before it activates"
     seen = f"{'activated' if state.activated else 'not activated'}, fingers at {state.position_counts} counts"
     findings.append(
-        Finding("gripper", "state", Verdict.GOOD if state.activated else Verdict.NOTE, seen, told)
+        Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen, told)
     )
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)
     except RigError as error:
-        return [*findings, Finding("gripper", "requests", Verdict.FAILURE, str(error), "see the message")]
+        return [*findings, Finding("gripper", "requests", Severity.FAILURE, str(error), "see the message")]
 
 
 def unreachable(device: str, error: RigError) -> Finding:
     """A device that does not answer; the driver's message says what to do."""
     seen, _, todo = str(error).partition("; ")
-    return Finding(device, "reached", Verdict.FAILURE, seen, todo or "check power, cable and address")
+    return Finding(device, "reached", Severity.FAILURE, seen, todo or "check power, cable and address")
 
 
 def reached(device: str, driver: Any, took_s: float) -> Finding:
@@ -70,7 +70,7 @@ def reached(device: str, driver: Any, took_s: float) -> Finding:
     identity: dict[str, str] = driver.identity() if hasattr(driver, "identity") else {}
     text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
     seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
-    return Finding(device, "reached", Verdict.GOOD, seen, figures={"connect_s": took_s, **identity})
+    return Finding(device, "reached", Severity.GOOD, seen, figures={"connect_s": took_s, **identity})
 
 
 def _mode(mode: ArmMode) -> Finding:
@@ -80,7 +80,7 @@ def _mode(mode: ArmMode) -> Finding:
         ArmMode.EMERGENCY_STOP: "clear the cause, unlock the emergency stop, restart the arm on the pendant",
         ArmMode.UNKNOWN: "power the arm on and release its brakes on the pendant",
     }[mode]
-    return Finding("arm", "mode", Verdict.FAILURE if todo else Verdict.GOOD, mode.value, todo)
+    return Finding("arm", "mode", Severity.FAILURE if todo else Severity.GOOD, mode.value, todo)
 
 
 def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list[Finding]:
@@ -92,7 +92,7 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
     figures = {"rate_hz": rate_hz, "wanted_hz": wanted_hz}
     if len(gaps) == 0:
         return [
-            Finding("arm", "state stream", Verdict.FAILURE, "no new state", "see rig doctor's log", figures)
+            Finding("arm", "state stream", Severity.FAILURE, "no new state", "see rig doctor's log", figures)
         ]
     interval = percentiles_ms(gaps)
     good = rate_hz >= RATE_SHARE * wanted_hz
@@ -100,7 +100,7 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
         Finding(
             "arm",
             "state stream",
-            Verdict.GOOD if good else Verdict.WARNING,
+            Severity.GOOD if good else Severity.WARNING,
             f"{rate_hz:.1f} of {wanted_hz:g} a second; {percentiles_text(interval)} apart",
             "" if good else "use a wired network without a switch in between; end other loads here",
             {**figures, **interval},
@@ -113,12 +113,12 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
 
 def _distinct_times(arm: Arm, clock: Clock, duration_s: float) -> list[int]:
     times: list[int] = []
-    end = clock.now_ns() + seconds(duration_s)
+    end = clock.now_ns() + to_ns(duration_s)
     while clock.now_ns() < end:
         time_ns = arm.state().time_ns
         if not times or time_ns != times[-1]:
             times.append(time_ns)
-        clock.sleep_until(clock.now_ns() + seconds(POLL_S))
+        clock.sleep_until(clock.now_ns() + to_ns(POLL_S))
     return times
 
 
@@ -130,7 +130,7 @@ def _clock(before_s: float, after_s: float | None, duration_s: float) -> list[Fi
     good = abs(drift) <= DRIFT_PPM
     todo = "" if good else "nothing when the stream is slow too; otherwise measure for longer with --seconds"
     figures = {"offset_s": after_s, "drift_ppm": drift}
-    return [Finding("arm", "clock", Verdict.GOOD if good else Verdict.WARNING, seen, todo, figures)]
+    return [Finding("arm", "clock", Severity.GOOD if good else Severity.WARNING, seen, todo, figures)]
 
 
 def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding]:
@@ -138,10 +138,10 @@ def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding
     times = getattr(gripper, "round_trips_s", None)
     if times is None:
         return []
-    end = clock.now_ns() + seconds(duration_s)
+    end = clock.now_ns() + to_ns(duration_s)
     while clock.now_ns() < end:
         gripper.state()
-        clock.sleep_until(clock.now_ns() + seconds(0.002))
+        clock.sleep_until(clock.now_ns() + to_ns(0.002))
     taken: Sequence[float] = times()
     if not taken:
         return []
@@ -152,7 +152,7 @@ def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding
         Finding(
             "gripper",
             "Modbus requests",
-            Verdict.GOOD if good else Verdict.WARNING,
+            Severity.GOOD if good else Severity.WARNING,
             f"{len(taken)} requests, {percentiles_text(figures)}",
             todo,
             {"requests": len(taken), **figures},

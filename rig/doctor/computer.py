@@ -12,7 +12,7 @@ from pathlib import Path
 
 from drivers.errors import CalibrationError, InputError
 from rig.config import BenchConfig
-from rig.doctor.finding import Finding, Verdict
+from rig.doctor.finding import Finding, Severity
 
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
 CAMPAIGN_BYTES = 3_000_000_000
@@ -48,7 +48,7 @@ def look_at_disk(folder: Path) -> list[Finding]:
         Finding(
             "disk",
             "speed",
-            Verdict.WARNING if slow else Verdict.GOOD,
+            Severity.WARNING if slow else Severity.GOOD,
             f"{rate:.0f} MB/s for good in {folder.resolve()}",
             f"lifts need up to 5 MB/s, with ease {LEAST_MB_S:g}: keep sessions on a local disk"
             if slow
@@ -58,7 +58,7 @@ def look_at_disk(folder: Path) -> list[Finding]:
         Finding(
             "disk",
             "free space",
-            Verdict.WARNING if full else Verdict.GOOD,
+            Severity.WARNING if full else Severity.GOOD,
             f"{free / 1e9:.1f} GB free",
             f"45 lifts take up to {CAMPAIGN_BYTES / 1e9:g} GB: make room" if full else "",
             {"free_gb": free / 1e9},
@@ -73,7 +73,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
     if len(parents) > 1:
         listed = ", ".join(sorted(map(str, parents)))
         todo = "another distribution overwrote a package of ours: install into an environment of its own"
-        findings.append(Finding("computer", "packages", Verdict.FAILURE, f"from {listed}", todo))
+        findings.append(Finding("computer", "packages", Severity.FAILURE, f"from {listed}", todo))
     needed = {"ur5e": "ur-rtde", "robotiq_3f": "pymodbus", "digit": "opencv-contrib-python-headless"}
     versions = {library: _version(library) for driver, library in needed.items() if driver in config.drivers}
     missing = [library for library, found in versions.items() if found is None]
@@ -83,7 +83,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
         Finding(
             "computer",
             "software",
-            Verdict.FAILURE if missing else Verdict.GOOD,
+            Severity.FAILURE if missing else Severity.GOOD,
             f"{python}{', ' + text if text else ''}",
             f"pip install {' '.join(missing)} (ur-rtde: Linux x86-64, Python 3.11 or 3.12)"
             if missing
@@ -116,7 +116,7 @@ def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
     )
     return [
         Finding(
-            f"USB {bus}", "topology", Verdict.NOTE, ", ".join(sharing), advice if len(sharing) > 1 else ""
+            f"USB {bus}", "topology", Severity.NOTE, ", ".join(sharing), advice if len(sharing) > 1 else ""
         )
         for bus, sharing in sorted(on_bus.items())
     ]
@@ -128,7 +128,9 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
     if not files:
         seen = f"none in {folder}: the numbers of the bench file are used as they are"
         return [
-            Finding("calibration", "files", Verdict.NOTE, seen, "measure the camera's place and focal length")
+            Finding(
+                "calibration", "files", Severity.NOTE, seen, "measure the camera's place and focal length"
+            )
         ]
     return [_calibration(path, serials) for path in files]
 
@@ -142,13 +144,13 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
         file = load(path, kind, allow_refused=True)
     except CalibrationError as error:
         seen, _, todo = str(error).partition("; ")
-        return Finding("calibration", path.name, Verdict.WARNING, seen, todo)
+        return Finding("calibration", path.name, Severity.WARNING, seen, todo)
     now = datetime.now(UTC)
     days = file.age_days(now)
     strangers = sorted(set(file.serials.values()) - serials)
-    verdict, todo = Verdict.GOOD, ""
+    verdict, todo = Severity.GOOD, ""
     if days > OLD_DAYS:
-        verdict, todo = Verdict.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
+        verdict, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
     if strangers:
-        verdict, todo = Verdict.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
+        verdict, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
     return Finding("calibration", file.kind, verdict, file.age_text(now), todo, {"age_days": days})

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-class Verdict(StrEnum):
+class Severity(StrEnum):
     """How a finding is to be taken."""
 
     GOOD = "good"
@@ -26,7 +26,7 @@ class Finding:
 
     device: str
     check: str
-    verdict: Verdict
+    verdict: Severity
     seen: str
     todo: str = ""
     figures: Mapping[str, float | int | str | None] = field(default_factory=dict)

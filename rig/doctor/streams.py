@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
 from rig.doctor.actuators import reached, unreachable
-from rig.doctor.finding import Finding, Verdict, percentiles_ms, percentiles_text
+from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
 
 RATE_SHARE = 0.97
 FIRST_FRAME_S = 5.0
@@ -23,7 +23,7 @@ OLD_MS = 50.0
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class SourceRecord:
     """What came of one source: all frames' times (ns), ages when read (s), numbers, and the last frame.
 
     counted: what the driver counted meanwhile (frozen, shifted, green, reopened ...), None without.
@@ -63,7 +63,9 @@ def look_at_streams(
         looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
     for source, stream in zip(opened, looks, strict=True):
         if isinstance(stream, RigError):
-            findings.append(Finding(source.serial, "frames", Verdict.FAILURE, str(stream), "see the message"))
+            findings.append(
+                Finding(source.serial, "frames", Severity.FAILURE, str(stream), "see the message")
+            )
             continue
         findings += _judged(source, stream, sizes_px[source.serial])
         if snapshot is not None:
@@ -71,12 +73,12 @@ def look_at_streams(
     return findings
 
 
-def _watched(source: FrameSource, clock: Clock, duration_s: float) -> Stream | RigError:
+def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceRecord | RigError:
     times, ages, numbers = [], [], []
     try:
         last = source.newest_frame(1.0)
         before = _counters(source)
-        end = clock.now_ns() + seconds(duration_s)
+        end = clock.now_ns() + to_ns(duration_s)
         while clock.now_ns() < end:
             last = source.next_frame(FRAME_S)
             times.append(last.time_ns)
@@ -88,7 +90,7 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> Stream | R
         return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
     after = _counters(source)
     counted = None if before is None or after is None else {k: n - before.get(k, 0) for k, n in after.items()}
-    return Stream(times, ages, numbers, last, counted)
+    return SourceRecord(times, ages, numbers, last, counted)
 
 
 def _counters(source: FrameSource) -> dict[str, int] | None:
@@ -96,7 +98,7 @@ def _counters(source: FrameSource) -> dict[str, int] | None:
     return None if counters is None else dict(counters())
 
 
-def _judged(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> list[Finding]:
+def _judged(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> list[Finding]:
     return [
         _rate(source, stream),
         _age(source, stream),
@@ -105,7 +107,7 @@ def _judged(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> li
     ]
 
 
-def _rate(source: FrameSource, stream: Stream) -> Finding:
+def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
     gaps = np.diff(stream.times_ns) / NS_PER_S
     rate_hz = len(gaps) / float(gaps.sum())
     missed = stream.numbers[-1] - stream.numbers[0] + 1 - len(stream.numbers)
@@ -118,32 +120,32 @@ def _rate(source: FrameSource, stream: Stream) -> Finding:
     return Finding(
         source.serial,
         "frames",
-        Verdict.GOOD if good else Verdict.WARNING,
+        Severity.GOOD if good else Severity.WARNING,
         seen,
         "" if good else todo,
         {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": missed, **interval},
     )
 
 
-def _age(source: FrameSource, stream: Stream) -> Finding:
+def _age(source: FrameSource, stream: SourceRecord) -> Finding:
     figures = percentiles_ms(stream.ages_s)
     good = figures["p95_ms"] <= OLD_MS
     todo = "" if good else "end other loads on this computer; frames older than this blur the comparison"
     seen = f"read {percentiles_text(figures)} after capture"
-    return Finding(source.serial, "latency", Verdict.GOOD if good else Verdict.WARNING, seen, todo, figures)
+    return Finding(source.serial, "latency", Severity.GOOD if good else Severity.WARNING, seen, todo, figures)
 
 
-def _size(source: FrameSource, stream: Stream, size_px: tuple[int, int]) -> Finding:
+def _size(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> Finding:
     height, width = stream.last.image.shape[:2]
     brightness = float(stream.last.image.mean())
     seen = f"{width} x {height} px, mean brightness {brightness:.0f} of 255"
     figures = {"width_px": width, "height_px": height, "brightness": brightness}
     if (width, height) != size_px:
         todo = f"the bench file says {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
-        return Finding(source.serial, "picture", Verdict.FAILURE, seen, todo, figures)
+        return Finding(source.serial, "picture", Severity.FAILURE, seen, todo, figures)
     dark = brightness < 8.0
     todo = "take the cap off, or check the LEDs" if dark else ""
-    return Finding(source.serial, "picture", Verdict.WARNING if dark else Verdict.GOOD, seen, todo, figures)
+    return Finding(source.serial, "picture", Severity.WARNING if dark else Severity.GOOD, seen, todo, figures)
 
 
 def _counted(source: FrameSource, counted: dict[str, int] | None) -> list[Finding]:
@@ -152,7 +154,7 @@ def _counted(source: FrameSource, counted: dict[str, int] | None) -> list[Findin
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
     seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"
     todo = "check the cable and the plug; replug the sensor" if amiss else ""
-    verdict = Verdict.WARNING if amiss else Verdict.GOOD
+    verdict = Severity.WARNING if amiss else Severity.GOOD
     return [Finding(source.serial, "counters", verdict, seen, todo, counted)]
 
 
@@ -167,4 +169,4 @@ def _saved(folder: Path, frame: Frame) -> Finding:
         ) from error
     if not written:
         raise InputError(f"{path}: cannot be written; give another --snapshot")
-    return Finding(frame.serial, "snapshot", Verdict.NOTE, str(path))
+    return Finding(frame.serial, "snapshot", Severity.NOTE, str(path))

@@ -15,17 +15,17 @@ from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.slip_trial import LiftPlan, run_lift
 from protocols.steps import make_ready
-from protocols.watch import Watch
+from protocols.watch import LiftObserver
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.seeds import derived_seed
-from rig.lift.latency import TimedWatch
+from rig.lift.latency import LatencyProbe
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.result import Outcome, lift_result, stage_times
+from rig.lift.result import LiftOutcome, lift_result, stage_times
 from rig.live.feed import LiveFeed
-from rig.live.watch import LiveWatch
+from rig.live.watch import LiveObserver
 from rig.sessions.recorder import LiftRecorder
 from rig.tactile.estimators import EstimatorChoice
 
@@ -128,7 +128,7 @@ def attempt_lift(
     recorder = LiftRecorder(stream)
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
-    shown = LiveWatch(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
+    shown = LiveObserver(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
     error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
     if shown:
         shown.close()
@@ -136,8 +136,8 @@ def attempt_lift(
         row, series = lift_result(watched)
         watched.record_results(series)
     else:
-        row = {"outcome": Outcome.FAULT.value, "fault": fault_text(error)}
-    if row["outcome"] in (Outcome.FALLEN, Outcome.FAULT):
+        row = {"outcome": LiftOutcome.FAULT.value, "fault": fault_text(error)}
+    if row["outcome"] in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()
     recorder.close()
     row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}
@@ -167,14 +167,14 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 
 def _carry_out(
-    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: Watch
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: LiftObserver
 ) -> tuple[DeviceError | CalibrationError | None, float, dict[str, dict[str, float]]]:
     """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
 
     A simulated clock stands still while angles are worked out, so there nothing is late.
     """
     clock: Clock | None = None
-    timed: TimedWatch | None = None
+    timed: LatencyProbe | None = None
     began_ns = 0
     fault: DeviceError | CalibrationError | None = None
     try:
@@ -182,7 +182,7 @@ def _carry_out(
             clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
-            timed = TimedWatch(watch, clock) if isinstance(clock, SystemClock) else None
+            timed = LatencyProbe(watch, clock) if isinstance(clock, SystemClock) else None
             run_lift(bench, plan, timed or watch)
     except (DeviceError, CalibrationError) as error:
         fault = error

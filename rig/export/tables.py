@@ -53,7 +53,7 @@ FUSED, TRUTH = "fused", "markers"
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ExportTable:
     """A table on its way out."""
 
     name: str
@@ -71,7 +71,7 @@ def export_parquet(request: ExportRequest) -> Exported:
     return _export(request, "parquet", parquet_bytes)
 
 
-def session_tables(request: ExportRequest) -> list[Table]:
+def session_tables(request: ExportRequest) -> list[ExportTable]:
     """Return the tables of a session. Raises `SessionError` for a damaged recording."""
     return _trial_tables(request) if request.kind == "trial" else _recording_tables(request)
 
@@ -84,14 +84,14 @@ def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, lis
     return Exported({table.name: len(table.lines) for table in tables}, (mark,) if mark else ())
 
 
-def _trial_tables(request: ExportRequest) -> list[Table]:
+def _trial_tables(request: ExportRequest) -> list[ExportTable]:
     manifest = request.manifest
     head = {key: manifest.get(key) for key in ("started", "bench", "estimator", "window")}
     lifts = [
         flat_row(row, session=request.session.name, problem=row.get("fault"), **head) for row in request.rows
     ]
-    angles, arm = Table("angles", ANGLE_COLUMNS), Table("arm", ARM_COLUMNS)
-    gripper, frames = Table("gripper", GRIPPER_COLUMNS), Table("frames", FRAME_COLUMNS)
+    angles, arm = ExportTable("angles", ANGLE_COLUMNS), ExportTable("arm", ARM_COLUMNS)
+    gripper, frames = ExportTable("gripper", GRIPPER_COLUMNS), ExportTable("frames", FRAME_COLUMNS)
     for row in request.accepted:
         for topic, line in _lines_of(request, row):
             if topic == JOINTS_TOPIC:
@@ -102,7 +102,7 @@ def _trial_tables(request: ExportRequest) -> list[Table]:
                 frames.lines.append(line)
             elif topic.startswith(ANGLE_PREFIX):
                 angles.lines.append(line)
-    return [Table("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
+    return [ExportTable("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
 
 
 def _lines_of(request: ExportRequest, row: dict[str, Any]) -> Iterator[tuple[str, Line]]:
@@ -143,7 +143,7 @@ def _values(topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> 
     return values
 
 
-def _recording_tables(request: ExportRequest) -> list[Table]:
+def _recording_tables(request: ExportRequest) -> list[ExportTable]:
     poses = [{**row, "images": len(row["images"])} for row in request.rows]
     images = [{**row, **image} for row in request.accepted for image in row["images"]]
-    return [Table("poses", POSE_COLUMNS, poses), Table("images", IMAGE_COLUMNS, images)]
+    return [ExportTable("poses", POSE_COLUMNS, poses), ExportTable("images", IMAGE_COLUMNS, images)]

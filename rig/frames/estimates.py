@@ -12,7 +12,7 @@ import numpy as np
 from drivers.errors import InputError
 from rig.frames.series import FrameSeries
 from rig.frames.times import FrameTime
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state")
 # The zero is the first frame of stable full contact: over the next frames the contact's area
@@ -43,7 +43,7 @@ class Estimate:
     unreadable: int
 
 
-def estimate_series(series: FrameSeries, estimator: SlipEstimator) -> tuple[Answer, ...]:
+def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
     return tuple(
         Answer(

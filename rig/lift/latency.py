@@ -4,16 +4,16 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.types import ArmState, Frame, GripperState
-from protocols.watch import Phase, Watch
+from protocols.watch import LiftObserver, Phase
 
 
-class TimedWatch(Watch):
+class LatencyProbe(LiftObserver):
     """Passes everything on, and takes the time when a frame was dealt with: recorded and estimated.
 
     clock: the bench's, which the frames' capture times are of.
     """
 
-    def __init__(self, watch: Watch, clock: Clock) -> None:
+    def __init__(self, watch: LiftObserver, clock: Clock) -> None:
         self._watch = watch
         self._clock = clock
         self._phase = Phase.REFERENCE

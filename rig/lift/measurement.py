@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.slip_trial import SETTLE_S
@@ -21,7 +21,7 @@ from rig.sessions.images import stored
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 ZERO_S = 0.4
 """How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed).
@@ -34,12 +34,12 @@ TOUCH_FRAMES = 2
 
 
 @dataclass(slots=True)
-class Fingertip:
+class TipTrack:
     """What is known of one fingertip during a lift."""
 
     sign: int
     reference: list[Image] = field(default_factory=list)
-    estimator: SlipEstimator | None = None
+    estimator: TactileEstimator | None = None
     samples: list[SlipSample] = field(default_factory=list)
     zero_deg: float | None = None
     zero_sample: SlipSample | None = None
@@ -60,7 +60,7 @@ class Fingertip:
 
     def set_zero(self, samples: Sequence[SlipSample], time_ns: int) -> None:
         """Take the mean of what was answered in the last moments before a time as zero."""
-        since = time_ns - seconds(ZERO_S)
+        since = time_ns - to_ns(ZERO_S)
         late = [s for s in samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
         angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
         self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
@@ -105,15 +105,15 @@ class LiftMeasurement:
         aspects: Mapping[str, float | None] | None = None,
         time_shift_s: Mapping[str, float] | None = None,
     ) -> None:
-        self.tips = {serial: Fingertip(sign) for serial, sign in signs.items()}
-        self.camera = Fingertip(0)
+        self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
+        self.camera = TipTrack(0)
         self.truth = truth
         self.fused: list[FusedSample] = []
         self.alarm = OnsetAlarm()
         self.phases: dict[Phase, int] = {}
         self._estimator = estimator
         self._aspects = aspects or {}
-        self._shift_ns = {serial: seconds(shift) for serial, shift in (time_shift_s or {}).items()}
+        self._shift_ns = {serial: to_ns(shift) for serial, shift in (time_shift_s or {}).items()}
         self._recorder = recorder
         self._tcp: Pose | None = None
 
@@ -165,7 +165,7 @@ class LiftMeasurement:
 
     def fallen(self, until_ns: int) -> bool:
         """Whether no fingertip has felt anything for the last moments before `until_ns`."""
-        since = until_ns - seconds(FALLEN_S)
+        since = until_ns - to_ns(FALLEN_S)
         late = [s for tip in self.tips.values() for s in tip.samples if since <= s.time_ns < until_ns]
         return bool(late) and all(s.state is State.NO_CONTACT for s in late)
 
@@ -192,7 +192,7 @@ class LiftMeasurement:
         if self._recorder:
             self._recorder.values(topic, "rig.Angle", sample.time_ns, value)
 
-    def _tactile(self, tip: Fingertip, frame: Frame) -> None:
+    def _tactile(self, tip: TipTrack, frame: Frame) -> None:
         tip.count(frame.sequence)
         if tip.estimator is None:
             tip.reference.append(frame.image)
@@ -215,6 +215,6 @@ class LiftMeasurement:
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:
-        self.truth.set_zero(time_ns - seconds(ZERO_S), time_ns, earliest_ns=time_ns - seconds(SETTLE_S))
+        self.truth.set_zero(time_ns - to_ns(ZERO_S), time_ns, earliest_ns=time_ns - to_ns(SETTLE_S))
         for tip in self.tips.values():
             tip.set_zero(tip.samples, time_ns)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S, to_ns
 from protocols.watch import Phase
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
@@ -18,7 +18,7 @@ from rig.tactile.sample import State
 FINAL_S = 0.3
 
 
-class Outcome(StrEnum):
+class LiftOutcome(StrEnum):
     """How a lift ended. The first three are results; a fault says nothing of the object."""
 
     SLIPPED = "slipped"
@@ -88,14 +88,14 @@ def _summary(errors_deg: Floats) -> dict[str, float] | None:
     return asdict(summary) if summary else None
 
 
-def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> Outcome:
+def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> LiftOutcome:
     if watched.fallen(end_ns):
-        return Outcome.FALLEN
-    return Outcome.HELD if onset_ns is None else Outcome.SLIPPED
+        return LiftOutcome.FALLEN
+    return LiftOutcome.HELD if onset_ns is None else LiftOutcome.SLIPPED
 
 
 def _final(values: list[tuple[int, float | None]], end_ns: int) -> float | None:
-    late = [a for t, a in values if end_ns - seconds(FINAL_S) <= t < end_ns and a is not None]
+    late = [a for t, a in values if end_ns - to_ns(FINAL_S) <= t < end_ns and a is not None]
     return float(np.mean(late)) if late else None
 
 
@@ -105,7 +105,7 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 
 def _contact_areas(watched: LiftMeasurement, lift_ns: int) -> dict[str, float]:
     """Mean contact area of each fingertip over the last moments of phase A: how firm the grip is."""
-    since = lift_ns - seconds(ZERO_S)
+    since = lift_ns - to_ns(ZERO_S)
     areas = {
         serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]
         for serial, tip in watched.tips.items()

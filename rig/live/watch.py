@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.types import ArmState, Frame, GripperState, Image
-from protocols.watch import Phase, Watch
+from protocols.watch import LiftObserver, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
 from rig.sessions.images import jpeg
@@ -22,7 +22,7 @@ RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""
 
 
-class LiveWatch(Watch):
+class LiveObserver(LiftObserver):
     """Passes everything to a lift's measurement first, then sends what a viewer shows.
 
     lift: its number, attempt, object, name and lift, sent with each message. clock: of real time,

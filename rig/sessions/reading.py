@@ -12,12 +12,12 @@ from mcap.reader import make_reader
 
 from drivers.errors import SessionError
 from drivers.types import ArmMode, ArmState, Frame, Pose
-from protocols.watch import Phase, Watch
+from protocols.watch import Phase, LiftObserver
 from rig.sessions.images import decoded
 from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, image_topic
 
 
-def show_again(path: Path, watch: Watch) -> None:
+def show_again(path: Path, watch: LiftObserver) -> None:
     """Give a recorded lift to a watch exactly as it was given when it happened.
 
     Raises `SessionError` when the recording is missing or damaged.

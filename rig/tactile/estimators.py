@@ -12,8 +12,8 @@ from rig.tactile.paper.window import WindowMean
 from rig.tactile.peers.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
 from rig.tactile.peers.kolamuri import KolamuriEstimator
 from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
-from rig.tactile.sample import SlipEstimator
-from rig.tactile.slip.estimator import SlipTracker
+from rig.tactile.sample import TactileEstimator
+from rig.tactile.slip.estimator import SlipEstimator
 
 DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
@@ -39,7 +39,7 @@ class EstimatorChoice:
     window: int
     skip: bool = True
 
-    def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> SlipEstimator:
+    def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
         """Build the estimator of one sensor.
 
         background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
@@ -50,7 +50,7 @@ class EstimatorChoice:
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
             return PublishedEstimator(ContactFinder(background), method, self.window)
         if self.name == DEFAULT_ESTIMATOR:
-            estimator: SlipEstimator = SlipTracker(background, aspect, self.skip)
+            estimator: TactileEstimator = SlipEstimator(background, aspect, self.skip)
         elif self.name in MATCHERS:
             estimator = ReferenceEstimator(background, MATCHERS[self.name])
         elif self.name == KOLAMURI:

@@ -58,7 +58,7 @@ class SlipSample:
         return math.sqrt(max(seen, 0.0) + abs(self.unseen_deg**2 - zero.unseen_deg**2))
 
 
-class SlipEstimator(Protocol):
+class TactileEstimator(Protocol):
     """Turns the frames of one tactile sensor into slip samples, one call per frame."""
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -79,7 +79,7 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
 
 
-class FreshFrameEstimator(SlipEstimator):
+class FreshFrameEstimator(TactileEstimator):
     """An estimator that looks at each frame once.
 
     A frame that is not newer than the one before (repeated, or delivered late) gets the last answer

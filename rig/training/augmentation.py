@@ -19,7 +19,7 @@ SHADED_SHARE, PART_SHARE = 0.4, 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class LabelledFrame:
     """One labelled frame: frame and background (h, w, 3) uint8 RGB, label (h, w) uint8."""
 
     frame: Image
@@ -27,7 +27,7 @@ class Sample:
     label: Image
 
 
-def augmented(sample: Sample, ghost: Image, varied: bool, rng: np.random.Generator) -> Sample:
+def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.Generator) -> LabelledFrame:
     """Return the sample under other light, noise, place and scale.
 
     ghost: another frame of the same unit, which may shine faintly through the background, as
@@ -48,7 +48,7 @@ def augmented(sample: Sample, ghost: Image, varied: bool, rng: np.random.Generat
     if rng.random() < 0.4:
         blur_px = float(rng.uniform(0.3, 1.5))
         images = [np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), np.uint8) for image in images]
-    return Sample(images[0], images[1], label)
+    return LabelledFrame(images[0], images[1], label)
 
 
 def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple[Planes, Planes]:

@@ -8,7 +8,7 @@ import torch
 
 from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.contact.relative import RelativeDifference
-from rig.training.augmentation import Sample, augmented
+from rig.training.augmentation import LabelledFrame, augmented
 from rig.training.examples import Examples
 
 GHOST_REACH = 12
@@ -41,18 +41,20 @@ def plain_batches(
         yield _batch(samples, inputs, size)
 
 
-def _augmented(examples: Examples, place: int, inputs: NetworkInput, rng: np.random.Generator) -> Sample:
+def _augmented(
+    examples: Examples, place: int, inputs: NetworkInput, rng: np.random.Generator
+) -> LabelledFrame:
     first = place // GHOST_REACH * GHOST_REACH
     ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
     varied = inputs is NetworkInput.FRAME_AND_DIFFERENCE
     return augmented(_sample(examples, place), examples.frames[ghost], varied, rng)
 
 
-def _sample(examples: Examples, place: int) -> Sample:
-    return Sample(examples.frames[place], examples.backgrounds[place], examples.labels[place])
+def _sample(examples: Examples, place: int) -> LabelledFrame:
+    return LabelledFrame(examples.frames[place], examples.backgrounds[place], examples.labels[place])
 
 
-def _batch(samples: list[Sample], inputs: NetworkInput, size: tuple[int, int]) -> Batch:
+def _batch(samples: list[LabelledFrame], inputs: NetworkInput, size: tuple[int, int]) -> Batch:
     width_height = (size[1], size[0])
     planes, labels = [], []
     for sample in samples:

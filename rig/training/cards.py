@@ -11,7 +11,7 @@ from rig.training.examples import Examples
 from rig.training.export import ExportedFile
 from rig.training.loop import Training
 from rig.training.networks import Architecture
-from rig.training.scoring import Score, score
+from rig.training.scoring import MaskScore, score
 from rig.training.settings import SIMULATED, TrainSettings
 
 LABEL = "convex hull of each connected part of the contact, gaps up to 17 % of the image's width closed"
@@ -31,7 +31,7 @@ def model_card(
     data: frames to train on, to validate and to test with.
     """
     architecture, test = training.architecture, data[2]
-    scores: dict[str, Score] = {file.precision: score(load_network(file.path), test) for file in files}
+    scores: dict[str, MaskScore] = {file.precision: score(load_network(file.path), test) for file in files}
     full = scores["fp32"]
     height, width = training.size
     return {

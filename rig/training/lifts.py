@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.watch import Phase
@@ -82,7 +82,7 @@ def labelled_views(
     hand_turn_deg: of the hand when it grasped, see `hand_turn_deg`.
     """
     for frame in frames:
-        if not phases[Phase.LIFT] - seconds(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
+        if not phases[Phase.LIFT] - to_ns(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
             continue
         turned = turn(frame.time_ns) if frame.time_ns >= phases[Phase.LIFT] else 0.0
         if turned is not None:
@@ -165,7 +165,7 @@ def _now_and_then(frames: Iterator[Frame]) -> Iterator[Frame]:
     due_ns = 0
     for frame in frames:
         if frame.time_ns >= due_ns:
-            due_ns = frame.time_ns + seconds(1.0 / SIGHT_HZ)
+            due_ns = frame.time_ns + to_ns(1.0 / SIGHT_HZ)
             yield frame
 
 

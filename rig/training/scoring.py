@@ -12,7 +12,7 @@ from rig.training.examples import Examples
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class MaskScore:
     """Mean and standard deviation of Dice and IoU over frames; median wall time, frame in to mask out, ms."""
 
     dice: float
@@ -22,7 +22,7 @@ class Score:
     ms: float
 
 
-def score(network: Network, examples: Examples) -> Score:
+def score(network: Network, examples: Examples) -> MaskScore:
     """Segment every frame and compare with its label."""
     dice, iou, cost_s = [], [], []
     for frame, background, label in zip(examples.frames, examples.backgrounds, examples.labels, strict=True):
@@ -33,7 +33,7 @@ def score(network: Network, examples: Examples) -> Score:
         found = agreement(mask, np.where(label > 127, 255, 0).astype(np.uint8))
         dice.append(found.dice)
         iou.append(found.iou)
-    return Score(
+    return MaskScore(
         float(np.mean(dice)),
         float(np.std(dice)),
         float(np.mean(iou)),

@@ -11,7 +11,7 @@ from drivers.bench import Bench
 from drivers.errors import GraspError
 from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.slip_trial import LiftPlan, run_lift
-from protocols.watch import Phase, Watch
+from protocols.watch import LiftObserver, Phase
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
@@ -80,7 +80,7 @@ def _carry_out(made: LearningBench, plan: LiftPlan, seen: "_Seen") -> None:
 
 
 @dataclass(slots=True)
-class _Seen(Watch):
+class _Seen(LiftObserver):
     """Keeps what happens in one lift, and how the object lay in the hand at each sample and frame."""
 
     made: LearningBench

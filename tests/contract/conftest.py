@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from drivers.bench import Bench
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import DeviceError
 from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN, build_bench, build_real_bench
@@ -65,7 +65,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
     if kind == "fake":
         bench, _ = build_bench(load_bench("fake"), seed=7)
         with bench.connected():
-            bench.clock.sleep_until(seconds(0.2))  # the first frames have come
+            bench.clock.sleep_until(to_ns(0.2))  # the first frames have come
             if moves:
                 bench.gripper.activate()
             yield bench

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.bench import Bench
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.interfaces import FrameSource
 
@@ -32,15 +32,15 @@ def test_a_frame_is_rgb_and_carries_its_serial(source: FrameSource) -> None:
 
 def test_a_late_reader_loses_the_oldest_and_can_tell(bench: Bench, source: FrameSource) -> None:
     first = source.next_frame(0.5)
-    bench.clock.sleep_until(bench.clock.now_ns() + seconds(5.0))
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(5.0))
     assert source.next_frame(0.5).sequence > first.sequence + 1
 
 
 def test_the_newest_frame_skips_the_backlog(bench: Bench, source: FrameSource) -> None:
     source.next_frame(0.5)
-    bench.clock.sleep_until(bench.clock.now_ns() + seconds(0.9))
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(0.9))
     frame = source.newest_frame(0.4)
-    assert bench.clock.now_ns() - frame.time_ns < seconds(0.5)
+    assert bench.clock.now_ns() - frame.time_ns < to_ns(0.5)
     assert source.next_frame(0.5).sequence == frame.sequence + 1
 
 

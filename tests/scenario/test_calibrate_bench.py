@@ -14,7 +14,7 @@ from drivers.types import Frame
 from fakes.devices.plan import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.pivot import tip_m
-from fakes.world.state import Layout
+from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
@@ -23,7 +23,7 @@ from rig.calibrate.bench_fingers import collect_openings
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
 from rig.calibrate.bench_tip import collect_tip
-from rig.calibrate.outcome import file_outcome
+from rig.calibrate.outcome import file_result
 from rig.calibrate.tables import tcp_from_folder
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
@@ -92,7 +92,7 @@ def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
         assert measured == pytest.approx(truth[0] / truth[1], abs=0.015)
         # one size of ball cannot tell the gel's bulge: its scale is up to a tenth too large
         assert 1.0 < outcome.value["mm_per_px"][0] / truth[0] < 1.12
-        filed = file_outcome(outcome, tmp_path)
+        filed = file_result(outcome, tmp_path)
         content = yaml.safe_load(filed.path.read_text())
         assert content["pixel_aspect"] == pytest.approx(measured)
         assert filed.page.read_text().count("data:image/png;base64,") >= 3
@@ -111,16 +111,16 @@ def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> Non
 def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
     from drivers.types import Pose
     from fakes.world.motion import FingerPath, ToolPath
-    from fakes.world.trapezoid import Travel
+    from fakes.world.trapezoid import TrapezoidProfile
     from fakes.world.world import World
     from rig.calibrate.bench import grasp_at
 
     config = load_bench("fake")
-    world = World(Layout(Pose(config.table.position_m), grasp_at(config)), 0)
+    world = World(BenchLayout(Pose(config.table.position_m), grasp_at(config)), 0)
     world.lay("ball:10")
     world.tool = ToolPath.resting(grasp_at(config, 0.002, -0.003))
-    world.fingers = FingerPath(185.0, 185.0, Travel(0, 0.0, 1.0, 1.0))
-    assert world.moment_at(10_000_000).held
+    world.fingers = FingerPath(185.0, 185.0, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    assert world.state_at(10_000_000).held
     assert world.grasp is not None
     assert world.grasp.off_m == pytest.approx((0.002, -0.003))
     with pytest.raises(InputError, match="1 to 150"):

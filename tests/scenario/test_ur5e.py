@@ -28,7 +28,7 @@ from drivers.ur5e.dashboard import Dashboard
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time
@@ -41,7 +41,7 @@ _addresses = itertools.count(1)
 def make_controller(version: str = "5.11.0") -> URController:
     pid = os.getpid()
     host = f"127.{200 + pid % 50}.{pid // 50 % 250}.{next(_addresses)}"
-    world = World(Layout(Pose((0.45, 0.0, 0.06)), HOME), seed=1)
+    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), HOME), seed=1)
     return URController(world, SimulatedClock(realtime=True), host, version, release_after_s=0.5)
 
 

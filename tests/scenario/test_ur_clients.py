@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.wire.ur.controller import URController
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time
@@ -161,7 +161,7 @@ def make(version: str) -> URController:
     pid = os.getpid()
     host = f"127.{150 + pid % 50}.{pid // 50 % 250}.{next(_addresses)}"
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    world = World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1)
+    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1)
     return URController(world, SimulatedClock(realtime=True), host, version, release_after_s=0.5)
 
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 from fakes.world.motion import FingerPath
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 
 ACCELERATION_COUNTS_S2 = 2000.0
 
 
 @dataclass(slots=True)
-class Axis:
+class FingerMotor:
     """One motor: its path, what it was asked for, and the contact it stopped at (gDT's 1 or 2, or 0)."""
 
     path: FingerPath
@@ -17,9 +17,9 @@ class Axis:
     contact: int = 0
 
     @classmethod
-    def resting(cls, position: float) -> "Axis":
+    def resting(cls, position: float) -> "FingerMotor":
         """An axis that has not moved yet."""
-        return cls(FingerPath(position, position, Travel(0, 0.0, 1.0, 1.0)))
+        return cls(FingerPath(position, position, TrapezoidProfile(0, 0.0, 1.0, 1.0)))
 
     def moving(self, now_ns: int) -> bool:
         """Whether it is on its way."""
@@ -28,7 +28,9 @@ class Axis:
     def go(self, end: float, speed: float, now_ns: int) -> None:
         """Start towards `end`, in counts and counts per second."""
         start = self.path.position_at(now_ns)
-        self.path = FingerPath(start, end, Travel(now_ns, abs(end - start), speed, ACCELERATION_COUNTS_S2))
+        self.path = FingerPath(
+            start, end, TrapezoidProfile(now_ns, abs(end - start), speed, ACCELERATION_COUNTS_S2)
+        )
         self.contact = 0
 
     def stop(self, now_ns: int) -> None:
@@ -50,9 +52,9 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
     here = sum(path.position_at(now_ns) for path in paths) / len(paths)
     end = sum(path.end if path in moving else path.position_at(now_ns) for path in paths) / len(paths)
     if not moving:
-        return FingerPath(here, here, Travel(0, 0.0, 1.0, 1.0))
+        return FingerPath(here, here, TrapezoidProfile(0, 0.0, 1.0, 1.0))
     longest = max(moving, key=lambda path: path.travel.duration_s).travel
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
     speed = longest.speed * len(moving) / len(paths)
-    return FingerPath(here, end, Travel(now_ns, abs(end - here), speed, ACCELERATION_COUNTS_S2))
+    return FingerPath(here, end, TrapezoidProfile(now_ns, abs(end - here), speed, ACCELERATION_COUNTS_S2))

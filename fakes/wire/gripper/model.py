@@ -5,8 +5,8 @@ registers" and "Robot input registers"), read here anew: nothing is shared with 
 What the manual leaves open (durations, scissor positions of three modes) is marked as ours.
 """
 
-from drivers.clock import seconds
-from fakes.wire.gripper.axis import Axis, mean_path
+from drivers.clock import to_ns
+from fakes.wire.gripper.axis import FingerMotor, mean_path
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
 REFRESH_NS = 5_000_000
@@ -45,7 +45,7 @@ class GripperModel:
         self._open = float(world.layout.open_counts)
         scissor = float(SCISSOR_OF_MODE[0])
         starts = dict.fromkeys("ABC", world.fingers.position_at(now_ns)) | {"S": scissor}
-        self.axes = {name: Axis.resting(at) for name, at in starts.items()}
+        self.axes = {name: FingerMotor.resting(at) for name, at in starts.items()}
         self._latched = bytes(IMAGE_BYTES)
         self._stage = RESET
         self._stage_ends_ns = 0
@@ -99,7 +99,7 @@ class GripperModel:
             return
         if not self._latched[0] & 1:
             self._stage, self._swept = ACTIVATING, False
-            self._stage_ends_ns = now_ns + seconds(self._sweep_s)
+            self._stage_ends_ns = now_ns + to_ns(self._sweep_s)
             self._sweep(CLOSED_COUNTS, now_ns)
         if release and self._stage == READY:
             self._begin_release(now_ns)
@@ -128,7 +128,7 @@ class GripperModel:
     def _begin_mode_change(self, mode: int, now_ns: int) -> None:
         self._stop(now_ns)
         self._stage, self._going, self._mode = CHANGING_MODE, False, mode
-        self._stage_ends_ns = now_ns + seconds(MODE_CHANGE_S)
+        self._stage_ends_ns = now_ns + to_ns(MODE_CHANGE_S)
         self._turn_scissor(now_ns)
 
     def _turn_scissor(self, now_ns: int) -> None:
@@ -151,7 +151,7 @@ class GripperModel:
             self.fail(MAJOR_FAULT, now_ns)
         elif not self._swept:
             self._swept = True
-            self._stage_ends_ns = now_ns + seconds(self._sweep_s)
+            self._stage_ends_ns = now_ns + to_ns(self._sweep_s)
             self._sweep(self._open, now_ns)
         elif not any(axis.moving(now_ns) for axis in self.axes.values()):
             self._stage, self._mode = READY, self._latched[0] >> 1 & 3
@@ -182,7 +182,7 @@ class GripperModel:
             requests["S"] = bytes_of("S")
         return requests
 
-    def _ask(self, axis: Axis, asked: tuple[int, int, int], now_ns: int, rearm: bool) -> None:
+    def _ask(self, axis: FingerMotor, asked: tuple[int, int, int], now_ns: int, rearm: bool) -> None:
         """An axis in contact stays unless it is sent back, pressed harder, or rGTO was set anew."""
         if asked == axis.asked and not rearm:
             return

@@ -176,7 +176,7 @@ class FakesHost:
     def _state(self) -> dict[str, Any]:
         """The world as it truly is."""
         now = self._clock.now_ns()
-        moment, model = self._world.moment_at(now), self._world.model
+        moment, model = self._world.state_at(now), self._world.model
         return {
             "start_ns": self._clock.start_ns,
             "now_ns": now,

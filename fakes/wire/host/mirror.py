@@ -9,7 +9,7 @@ import numpy as np
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.world.fixture import Fixture
-from fakes.world.state import Draw, Grasp, Layout, Moment, between, object_pose
+from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
 from fakes.world.world import World
 
 KEPT = 512
@@ -26,7 +26,7 @@ class Snapshot:
     in `Grasp`. fixture: the calibration target that is mounted. seed: of this lift's peculiarities.
     """
 
-    moment: Moment
+    moment: WorldState
     tool: Pose
     object_id: str | None
     site: int | None
@@ -37,7 +37,7 @@ class Snapshot:
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
     """Advance the world to `time_ns` and return what the cameras need of it."""
-    moment = world.moment_at(time_ns)
+    moment = world.state_at(time_ns)
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
     off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
@@ -49,7 +49,7 @@ def snapshot_of(world: World, time_ns: int) -> Snapshot:
 class MirroredWorld:
     """What `FakeDigit` and `FakeCamera` need of a `World`, fed with snapshots of one."""
 
-    def __init__(self, layout: Layout, first: Snapshot) -> None:
+    def __init__(self, layout: BenchLayout, first: Snapshot) -> None:
         self.layout = layout
         self._arrived = threading.Condition()
         self._snapshots: deque[Snapshot] = deque([first], maxlen=KEPT)
@@ -69,7 +69,7 @@ class MirroredWorld:
         return self._drawn[0]
 
     @property
-    def draw(self) -> Draw:
+    def draw(self) -> LiftVariation:
         """The present lift's peculiarities."""
         return self._drawn[1]
 
@@ -83,7 +83,7 @@ class MirroredWorld:
         """The calibration target that is mounted, if any."""
         return self._snapshots[-1].fixture
 
-    def moment_at(self, time_ns: int) -> Moment:
+    def state_at(self, time_ns: int) -> WorldState:
         """The world at `time_ns`; waits a moment for it, then gives the newest one."""
         before, after = self._around(time_ns)
         if before is after:
@@ -113,8 +113,8 @@ class MirroredWorld:
             return after, after
 
 
-def _draw(seed: int) -> Draw:
-    return Draw.from_rng(np.random.default_rng(seed))
+def _draw(seed: int) -> LiftVariation:
+    return LiftVariation.from_rng(np.random.default_rng(seed))
 
 
 def _grasp(snapshot: Snapshot) -> Grasp | None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import DeviceError, RigError
-from drivers.realtime import be_punctual
+from drivers.realtime import ask_for_realtime
 from drivers.types import Image
 from fakes.clock import SharedClock
 from fakes.devices.camera import FakeCamera
@@ -88,7 +88,7 @@ def _render(
 ) -> None:
     """Run the process: until the parent closes the pipes, or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which stops this process
-    be_punctual()
+    ask_for_realtime()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
     clock = SharedClock(start_ns)

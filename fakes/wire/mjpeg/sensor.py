@@ -12,7 +12,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S, Clock, seconds
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import InputError
 from drivers.types import Image
 
@@ -114,7 +114,7 @@ class MjpegSensor:
             if kind == "clear":
                 self._faults.clear()
                 return
-            until = None if duration_s is None else self._clock.now_ns() + seconds(duration_s)
+            until = None if duration_s is None else self._clock.now_ns() + to_ns(duration_s)
             self._faults[kind] = _Fault(until, frames)
 
     def active(self, kind: str) -> bool:

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 from zlib import crc32
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, seconds
+from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from fakes.wire.mjpeg.http import HttpSide
 from fakes.wire.mjpeg.sensor import Capture, Kind, MjpegSensor, OnLight, Render
 
@@ -144,8 +144,8 @@ class MjpegServer:
             self._capture_next()
 
     def _capture_next(self) -> None:
-        due_ns, missed = self.sensor.due_ns(seconds(PATIENCE_S))
-        self._clock.sleep_until(due_ns + seconds(LATENCY_S))
+        due_ns, missed = self.sensor.due_ns(to_ns(PATIENCE_S))
+        self._clock.sleep_until(due_ns + to_ns(LATENCY_S))
         capture = self.sensor.capture()
         with self._changed:
             self._counts["missed"] += missed

@@ -17,7 +17,7 @@ from fakes.wire.ur.frames import (
 )
 from fakes.wire.ur.kinematics import forward, nearest_inverse, tracked_inverse
 from fakes.world.motion import distance
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 
 STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 HISTORY_CYCLES = 500
@@ -35,7 +35,7 @@ class OutOfReachError(Exception):
     """A motion left what the joints can reach; the controller's own path check, never the user's input."""
 
 
-class Mover(Protocol):
+class ArmMover(Protocol):
     """Something that moves the arm, cycle by cycle."""
 
     def step(self, body: "Body", dt_s: float) -> bool:
@@ -55,7 +55,7 @@ class Body:
         self.tool = flange_T_tcp
         self.still_cycles = HISTORY_CYCLES
         self.history: deque[Vector6] = deque([joints_rad], maxlen=HISTORY_CYCLES)
-        self.mover: Mover | None = None
+        self.mover: ArmMover | None = None
 
     @property
     def tcp(self) -> Frame:
@@ -116,7 +116,7 @@ class JointMove:
         self._elapsed_s = 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`."""
+        """See `ArmMover`."""
         self._elapsed_s += dt_s
         fraction = self._travel.fraction_at(round(self._elapsed_s * _NS))
         body.bend(_six(a + fraction * w for a, w in zip(self._start, self._way, strict=True)))
@@ -133,7 +133,7 @@ class LinearMove:
         self._elapsed_s = 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`."""
+        """See `ArmMover`."""
         self._elapsed_s += dt_s
         f = self._travel.fraction_at(round(self._elapsed_s * _NS))
         if f >= 1.0:
@@ -152,7 +152,7 @@ class JointStop:
         self._left_s = self._brake_s = max(map(abs, speeds)) / max(deceleration, _LEAST)
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`."""
+        """See `ArmMover`."""
         self._left_s -= dt_s
         if self._left_s <= 0.0:
             return True
@@ -170,7 +170,7 @@ class LinearStop:
         self._left_s = self._brake_s = speed / max(deceleration, _LEAST)
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`."""
+        """See `ArmMover`."""
         self._left_s -= dt_s
         if self._left_s <= 0.0:
             return True
@@ -188,7 +188,7 @@ class SpeedMove:
         self.target, self.acceleration = velocity, 0.5
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`."""
+        """See `ArmMover`."""
         gap = [b - a for a, b in zip(self._velocity, self.target, strict=True)]
         most = max(abs(g) for g in gap)
         share = min(1.0, self.acceleration * dt_s / most) if most > 0.0 else 1.0
@@ -210,7 +210,7 @@ class ServoMove:
         self.lookahead_s, self.gain = 0.1, 300.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `Mover`. A first-order follower whose lag is the look-ahead time."""
+        """See `ArmMover`. A first-order follower whose lag is the look-ahead time."""
         if dt_s <= 0.0:
             return False
         pull = min(self.gain / 300.0 / max(self.lookahead_s, 0.03), 0.5 / dt_s)
@@ -226,8 +226,8 @@ class ServoMove:
         return False
 
 
-def _travel(way: float, speed: float, acceleration: float) -> Travel:
-    return Travel(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
+def _travel(way: float, speed: float, acceleration: float) -> TrapezoidProfile:
+    return TrapezoidProfile(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
 
 
 def _six(values: Iterable[float]) -> Vector6:

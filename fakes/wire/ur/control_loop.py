@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 
 from drivers.types import Vector6
-from fakes.wire.ur.body import JointMove, JointStop, LinearMove, LinearStop, Mover
+from fakes.wire.ur.body import ArmMover, JointMove, JointStop, LinearMove, LinearStop
 from fakes.wire.ur.frames import Frame, from_ur
 from fakes.wire.ur.robot import ProgramError, Robot
 from fakes.wire.ur.script import ControlProgram, Waypoint
@@ -107,14 +107,14 @@ class ControlLoop:
         """Write the asynchronous status register."""
         self._write_integer(2, self._status.after(progress))
 
-    def run_mover(self, mover: Mover) -> Thread:
+    def run_mover(self, mover: ArmMover) -> Thread:
         """Move until the motion has ended or something else took its place."""
         body = self.robot.body
         body.mover = mover
         while body.mover is mover:
             yield
 
-    def move(self, movers: Iterable[Mover]) -> Thread:
+    def move(self, movers: Iterable[ArmMover]) -> Thread:
         """Run motions one after the other, here or (int register 1) in the move thread."""
         self.stop_async_move()
         thread = self._in_turn(movers)
@@ -156,7 +156,7 @@ class ControlLoop:
         if on:
             self.contact_cycles = 0
 
-    def mover_of(self, waypoint: Waypoint) -> Mover:
+    def mover_of(self, waypoint: Waypoint) -> ArmMover:
         """The motion of a path's waypoint from where the arm is."""
         body = self.robot.body
         target = from_ur(waypoint.values) if waypoint.is_pose else self.robot.tcp_at(_six(waypoint.values))
@@ -166,7 +166,7 @@ class ControlLoop:
         self.robot.solved(target)
         return LinearMove(body.tcp, target, waypoint.speed, waypoint.acceleration)
 
-    def path(self) -> Iterable[Mover]:
+    def path(self) -> Iterable[ArmMover]:
         """The motions of the uploaded path, reporting which one is on."""
         for number, waypoint in enumerate(self.program.path):
             self.report(number)
@@ -208,7 +208,7 @@ class ControlLoop:
         body = self.robot.body
         yield from self.run_mover(LinearMove(body.tcp, self.robot.tcp_at(joints), 0.25, 1.2))
 
-    def _in_turn(self, movers: Iterable[Mover]) -> Thread:
+    def _in_turn(self, movers: Iterable[ArmMover]) -> Thread:
         for mover in movers:
             yield from self.run_mover(mover)
 

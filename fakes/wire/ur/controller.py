@@ -20,7 +20,7 @@ from drivers.errors import DeviceError, InputError
 from fakes.wire.ur.commands import COMMANDS
 from fakes.wire.ur.connections import Connection, Feed, Listeners
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.dashboard import BANNER, Dashboard, LineReader
+from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
 from fakes.wire.ur.faults import Faults
 from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
@@ -60,7 +60,7 @@ class URController:
         self._clock = clock
         self.robot = Robot(world, _version(version), release_after_s)
         self.faults = Faults(self.robot, self._drop)
-        self._dashboard = Dashboard(self.robot, serial_number, self._run)
+        self._dashboard = DashboardServer(self.robot, serial_number, self._run)
         self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []

@@ -21,7 +21,7 @@ Start = Callable[[ScriptProgram], bool]
 
 
 @dataclass(slots=True)
-class Dashboard:
+class DashboardServer:
     """What the dashboard knows and answers. start: runs a program on the robot."""
 
     robot: Robot
@@ -89,15 +89,15 @@ class Dashboard:
         return reply if self.robot.safety.power(mode, self.robot.time_ns) else "Failed: emergency stop"
 
 
-def _safety_text(dashboard: Dashboard) -> str:
+def _safety_text(dashboard: DashboardServer) -> str:
     return SafetyMode(dashboard.robot.safety.mode).name
 
 
-def _said(reply: str) -> Callable[[Dashboard, str], str]:
+def _said(reply: str) -> Callable[[DashboardServer, str], str]:
     return lambda _dashboard, _argument: reply
 
 
-_REQUESTS: dict[str, Callable[[Dashboard, str], str]] = {
+_REQUESTS: dict[str, Callable[[DashboardServer, str], str]] = {
     "PolyscopeVersion": lambda d, _: d.version(),
     "version": lambda d, _: ".".join(map(str, d.robot.version)),
     "get serial number": lambda d, _: d.serial_number,
@@ -125,7 +125,7 @@ _REQUESTS: dict[str, Callable[[Dashboard, str], str]] = {
     "quit": _said("Disconnected"),
     "shutdown": _said("Shutting down"),
 }
-_WITH_ARGUMENT: dict[str, Callable[[Dashboard, str], str]] = {
+_WITH_ARGUMENT: dict[str, Callable[[DashboardServer, str], str]] = {
     "load ": lambda d, name: d.load(name),
     "popup": _said("showing popup"),
     "addToLog": _said("Added log message"),

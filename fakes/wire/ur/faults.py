@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import InputError
 from fakes.wire.ur.robot import Robot
 
@@ -67,7 +67,7 @@ class Faults:
         }
         actions[kind]()
         if arguments.get("duration_s") is not None:
-            self._ends_ns = robot.time_ns + seconds(float(arguments["duration_s"]))
+            self._ends_ns = robot.time_ns + to_ns(float(arguments["duration_s"]))
 
     def refused(self, variable: str) -> str | None:
         """How a recipe with this variable is refused; None when it is not."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.types import Vector6
-from fakes.wire.ur.body import JointMove, JointStop, LinearMove, LinearStop, Mover
+from fakes.wire.ur.body import ArmMover, JointMove, JointStop, LinearMove, LinearStop
 from fakes.wire.ur.control_loop import Thread
 from fakes.wire.ur.frames import Frame, compose, from_ur, to_ur
 from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot
@@ -102,7 +102,7 @@ def _frame(target: tuple[float, ...]) -> Frame:
     return from_ur(target)
 
 
-def _until(robot: Robot, mover: Mover) -> Thread:
+def _until(robot: Robot, mover: ArmMover) -> Thread:
     robot.body.mover = mover
     while robot.body.mover is mover:
         yield

@@ -17,7 +17,7 @@ from fakes.wire.ur.safety import Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
 from fakes.world.kinematics import ELBOW_UP
 from fakes.world.motion import ToolPath
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 
 CYCLE_NS = 2_000_000
@@ -225,7 +225,7 @@ class Robot:
 
     def _move_world(self, before: Frame, before_ns: int) -> None:
         start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
-        travel = Travel(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
+        travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
         self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
 
     def _publish_pose(self) -> None:

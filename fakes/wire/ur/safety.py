@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S, to_ns
 
 POWER_STEP_S = 1.0
 """How long switching on and releasing the brakes take each (a real arm: some seconds)."""
@@ -85,7 +85,7 @@ class Safety:
             return False
         if wanted is RobotMode.POWER_OFF:
             self.robot_mode = wanted
-        self._wanted, self._next_ns = wanted, time_ns + seconds(POWER_STEP_S)
+        self._wanted, self._next_ns = wanted, time_ns + to_ns(POWER_STEP_S)
         return True
 
     def step(self, time_ns: int) -> None:
@@ -93,4 +93,4 @@ class Safety:
         if self.robot_mode < self._wanted and time_ns >= self._next_ns:
             steps = list(RobotMode)
             self.robot_mode = steps[steps.index(self.robot_mode) + 1]
-            self._next_ns = time_ns + seconds(POWER_STEP_S)
+            self._next_ns = time_ns + to_ns(POWER_STEP_S)

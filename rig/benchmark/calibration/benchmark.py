@@ -24,7 +24,7 @@ from rig.benchmark.calibration.gel import gel_limits
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, general_scene
 from rig.benchmark.calibration.markers import marker_limits
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
-from rig.benchmark.measured import Measured, at_most, between, told
+from rig.benchmark.measured import Measured, at_most, between, informative
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 """Where real recordings lie unless RIG_TEST_DATA names another folder."""
@@ -111,7 +111,7 @@ def _flipped(seed: int) -> list[Measured]:
     what = f"hand-eye, 2 of 20 flipped, {_FLIPPED_TRIALS} trials"
     return [
         at_most(f"{what}: 95 % position, mm", np.percentile(worst, 95), 1.0),
-        told(f"{what}: worst position, mm", np.max(worst)),
+        informative(f"{what}: worst position, mm", np.max(worst)),
     ]
 
 
@@ -121,7 +121,9 @@ def _in_hand(seed: int) -> list[Measured]:
         truth, samples = general_scene(np.random.default_rng((seed, 3, trial)), setup=Setup.EYE_IN_HAND)
         result = calibrate_hand_eye(samples, CAMERA, Setup.EYE_IN_HAND)
         off.append(np.inf if result.pose is None else truth.error(result.pose)[0])
-    return [told(f"eye-in-hand, same noise, {_FLIPPED_TRIALS} trials: median position, mm", np.median(off))]
+    return [
+        informative(f"eye-in-hand, same noise, {_FLIPPED_TRIALS} trials: median position, mm", np.median(off))
+    ]
 
 
 def sync_limits(seed: int) -> list[Measured]:

@@ -12,7 +12,7 @@ from calibration.targets.boards import Chessboard, Target, parse_target
 from calibration.targets.views import View
 from calibration.verdict import Verdict
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
-from rig.benchmark.measured import Measured, at_most, not_there, told
+from rig.benchmark.measured import Measured, at_most, informative, not_there
 
 _PUBLISHED_CHESSBOARD = (535.92, 342.28, 235.57)
 """Focal length and centre, px, as OpenCV publishes them for its left photos."""
@@ -26,7 +26,7 @@ def camera_limits(seed: int, data: Path | None) -> list[Measured]:
     off = np.linalg.norm(camera_difference_px(CAMERA, result.fit.camera), axis=-1)
     return [
         at_most("intrinsics, 20 rendered views: held-out, px", predict(result.fit.camera, views[20:]), 0.1),
-        told("intrinsics, 20 rendered views: projection error, rms px", np.sqrt((off**2).mean())),
+        informative("intrinsics, 20 rendered views: projection error, rms px", np.sqrt((off**2).mean())),
         *real_photos(data),
     ]
 
@@ -56,9 +56,9 @@ def real_photos(data: Path | None) -> list[Measured]:
     recipe_off = f"{_FROM_PUBLISHED} (OpenCV's recipe: 11 px windows, all views kept), px"
     return [
         at_most(recipe_off, _from_published(recipe), 1.0),
-        told(f"{_FROM_PUBLISHED} (our windows), px", _from_published(ours)),
-        told("chessboard photos: held-out with OpenCV's recipe, px", recipe.held_out_rms_px),
-        told("chessboard photos: held-out with our windows, px", ours.held_out_rms_px),
+        informative(f"{_FROM_PUBLISHED} (our windows), px", _from_published(ours)),
+        informative("chessboard photos: held-out with OpenCV's recipe, px", recipe.held_out_rms_px),
+        informative("chessboard photos: held-out with our windows, px", ours.held_out_rms_px),
         at_most(
             "four ChArUco photos: not judged weak", float(judge_camera(four).verdict is not Verdict.WEAK), 0.0
         ),

@@ -15,7 +15,7 @@ from drivers.errors import RigError
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CaseAnswer:
     """What a calibration made of a case: refused with a reason, or an error against the truth."""
 
     refused: str | None = None
@@ -33,7 +33,7 @@ class Case:
 
     group: str
     name: str
-    run: Callable[[np.random.Generator], Finding]
+    run: Callable[[np.random.Generator], CaseAnswer]
     reasons: tuple[str, ...] = ()
     draws: int = 1
 
@@ -54,14 +54,14 @@ def run_cases(cases: Sequence[Case], seed: int = 0) -> list[CaseResult]:
     return [_run(case, seed, number) for number, case in enumerate(cases)]
 
 
-def refused(*reasons: str) -> Finding:
+def refused(*reasons: str) -> CaseAnswer:
     """A refusal with these reasons."""
-    return Finding(refused="; ".join(reasons) or "refused")
+    return CaseAnswer(refused="; ".join(reasons) or "refused")
 
 
-def answered(error: float, allowed: float) -> Finding:
+def answered(error: float, allowed: float) -> CaseAnswer:
     """An answer with its error and what is allowed."""
-    return Finding(error=float(error), allowed=float(allowed))
+    return CaseAnswer(error=float(error), allowed=float(allowed))
 
 
 def _run(case: Case, seed: int, number: int) -> CaseResult:
@@ -80,7 +80,7 @@ def _one(case: Case, rng: np.random.Generator) -> tuple[str, str]:
             warnings.simplefilter("error")
             finding = case.run(rng)
     except RigError as error:
-        finding = Finding(refused=str(error))
+        finding = CaseAnswer(refused=str(error))
     except Exception as error:  # a crash is what this table looks for
         return "wrong", f"crashed: {error!r}"
     if finding.refused is not None:

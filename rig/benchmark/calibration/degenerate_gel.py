@@ -12,7 +12,7 @@ from calibration.gel.reference import compare, judge_reference, make_reference
 from calibration.gel.scale import fit_scale
 from drivers.types import Image
 from fakes.studio.presses import MM_PER_PX, SimulatedGel
-from rig.benchmark.calibration.degenerate import Case, Finding, answered, refused
+from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 
 Rng = np.random.Generator
 _GEL = SimulatedGel(seed=7)
@@ -47,7 +47,7 @@ def cases() -> list[Case]:
     ]
 
 
-def _pressed(rng: Rng, change: Callable[[Image, Rng], Any]) -> Finding:
+def _pressed(rng: Rng, change: Callable[[Image, Rng], Any]) -> CaseAnswer:
     found = find_press(change(_GEL.presses(1)[0].image, rng), _GEL.reference, "press")
     return refused(found) if isinstance(found, str) else answered(found.reach_px, 0.0)
 
@@ -71,30 +71,30 @@ def _still(rng: Rng, gel: SimulatedGel = _GEL) -> list[Image]:
     return [gel.frame(rng) for _ in range(10)]
 
 
-def _reference(rng: Rng, gain: tuple[float, float, float]) -> Finding:
+def _reference(rng: Rng, gain: tuple[float, float, float]) -> CaseAnswer:
     frames = [np.clip(f * np.asarray(gain), 0, 255).astype(np.uint8) for f in _still(rng)]
     return _judged(frames)
 
 
-def _judged(frames: list[Image]) -> Finding:
+def _judged(frames: list[Image]) -> CaseAnswer:
     reference = make_reference(frames)
     judged = judge_reference(reference, compare(reference, _GEL.reference))
     return refused(*judged.reasons) if judged.reasons else answered(1.0, 0.0)
 
 
-def _touched_reference(_: Rng) -> Finding:
+def _touched_reference(_: Rng) -> CaseAnswer:
     return _judged([_GEL.presses(1)[0].image] * 10)
 
 
-def _touched_midway(rng: Rng) -> Finding:
+def _touched_midway(rng: Rng) -> CaseAnswer:
     return _judged([*_still(rng)[:6], *[_GEL.presses(1)[0].image] * 6])
 
 
-def _other_unit(rng: Rng) -> Finding:
+def _other_unit(rng: Rng) -> CaseAnswer:
     return _judged(_still(rng, SimulatedGel(seed=8)))
 
 
-def _balls(_: Rng, count: int = 10, radius_mm: float | None = None) -> Finding:
+def _balls(_: Rng, count: int = 10, radius_mm: float | None = None) -> CaseAnswer:
     presses = []
     for made in _GEL.presses(count):
         found = find_press(made.image, _GEL.reference, made.name)
@@ -103,12 +103,12 @@ def _balls(_: Rng, count: int = 10, radius_mm: float | None = None) -> Finding:
     return answered(calibrate_gel(presses, MM_PER_PX).normal_rms, 0.0)
 
 
-def _line_scale(rng: Rng) -> Finding:
+def _line_scale(rng: Rng) -> CaseAnswer:
     moves = np.column_stack([np.linspace(-4, 4, 8), np.zeros(8)])
     return answered(float(fit_scale(moves, rng.normal(moves / 0.06, 0.3)).mm_per_px[0]), 0.0)
 
 
-def _two_scales(rng: Rng) -> Finding:
+def _two_scales(rng: Rng) -> CaseAnswer:
     moves = rng.uniform(-5, 5, (12, 2))
     scale = fit_scale(moves, rng.normal(moves / (0.058, 0.064), 0.3))
     return answered(float(np.abs(scale.mm_per_px / (0.058, 0.064) - 1.0).max()), 0.02)

@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.hand_eye.samples import Sample, Setup
+from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.tables.pivot import calibrate_pivot
 from drivers.types import Pose
-from rig.benchmark.calibration.degenerate import Case, Finding, answered, refused
+from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Truth, general_scene, motion_scene
 from rig.benchmark.calibration.motion_scenes import pivot_scene
 
@@ -27,7 +27,7 @@ def cases() -> list[Case]:
 
 def _motions() -> list[Case]:
     group = "hand-eye motion"
-    rows: list[tuple[str, Callable[[Rng], Finding], tuple[str, ...]]] = [
+    rows: list[tuple[str, Callable[[Rng], CaseAnswer], tuple[str, ...]]] = [
         ("near-parallel axes (3 degrees off)", partial(_moved, kind="near-parallel"), ("parallel",)),
         ("exactly parallel axes", partial(_moved, kind="parallel"), ("parallel axes",)),
         ("rotations below 3 degrees", partial(_moved, kind="small"), ("turned by",)),
@@ -67,17 +67,17 @@ def _rotations() -> list[Case]:
     group = "rotations"
     turn = Rotation.from_rotvec([0.4, -0.3, 0.2])
 
-    def matrix(spoil: np.ndarray) -> Callable[[Rng], Finding]:
+    def matrix(spoil: np.ndarray) -> Callable[[Rng], CaseAnswer]:
         whole = np.eye(4)
         whole[:3, :3] = turn.as_matrix() @ spoil
         return lambda _: _turned(pose_from_matrix(whole, "pose"), turn)
 
-    def vector(rotvec: np.ndarray) -> Callable[[Rng], Finding]:
+    def vector(rotvec: np.ndarray) -> Callable[[Rng], CaseAnswer]:
         return lambda _: _turned(
             pose_from_rotation_vector((0, 0, 0), rotvec, "pose"), Rotation.from_rotvec(rotvec)
         )
 
-    def quaternion(values: np.ndarray) -> Callable[[Rng], Finding]:
+    def quaternion(values: np.ndarray) -> Callable[[Rng], CaseAnswer]:
         return lambda _: _turned(pose_from_quaternion((0, 0, 0), values, "pose"), turn)
 
     axis = turn.as_rotvec() / turn.magnitude()
@@ -116,7 +116,7 @@ def _pivots() -> list[Case]:
     ]
 
 
-def solved(truth: Truth, samples: list[Sample], setup: Setup = Setup.EYE_TO_HAND) -> Finding:
+def solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND) -> CaseAnswer:
     """Solve a set; an answer called weak may be as far off as its own region says."""
     result = calibrate_hand_eye(samples, CAMERA, setup)
     if result.pose is None or result.spread is None:
@@ -127,7 +127,7 @@ def solved(truth: Truth, samples: list[Sample], setup: Setup = Setup.EYE_TO_HAND
     return answered(distance_mm, allowed)
 
 
-def _moved(rng: Rng, kind: str) -> Finding:
+def _moved(rng: Rng, kind: str) -> CaseAnswer:
     moves = rng.uniform(-0.1, 0.1, (_COUNT, 3))
     angles = np.radians(rng.uniform(-45, 45, _COUNT))[:, None]
     axis = np.array([0.0, 0.6, 0.8])
@@ -147,24 +147,24 @@ def _moved(rng: Rng, kind: str) -> Finding:
     return solved(*motion_scene(rng, turns, np.zeros_like(moves) if still else moves))
 
 
-def _duplicated(rng: Rng) -> Finding:
+def _duplicated(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     half = samples[: _COUNT // 2]
     return solved(truth, [*half, *(replace(s, id=s.id + " again") for s in half)])
 
 
-def _first(rng: Rng, count: int) -> Finding:
+def _first(rng: Rng, count: int) -> CaseAnswer:
     truth, samples = general_scene(rng, 6)
     return solved(truth, samples[:count])
 
 
-def _spoiled(rng: Rng, value: float) -> Finding:
+def _spoiled(rng: Rng, value: float) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     samples[3] = replace(samples[3], base_T_tcp=Pose((value, 0.0, 0.3)))
     return solved(truth, samples)
 
 
-def _nan_corner(rng: Rng) -> Finding:
+def _nan_corner(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     pixels = samples[3].view.image_px.copy()
     pixels[1, 0] = np.nan
@@ -172,30 +172,30 @@ def _nan_corner(rng: Rng) -> Finding:
     return solved(truth, samples)
 
 
-def _flipped(rng: Rng, count: int) -> Finding:
+def _flipped(rng: Rng, count: int) -> CaseAnswer:
     return solved(*general_scene(rng, _COUNT, flipped=count))
 
 
-def _with_poses(samples: list[Sample], poses: list[Pose]) -> list[Sample]:
+def _with_poses(samples: list[HandEyeSample], poses: list[Pose]) -> list[HandEyeSample]:
     return [replace(s, base_T_tcp=p) for s, p in zip(samples, poses, strict=True)]
 
 
-def _mispaired(rng: Rng) -> Finding:
+def _mispaired(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     return solved(truth, _with_poses(samples, [samples[(i + 1) % _COUNT].base_T_tcp for i in range(_COUNT)]))
 
 
-def _inverted(rng: Rng) -> Finding:
+def _inverted(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     return solved(truth, _with_poses(samples, [s.base_T_tcp.inverse() for s in samples]))
 
 
-def _wrong_setup(rng: Rng) -> Finding:
+def _wrong_setup(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT, Setup.EYE_IN_HAND)
     return solved(truth, samples, Setup.EYE_TO_HAND)
 
 
-def _euler(rng: Rng) -> Finding:
+def _euler(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     wrong = [
         Pose.from_rotation(
@@ -206,7 +206,7 @@ def _euler(rng: Rng) -> Finding:
     return solved(truth, _with_poses(samples, wrong))
 
 
-def _millimetres(rng: Rng) -> Finding:
+def _millimetres(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     poses = [s.base_T_tcp for s in samples]
     wrong = [Pose.from_rotation(1e3 * np.asarray(p.position_m), p.rotation) for p in poses]
@@ -217,12 +217,12 @@ def _shifted(pose: Pose, spread_m: float, rng: Rng) -> Pose:
     return Pose.from_rotation(rng.normal(pose.position_m, spread_m), pose.rotation)
 
 
-def _loose(rng: Rng) -> Finding:
+def _loose(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     return solved(truth, _with_poses(samples, [_shifted(s.base_T_tcp, 0.01, rng) for s in samples]))
 
 
-def _while_moving(rng: Rng) -> Finding:
+def _while_moving(rng: Rng) -> CaseAnswer:
     truth, samples = general_scene(rng, _COUNT)
     poses = [
         _shifted(s.base_T_tcp, 0.02, rng) if i in (4, 9) else s.base_T_tcp for i, s in enumerate(samples)
@@ -230,11 +230,11 @@ def _while_moving(rng: Rng) -> Finding:
     return solved(truth, _with_poses(samples, poses))
 
 
-def _turned(pose: Pose, truth: Rotation) -> Finding:
+def _turned(pose: Pose, truth: Rotation) -> CaseAnswer:
     return answered(float((pose.rotation.inv() * truth).magnitude()), 1e-7)
 
 
-def _pivot(rng: Rng, kind: str) -> Finding:
+def _pivot(rng: Rng, kind: str) -> CaseAnswer:
     turns = {
         "narrow": Rotation.from_rotvec(rng.normal(0, 0.02, (12, 3))),
         "one axis": Rotation.from_rotvec(np.outer(rng.uniform(-0.8, 0.8, 12), [0, 0, 1])),

@@ -15,7 +15,7 @@ from calibration.targets.views import View
 from drivers.types import Image, Pose
 from fakes.studio.marker_pictures import MarkerPictures
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, render_target
-from rig.benchmark.calibration.degenerate import Case, Finding, answered, refused
+from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 
 Rng = np.random.Generator
 _PICTURES = MarkerPictures()
@@ -71,7 +71,7 @@ def _boards() -> list[Case]:
     group = "board pictures"
     new, legacy, odd = BOARD.spec, BOARD.spec + ":legacy", "charuco:7x5:25:18:DICT_5X5_100"
     other = "charuco:8x6:25:18:DICT_4X4_100"
-    rows: list[tuple[str, Callable[[Rng], Finding], tuple[str, ...]]] = [
+    rows: list[tuple[str, Callable[[Rng], CaseAnswer], tuple[str, ...]]] = [
         (
             "legacy ChArUco, even rows, read as new",
             partial(_board, made=legacy, read=new),
@@ -87,20 +87,20 @@ def _boards() -> list[Case]:
     return [Case(group, name, run, reasons) for name, run, reasons in rows]
 
 
-def _angle_of(rng: Rng, change: Callable[[Image], Image]) -> Finding:
+def _angle_of(rng: Rng, change: Callable[[Image], Image]) -> CaseAnswer:
     angle = _at_rest(_PICTURES, rng)
     return _off_by(angle.measure(change(_PICTURES.draw(5.0, rng))), 5.0)
 
 
 def _whole(
     rng: Rng, side_px: float = 40.0, dictionary: str = "DICT_4X4_50", ids: tuple[int, int] = (0, 1)
-) -> Finding:
+) -> CaseAnswer:
     pictures = MarkerPictures(side_px=side_px, tilt_deg=5.0)
     angle = _at_rest(pictures, rng, dictionary, ids)
     return _off_by(angle.measure(pictures.draw(5.0, rng)), 5.0)
 
 
-def _turn(rng: Rng, deg: float) -> Finding:
+def _turn(rng: Rng, deg: float) -> CaseAnswer:
     angle = _at_rest(_PICTURES, rng)
     angle.forget()
     return _off_by(angle.measure(_PICTURES.draw(deg, rng)), deg, sigmas=0.0)
@@ -115,7 +115,7 @@ def _at_rest(
     return angle
 
 
-def _off_by(seen: PlanarAngle | Refusal, truth_deg: float, sigmas: float = 4.0) -> Finding:
+def _off_by(seen: PlanarAngle | Refusal, truth_deg: float, sigmas: float = 4.0) -> CaseAnswer:
     """How far an angle is off, where so many of its own sigma are allowed."""
     if isinstance(seen, Refusal):
         return refused(str(seen))
@@ -167,7 +167,7 @@ def _frozen(picture: Image) -> Image:
     return picture
 
 
-def _no_edge(rng: Rng) -> Finding:
+def _no_edge(rng: Rng) -> CaseAnswer:
     square = np.array([[[20.0, 20], [60, 20], [60, 60], [20, 60]]])
     found = refine_edges(rng.integers(118, 122, (90, 90), dtype=np.uint8), square)
     return (
@@ -178,28 +178,28 @@ def _no_edge(rng: Rng) -> Finding:
 _FACING = Pose((-0.10, -0.075, 0.42), (0.10, -0.08, 0.03, 0.991))
 
 
-def _board(rng: Rng, made: str, read: str) -> Finding:
+def _board(rng: Rng, made: str, read: str) -> CaseAnswer:
     picture = render_target(parse_target(made), CAMERA, _FACING, rng)
     return _where(parse_target(read).find(picture, "board"))
 
 
-def _part_of_board(rng: Rng) -> Finding:
+def _part_of_board(rng: Rng) -> CaseAnswer:
     picture = render_target(BOARD, CAMERA, _FACING, rng)
     picture[:, :560] = 120
     return _where(BOARD.find(picture, "board"))
 
 
-def _cut_chessboard(rng: Rng) -> Finding:
+def _cut_chessboard(rng: Rng) -> CaseAnswer:
     target = parse_target("chessboard:9x6:25")
     away = Pose((0.12, _FACING.position_m[1], 0.42), _FACING.quaternion_xyzw)
     return _where(target.find(render_target(target, CAMERA, away, rng), "board"))
 
 
-def _bad_spec(_: Rng) -> Finding:
+def _bad_spec(_: Rng) -> CaseAnswer:
     return answered(float(isinstance(parse_target("charuco:8x6:18:25:DICT_5X5_100"), Charuco)), 0.0)
 
 
-def _where(view: View | str) -> Finding:
+def _where(view: View | str) -> CaseAnswer:
     """How far a view's corners are from the truth, rms px."""
     if isinstance(view, str):
         return refused(view)

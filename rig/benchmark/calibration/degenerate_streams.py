@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
-from calibration.tables.time_offset import Stream, make_stream, time_offset, unwrapped
-from rig.benchmark.calibration.degenerate import Case, Finding, answered, refused
+from calibration.tables.time_offset import TimedSignal, make_stream, time_offset, unwrapped
+from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
 
 Rng = np.random.Generator
@@ -22,7 +22,11 @@ def cases() -> list[Case]:
 
 def _time() -> list[Case]:
     group = "time"
-    changes: list[tuple[str, Callable[[Stream, Stream, Rng], tuple[Stream, Stream]], tuple[str, ...]]] = [
+    changes: list[
+        tuple[
+            str, Callable[[TimedSignal, TimedSignal, Rng], tuple[TimedSignal, TimedSignal]], tuple[str, ...]
+        ]
+    ] = [
         ("unsorted log", lambda a, b, r: (a, _permuted(b, r)), ()),
         ("equal stamps", lambda a, b, r: (a, _stream(np.repeat(b.time_ns, 2), np.repeat(b.values, 2))), ()),
         ("32-bit counter that wraps", lambda a, b, r: (a, _wrapped(b)), ()),
@@ -30,11 +34,15 @@ def _time() -> list[Case]:
         ("gap of two seconds", lambda a, b, r: (_gap(a), b), ()),
         ("half the frames dropped", lambda a, b, r: (a, _thinned(b, r, 0.5)), ()),
         ("NaN values", lambda a, b, r: (a, _nans(b)), ()),
-        ("streams with no overlap", lambda a, b, r: (a, Stream(b.time_ns + 10**12, b.values)), ("overlap",)),
+        (
+            "streams with no overlap",
+            lambda a, b, r: (a, TimedSignal(b.time_ns + 10**12, b.values)),
+            ("overlap",),
+        ),
         ("float32 seconds since the epoch", lambda a, b, r: (a, _float32(b)), ("integer ns",)),
         ("five samples", lambda a, b, r: (a, _stream(b.time_ns[:5], b.values[:5])), ("20 are the least",)),
         ("empty", lambda a, b, r: (a, _stream(b.time_ns[:0], b.values[:0])), ("20 are the least",)),
-        ("sign turned", lambda a, b, r: (a, Stream(b.time_ns, -b.values)), ()),
+        ("sign turned", lambda a, b, r: (a, TimedSignal(b.time_ns, -b.values)), ()),
     ]
     listed = [
         Case(group, name, partial(_changed, change=change), why, draws=3) for name, change, why in changes
@@ -64,64 +72,66 @@ def _gripper() -> list[Case]:
     ]
 
 
-def _changed(rng: Rng, change: Callable[[Stream, Stream, Rng], tuple[Stream, Stream]]) -> Finding:
+def _changed(
+    rng: Rng, change: Callable[[TimedSignal, TimedSignal, Rng], tuple[TimedSignal, TimedSignal]]
+) -> CaseAnswer:
     robot, camera = wiggle_scene(rng)
     return _offset(*change(robot, camera, rng), 0.0473)
 
 
 def _wiggled(
     rng: Rng, motion: str = "chirp", offset_s: float = 0.0473, drift_ppm: float = 0.0, seconds: float = 20.0
-) -> Finding:
+) -> CaseAnswer:
     return _offset(*wiggle_scene(rng, motion, offset_s, seconds, drift_ppm=drift_ppm), offset_s)
 
 
-def _offset(robot: Stream, camera: Stream, truth_s: float) -> Finding:
+def _offset(robot: TimedSignal, camera: TimedSignal, truth_s: float) -> CaseAnswer:
     found = time_offset(robot, camera)
     if found.offset_s is None:
         return refused(*found.judgement.reasons)
     return answered(abs(found.offset_s - truth_s), _ALLOWED_S)
 
 
-def _stream(times: np.ndarray, values: np.ndarray) -> Stream:
+def _stream(times: np.ndarray, values: np.ndarray) -> TimedSignal:
     return make_stream(times, values, "camera")
 
 
-def _permuted(camera: Stream, rng: Rng) -> Stream:
+def _permuted(camera: TimedSignal, rng: Rng) -> TimedSignal:
     order = rng.permutation(len(camera.time_ns))
     return _stream(camera.time_ns[order], camera.values[order])
 
 
-def _wrapped(camera: Stream) -> Stream:
+def _wrapped(camera: TimedSignal) -> TimedSignal:
     """Stamps as a 32-bit counter of ns, undone."""
     counter = camera.time_ns.astype(np.uint64) % (1 << 32)
     lost = int(camera.time_ns[0]) - int(counter[0])
     return _stream(unwrapped(counter) + lost, camera.values)
 
 
-def _jumped(camera: Stream) -> Stream:
+def _jumped(camera: TimedSignal) -> TimedSignal:
     times = camera.time_ns.copy()
     times[len(times) // 2 :] += 3 * 3600 * 10**9
     return _stream(times, camera.values)
 
 
-def _gap(robot: Stream) -> Stream:
+def _gap(robot: TimedSignal) -> TimedSignal:
     from_start = (robot.time_ns - robot.time_ns[0]) / 1e9
     kept = (from_start < 8.0) | (from_start > 10.0)
     return _stream(robot.time_ns[kept], robot.values[kept])
 
 
-def _thinned(camera: Stream, rng: Rng, share: float) -> Stream:
+def _thinned(camera: TimedSignal, rng: Rng, share: float) -> TimedSignal:
     kept = rng.uniform(size=len(camera.time_ns)) < share
     return _stream(camera.time_ns[kept], camera.values[kept])
 
 
-def _nans(camera: Stream) -> Stream:
+def _nans(camera: TimedSignal) -> TimedSignal:
     values = camera.values.copy()
     values[::7] = np.nan
     return _stream(camera.time_ns, values)
 
 
-def _float32(camera: Stream) -> Stream:
+def _float32(camera: TimedSignal) -> TimedSignal:
     return _stream((camera.time_ns / 1e9).astype(np.float32), camera.values)
 
 
@@ -133,22 +143,22 @@ def _openings() -> list[OpeningSample]:
     ]
 
 
-def _shuffled(rng: Rng) -> Finding:
+def _shuffled(rng: Rng) -> CaseAnswer:
     samples = [OpeningSample(s.id, s.counts, rng.uniform(0, 0.12), s.direction) for s in _openings()]
     return refused(*calibrate_opening(samples).judgement.reasons)
 
 
-def _looked(_: Rng, at: float, keep: Direction | None = None) -> Finding:
+def _looked(_: Rng, at: float, keep: Direction | None = None) -> CaseAnswer:
     samples = [s for s in _openings() if keep is None or s.direction is keep]
     found = calibrate_opening(samples).tables[Direction.CLOSING].opening_at(at)
     return answered(abs(found.value - (0.12 - 0.0005 * at)), 1e-6)
 
 
-def _one_bad(_: Rng, counts: float, opening_m: float) -> Finding:
+def _one_bad(_: Rng, counts: float, opening_m: float) -> CaseAnswer:
     found = calibrate_opening([*_openings(), OpeningSample("bad", counts, opening_m, Direction.CLOSING)])
     named = [r.id for r in found.rejected] == ["bad"]
     return answered(abs(found.tables[Direction.CLOSING].opening_at(100.0).value - 0.07) + (not named), 1e-6)
 
 
-def _few(_: Rng, count: int) -> Finding:
+def _few(_: Rng, count: int) -> CaseAnswer:
     return refused(*calibrate_opening(_openings()[:count]).judgement.reasons)

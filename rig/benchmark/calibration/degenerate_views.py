@@ -13,7 +13,7 @@ from calibration.camera.projection_sigma import camera_difference_px, projection
 from calibration.targets.views import View
 from drivers.types import Pose
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view
-from rig.benchmark.calibration.degenerate import Case, Finding, answered, refused
+from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 
 Rng = np.random.Generator
 
@@ -37,7 +37,7 @@ def cases() -> list[Case]:
     ]
 
 
-def _one_distance(rng: Rng) -> Finding:
+def _one_distance(rng: Rng) -> CaseAnswer:
     made = []
     for i in range(40):
         pose = board_pose(rng)
@@ -60,7 +60,7 @@ def _seen(
     return _large(made, count)
 
 
-def _camera(views: list[View], doubted: bool = False) -> Finding:
+def _camera(views: list[View], doubted: bool = False) -> CaseAnswer:
     """Rms projection error against the true camera, allowed three of its own sigma.
 
     doubted: a case that a doubt must name.
@@ -76,33 +76,33 @@ def _camera(views: list[View], doubted: bool = False) -> Finding:
 
 def _solved(
     rng: Rng, count: int = 20, tilt: tuple[float, float] = (5.0, 45.0), reach: float = 1.0
-) -> Finding:
+) -> CaseAnswer:
     return _camera(_seen(rng, count, tilt, reach), doubted=reach < 1.0)
 
 
-def _copies(rng: Rng) -> Finding:
+def _copies(rng: Rng) -> CaseAnswer:
     one = _seen(rng, 1)[0]
     return _camera([replace(one, id=str(i), image_px=rng.normal(one.image_px, 0.06)) for i in range(15)])
 
 
-def _wrong_square(rng: Rng) -> Finding:
+def _wrong_square(rng: Rng) -> CaseAnswer:
     """The scale of a board is the scale of its distance: a camera does not depend on it."""
     return _camera([replace(view, board_m=view.board_m * 1.1) for view in _seen(rng)])
 
 
-def _mixed(rng: Rng) -> Finding:
+def _mixed(rng: Rng) -> CaseAnswer:
     small = [replace(v, id=f"small {v.id}", image_px=v.image_px / 2, size=(640, 360)) for v in _seen(rng, 4)]
     return _camera([*_seen(rng), *small])
 
 
-def _two_bad(rng: Rng) -> Finding:
+def _two_bad(rng: Rng) -> CaseAnswer:
     views = _seen(rng)
     for i in (4, 11):
         views[i] = replace(views[i], image_px=rng.normal(views[i].image_px, 8.0))
     return _camera(views)
 
 
-def _refocused(rng: Rng) -> Finding:
+def _refocused(rng: Rng) -> CaseAnswer:
     nearer = CameraModel(CAMERA.size, CAMERA.matrix * np.array([[1.04], [1.04], [1.0]]), CAMERA.distortion)
     made = [
         exact_view(BOARD, CAMERA if i % 2 else nearer, board_pose(rng), f"{i:02d}", rng) for i in range(40)
@@ -110,14 +110,14 @@ def _refocused(rng: Rng) -> Finding:
     return _camera(_large(made), doubted=True)
 
 
-def _nan_corner(rng: Rng) -> Finding:
+def _nan_corner(rng: Rng) -> CaseAnswer:
     views = _seen(rng, 21)
     pixels = views[2].image_px.copy()
     pixels[0, 0] = np.nan
     return _camera([*views[:2], replace(views[2], image_px=pixels), *views[3:]])
 
 
-def _collinear(rng: Rng) -> Finding:
+def _collinear(rng: Rng) -> CaseAnswer:
     lines = []
     for view in _seen(rng, 10):
         row = np.flatnonzero(np.isclose(view.board_m[:, 1], view.board_m[0, 1]))

@@ -9,7 +9,7 @@ import numpy as np
 from calibration.gel.balls import BallPress, calibrate_gel
 from calibration.gel.presses import find_press
 from drivers.types import Image
-from rig.benchmark.measured import Measured, at_most, not_there, told
+from rig.benchmark.measured import Measured, at_most, informative, not_there
 
 GELSIGHT_MINI_MM_PER_PX = (0.0634, 0.0634)
 """GelSight's own scale at 320 x 240. A ball's radius hardly depends on it: it cancels."""
@@ -32,11 +32,13 @@ def gel_limits(data: Path | None) -> list[Measured]:
     ]
     return [
         *rows,
-        told(
+        informative(
             f"tactile map: single held-out presses ({len(single)}), median off by, %", 100 * np.median(single)
         ),
-        told("tactile map: single held-out presses, nine in ten within, %", 100 * np.percentile(single, 90)),
-        told("tactile map: single held-out presses within 5 %, share", np.mean(single < 0.05)),
+        informative(
+            "tactile map: single held-out presses, nine in ten within, %", 100 * np.percentile(single, 90)
+        ),
+        informative("tactile map: single held-out presses within 5 %, share", np.mean(single < 0.05)),
         at_most("tactile map: presses not found", 67 - len(presses), 0.0),
     ]
 

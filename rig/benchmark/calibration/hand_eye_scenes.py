@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.samples import Sample, Setup
+from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.targets.boards import Marker
 from calibration.targets.views import View
 from drivers.types import Pose
@@ -67,13 +67,13 @@ def draw_truth(rng: np.random.Generator, setup: Setup = Setup.EYE_TO_HAND) -> Tr
 def general_scene(
     rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
     noise: Noise | None = None, places_m: Array = MARKER.places_m,
-) -> tuple[Truth, list[Sample]]:  # fmt: skip
+) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
     """Views turned by 10 to 45 degrees about any axis at 0.5 to 0.9 m; the first `flipped` are wrong.
 
     A flipped view shows the target turned by another 20 to 40 degrees, as a wrong detection would.
     """
     truth = draw_truth(rng, setup)
-    samples: list[Sample] = []
+    samples: list[HandEyeSample] = []
     while len(samples) < count:
         camera_T_target = _any_view(rng)  # noqa: N806
         if _outside(camera_T_target, places_m):
@@ -87,7 +87,7 @@ def general_scene(
 
 def motion_scene(
     rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array, noise: Noise | None = None
-) -> tuple[Truth, list[Sample]]:
+) -> tuple[Truth, list[HandEyeSample]]:
     """Views whose turns (rotation vectors) and moves (m), from one pose 0.7 m ahead, are given."""
     truth = draw_truth(rng)
     first = Pose.from_rotation((0.0, 0.0, 0.7), Rotation.from_rotvec([0.3, 0.2, 0.1]))
@@ -102,7 +102,7 @@ def motion_scene(
 def _sample(
     number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise,
     places_m: Array,
-) -> Sample:  # fmt: skip
+) -> HandEyeSample:  # fmt: skip
     robot = truth.x @ true_view @ truth.z.inverse()
     if truth.setup is Setup.EYE_IN_HAND:
         robot = robot.inverse()
@@ -113,7 +113,7 @@ def _sample(
     seen = CAMERA.project(shown.rotation.apply(places_m) + np.asarray(shown.position_m))
     name = f"{number:02d}"
     pixels = rng.normal(seen, noise.corner_px)
-    return Sample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
+    return HandEyeSample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
 
 
 def _any_view(rng: np.random.Generator) -> Pose:

@@ -13,7 +13,7 @@ from calibration.targets.aruco import Refusal, detector
 from calibration.targets.edges import find_corners
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
-from rig.benchmark.measured import Measured, at_least, at_most, not_there, told
+from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
 
 _FRAMES = 300
 _AT_REST = 150
@@ -38,7 +38,7 @@ def marker_limits(seed: int, data: Path | None) -> list[Measured]:
         at_most("angle, the same at rest: bias, deg", abs(np.mean(rest)), 0.01),
         at_most("angle: median per frame, ms of processor time", 1e3 * ours, 0.6),
         at_least("angle: times faster than a full search, side by side", full / ours, 5.0),
-        told("full search: median per frame, ms of processor time", 1e3 * full),
+        informative("full search: median per frame, ms of processor time", 1e3 * full),
         *_gold(data),
     ]
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.tables.time_offset import Stream, make_stream
+from calibration.tables.time_offset import TimedSignal, make_stream
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -13,7 +13,7 @@ Array = NDArray[np.floating]
 def wiggle_scene(
     rng: np.random.Generator, motion: str = "chirp", offset_s: float = 0.0473, seconds: float = 20.0,
     noise_deg: float = 0.2, drift_ppm: float = 0.0,
-) -> tuple[Stream, Stream]:  # fmt: skip
+) -> tuple[TimedSignal, TimedSignal]:  # fmt: skip
     """A robot's angle at 500 Hz, and a camera's at 30 Hz with 2 ms jitter and 5 % dropped frames.
 
     motion: chirp (8 degrees, 0.4 to 1.2 Hz), static, constant (no noise either), sine (4 Hz, so

@@ -16,7 +16,7 @@ from rig.benchmark.estimators.endurance import Endurance, measure_endurance
 from rig.benchmark.estimators.lifts import LiftScores, Tips, score_lift, session_lifts
 from rig.benchmark.estimators.limits import closest_of_paper, judge
 from rig.benchmark.estimators.precision import Precision, compare_precision
-from rig.benchmark.estimators.scores import Score, score_all
+from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.stress import (
     CONTACTS,
     ClipScore,
@@ -71,8 +71,8 @@ class BenchmarkResult:
     simulated: bool
     settings: BenchmarkSettings
     lifts: int
-    scores: dict[tuple[str, int], Score]
-    by_object: dict[str, dict[str, Score]]
+    scores: dict[tuple[str, int], ContenderScore]
+    by_object: dict[str, dict[str, ContenderScore]]
     skip_gap_deg: float
     skip_apart: int
     skipped: dict[str, float]
@@ -214,7 +214,7 @@ def _spread_out(rows: Sequence[dict[str, Any]], wanted: int) -> list[dict[str, A
     return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]
 
 
-def _by_object(lifts: Sequence[LiftScores]) -> dict[str, dict[str, Score]]:
+def _by_object(lifts: Sequence[LiftScores]) -> dict[str, dict[str, ContenderScore]]:
     """Return unfiltered scores by object and estimator."""
     names = [name for name, window in lifts[0].scores if window == 1]
     objects = dict.fromkeys(_object(lift) for lift in lifts)

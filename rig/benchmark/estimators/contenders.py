@@ -13,7 +13,7 @@ from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator
 from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
 from rig.tactile.paper.window import WindowMean
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 NO_SKIP = f"{DEFAULT_ESTIMATOR} --no-skip"
 OURS = (DEFAULT_ESTIMATOR, NO_SKIP)
@@ -24,7 +24,7 @@ WINDOWS = tuple(range(1, 11))
 """1: no filter. The paper compares 2 to 10."""
 
 
-def complete(name: str, background: Image, aspect: float | None = None) -> SlipEstimator:
+def complete(name: str, background: Image, aspect: float | None = None) -> TactileEstimator:
     """Make a contender as a user gets it, with its usual window: for timing. aspect: as `EstimatorChoice`."""
     choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
     return choice.make(background, aspect)
@@ -32,7 +32,7 @@ def complete(name: str, background: Image, aspect: float | None = None) -> SlipE
 
 def unfiltered(
     background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS
-) -> dict[str, SlipEstimator]:
+) -> dict[str, TactileEstimator]:
     """Make contenders that give the angles before any window; the paper's share one contact mask.
 
     A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
@@ -71,7 +71,7 @@ class SharedContact(ContactFinder):
 
 
 @dataclass(slots=True)
-class ScriptPass(SlipEstimator):
+class ScriptPass(TactileEstimator):
     """The published script's angle of each frame before its filter, on our contact mask."""
 
     finder: ContactFinder
@@ -89,7 +89,7 @@ class ScriptPass(SlipEstimator):
         return SlipSample(time_ns, State.TRACKING, angle_deg)
 
 
-class _Replayed(SlipEstimator):
+class _Replayed(TactileEstimator):
     """Gives stored samples again, in order."""
 
     def __init__(self, samples: Sequence[SlipSample]) -> None:
@@ -100,7 +100,9 @@ class _Replayed(SlipEstimator):
         return next(self._samples)
 
 
-def _unfiltered(name: str, background: Image, aspect: float | None, finder: ContactFinder) -> SlipEstimator:
+def _unfiltered(
+    name: str, background: Image, aspect: float | None, finder: ContactFinder
+) -> TactileEstimator:
     if name.endswith(PUBLISHED):
         return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])
     if name in METHODS:

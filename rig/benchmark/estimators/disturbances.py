@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.studio.clips import Clip
 
@@ -78,8 +78,8 @@ def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
 def gap(clip: Clip, rng: np.random.Generator) -> Clip:
     """Lose a quarter of a second in mid-turn."""
     times = np.array(clip.time_ns)
-    begins = clip.moves_ns + seconds(0.2)
-    return _kept(clip, (times < begins) | (times >= begins + seconds(GAP_S)))
+    begins = clip.moves_ns + to_ns(0.2)
+    return _kept(clip, (times < begins) | (times >= begins + to_ns(GAP_S)))
 
 
 def every(step: int) -> Disturbance:

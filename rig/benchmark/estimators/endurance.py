@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.clock import NS_PER_S, seconds
+from drivers.clock import NS_PER_S, to_ns
 from fakes.studio.clips import Scene, resting_frames
-from rig.tactile.slip.estimator import SlipTracker
+from rig.tactile.slip.estimator import SlipEstimator
 
 RATE_HZ = 60.0
 FRAMES = 216_000
@@ -38,7 +38,7 @@ def measure_endurance(
 ) -> Endurance:
     """Show `slip` a contact at rest under fresh noise and drifting light, skipping nothing."""
     background, stream = resting_frames(Scene(CONTACT, rate_hz=RATE_HZ, seed=seed))
-    tracker = SlipTracker(background, skip=False)
+    tracker = SlipEstimator(background, skip=False)
     angles, before = np.full(frames, np.nan), None
     for i, angle in enumerate(_angles(tracker, stream, frames)):
         angles[i] = np.nan if angle is None else angle
@@ -58,9 +58,9 @@ def measure_endurance(
     )
 
 
-def _angles(tracker: SlipTracker, stream: Iterator[np.ndarray], frames: int) -> Iterator[float | None]:
+def _angles(tracker: SlipEstimator, stream: Iterator[np.ndarray], frames: int) -> Iterator[float | None]:
     for i in range(frames):
-        yield tracker.update(next(stream), seconds(i / RATE_HZ) + NS_PER_S).angle_deg
+        yield tracker.update(next(stream), to_ns(i / RATE_HZ) + NS_PER_S).angle_deg
 
 
 def _resident_mb() -> float | None:

@@ -21,7 +21,7 @@ from rig.config.models import TactileConfig
 from rig.experiments.replay import session_settings
 from rig.lift.fusion import FusedSample, fuse
 from rig.lift.marker_truth import TruthSeries, interpolate
-from rig.lift.measurement import Fingertip
+from rig.lift.measurement import TipTrack
 from rig.lift.onset import OnsetAlarm, estimated_onset_ns
 from rig.sessions.files import read_lines
 from rig.sessions.layout import RESULTS
@@ -152,7 +152,7 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
     """Fuse the fingertips in the order of capture, from the lift on."""
     lift_ns = lift.phases[Phase.LIFT]
-    tips = {serial: Fingertip(tip.sign) for serial, tip in lift.tips.items()}
+    tips = {serial: TipTrack(tip.sign) for serial, tip in lift.tips.items()}
     for serial, tip in tips.items():
         tip.set_zero(samples[serial], lift_ns)
     merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from rig.benchmark.estimators.contenders import PAPER
 from rig.benchmark.estimators.endurance import Endurance
-from rig.benchmark.estimators.scores import Score
+from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.stress import StressRow
 from rig.benchmark.estimators.timing import TimingReport
 from rig.benchmark.measured import Measured, at_least, at_most, between
@@ -21,7 +21,7 @@ WANDER_DEG, GROWN_MB = 0.1, 5.0
 FRAME_SIZE_PX = (240, 320)
 """The limits on time are for this size."""
 
-Scores = Mapping[tuple[str, int], Score]
+Scores = Mapping[tuple[str, int], ContenderScore]
 
 
 def judge(
@@ -58,7 +58,7 @@ def closest_of_paper(scores: Scores) -> tuple[str, int] | None:
     return min(known, key=lambda key: known[key]) if known else None
 
 
-def _accuracy(ours: Score, scores: Scores) -> list[Measured]:
+def _accuracy(ours: ContenderScore, scores: Scores) -> list[Measured]:
     mare = ours.mare.mean_deg if ours.mare else None
     long = ours.mare_elongated.mean_deg if ours.mare_elongated else None
     theirs = scores[PAPER_BEST].mare

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
 from rig.benchmark.estimators.tables import (
-    Table,
+    BenchmarkTable,
     estimator_table,
     limit_table,
     notes,
@@ -25,7 +25,7 @@ def page(result: BenchmarkResult, picture: bytes) -> str:
         estimator_table(result),
         time_table(result),
         stress_table(result),
-        Table("Every window", every_window.columns, every_window.rows),
+        BenchmarkTable("Every window", every_window.columns, every_window.rows),
     ]
     return render(
         "rig.benchmark.estimators",
@@ -40,7 +40,7 @@ def page(result: BenchmarkResult, picture: bytes) -> str:
     )
 
 
-def _shown(table: Table) -> dict[str, object]:
+def _shown(table: BenchmarkTable) -> dict[str, object]:
     """Say which columns hold text, which rows begin a group, and which are about our estimator."""
     rows = []
     before: str | None = None
@@ -57,7 +57,7 @@ def _shown(table: Table) -> dict[str, object]:
     }
 
 
-def _grouped(table: Table) -> bool:
+def _grouped(table: BenchmarkTable) -> bool:
     firsts: Sequence[str] = [cells[0] for cells in table.rows]
     return len(set(firsts)) < len(firsts)
 

@@ -58,7 +58,7 @@ class OnsetScore:
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class ContenderScore:
     """Many lifts or clips of one contender.
 
     worst_deg: the largest mean error of one of them, which is `worst`. within_two_sigma: share of
@@ -110,14 +110,14 @@ def score_series(
     )
 
 
-def score_all(series: Sequence[SeriesScore]) -> Score:
+def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
     """Put lifts or clips together; a lift's key begins with its object, as "t1/3"."""
     means = [(s.re.mean_deg, s.key) for s in series if s.re]
     worst_deg, worst = max(means, default=(None, ""))
     long = [s for s in series if s.key.split("/")[0] in ELONGATED]
     sure = sum(s.sure for s in series)
     frames = sum(s.frames for s in series)
-    return Score(
+    return ContenderScore(
         mare=_mare([s.re for s in series]),
         mare_b=_mare([s.re_b for s in series]),
         mare_held=_mare([s.re_held for s in series]),

@@ -11,7 +11,7 @@ import numpy as np
 from fakes.studio.clips import TWO_BALLS, Clip, Scene, opposite, render_clip
 from rig.benchmark.estimators import disturbances as d
 from rig.benchmark.estimators.contenders import unfiltered
-from rig.benchmark.estimators.scores import Score, SeriesScore, score_all, score_series
+from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
 from rig.experiments.seeds import derived_seed
 from rig.tactile.sample import SlipSample
 
@@ -69,7 +69,7 @@ class StressRow:
     estimator: str
     refused: bool
     clips: int
-    score: Score
+    score: ContenderScore
     median_ms: float
 
 

@@ -25,7 +25,7 @@ NONE = "-"
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class BenchmarkTable:
     """A title, column headings, and rows of as many cells."""
 
     title: str
@@ -33,14 +33,14 @@ class Table:
     rows: list[tuple[str, ...]]
 
 
-def estimator_table(result: BenchmarkResult, windows: bool = False) -> Table:
+def estimator_table(result: BenchmarkResult, windows: bool = False) -> BenchmarkTable:
     """One row per estimator with its usual window and the paper's best, or with every window."""
     keys = list(result.scores) if windows else _usual(result)
     title = f"{_simulated(result)}rotational error in degrees over {result.lifts} lifts, and run time"
-    return Table(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
+    return BenchmarkTable(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
 
 
-def time_table(result: BenchmarkResult) -> Table:
+def time_table(result: BenchmarkResult) -> BenchmarkTable:
     """Percentiles of run time per stage, on frames with contact, and of the published second stage."""
     rows = []
     for name, timing in result.timing.contenders.items():
@@ -51,10 +51,12 @@ def time_table(result: BenchmarkResult) -> Table:
     rows.append(("", "thinning of the 256 x 320 picture", *_times(published.thinning)))
     rows.append(("", "mask to angle, with our thinning", *_times(published.ours)))
     width, height = result.timing.size_px
-    return Table(f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows)
+    return BenchmarkTable(
+        f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows
+    )
 
 
-def stress_table(result: BenchmarkResult) -> Table:
+def stress_table(result: BenchmarkResult) -> BenchmarkTable:
     """MARE per condition and estimator; a share in brackets where not every frame was answered."""
     by = {(row.condition, row.estimator): row for row in result.stress}
     conditions = dict.fromkeys((row.group, row.condition) for row in result.stress)
@@ -64,17 +66,17 @@ def stress_table(result: BenchmarkResult) -> Table:
         for group, condition in conditions
     ]  # fmt: skip
     title = "SIMULATED clips with known angles: mean error in degrees (share of frames answered, if not all)"
-    return Table(title, ("group", "condition", *NAMES, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
+    return BenchmarkTable(title, ("group", "condition", *NAMES, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
 
 
-def limit_table(limits: Sequence[Measured]) -> Table:
+def limit_table(limits: Sequence[Measured]) -> BenchmarkTable:
     """Every limit, what was measured and whether it was kept."""
     rows = [
         (limit.name, NONE if limit.value is None else f"{limit.value:.3g}", limit.asked,
          "kept" if limit.met else "MISSED")
         for limit in limits
     ]  # fmt: skip
-    return Table(f"Limits for '{DEFAULT_ESTIMATOR}'", ("limit", "measured", "asked", ""), rows)
+    return BenchmarkTable(f"Limits for '{DEFAULT_ESTIMATOR}'", ("limit", "measured", "asked", ""), rows)
 
 
 def notes(result: BenchmarkResult) -> list[str]:

@@ -4,7 +4,7 @@ import json
 from importlib.resources import files
 from typing import Any
 
-from rig.benchmark.estimators.tables import Table
+from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.segmentation.benchmark import SegmentationReport
 
 PAPER = {
@@ -28,7 +28,7 @@ def trained_models() -> list[dict[str, Any]]:
     return json.loads(text)["models"]
 
 
-def table_two() -> Table:
+def table_two() -> BenchmarkTable:
     """Dice, IoU and time per fold and network: kept results of `rig train --all`, and the paper's."""
     kept = {(row["title"], row["fold"]): row for row in trained_models()}
     rows = []
@@ -37,7 +37,7 @@ def table_two() -> Table:
             row = kept.get((title, fold))
             cells = (NOT_RUN, "", "", "") if row is None else _kept_cells(row)
             rows.append((title, fold, *cells, *PAPER.get((title, fold), ("", ""))))
-    return Table(
+    return BenchmarkTable(
         "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
         "ms: frame in to mask out, in the training's run",
         ("network", "fold", "Dice", "IoU", "ms", "trained (images x epochs)", "paper's Dice", "paper's IoU"),
@@ -45,7 +45,7 @@ def table_two() -> Table:
     )
 
 
-def score_table(report: SegmentationReport) -> Table:
+def score_table(report: SegmentationReport) -> BenchmarkTable:
     """Dice and IoU per method and set of frames, measured now."""
     rows = [
         (
@@ -57,10 +57,12 @@ def score_table(report: SegmentationReport) -> Table:
         )
         for row in report.scores
     ]
-    return Table("Contacts found, shipped networks", ("method", "data", "frames", "Dice", "IoU"), rows)
+    return BenchmarkTable(
+        "Contacts found, shipped networks", ("method", "data", "frames", "Dice", "IoU"), rows
+    )
 
 
-def time_table(report: SegmentationReport) -> Table:
+def time_table(report: SegmentationReport) -> BenchmarkTable:
     """Run time per method, measured now on the same frames."""
     rows = [
         (
@@ -73,7 +75,7 @@ def time_table(report: SegmentationReport) -> Table:
         for row in report.times
     ]
     columns = ("method", "looks at, px", "frame in to mask out, ms", "99 %, ms", "network alone, ms")
-    return Table("Run time, one thread, 240 x 320 px, median, methods turn about", columns, rows)
+    return BenchmarkTable("Run time, one thread, 240 x 320 px, median, methods turn about", columns, rows)
 
 
 def _kept_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:

@@ -13,7 +13,7 @@ from drivers.errors import InputError
 from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators.benchmark import Progress, machine
 from rig.benchmark.estimators.lifts import session_lifts
-from rig.benchmark.estimators.scores import Score, score_all
+from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.trials.passes import TrialPass, pass_lift
 from rig.benchmark.trials.systems import ANGLENET_ON_TEST, PEER_FILES, PLAIN
 from rig.config import load_bench
@@ -68,7 +68,7 @@ class TrialsResult:
     settings: TrialsSettings
     lifts: int
     frames: int
-    scores: dict[tuple[str, int], Score]
+    scores: dict[tuple[str, int], ContenderScore]
     ms: dict[str, float]
     missing: tuple[str, ...]
     wall_s: float
@@ -165,7 +165,7 @@ def _passes(
     return passes
 
 
-def _scores(passes: Sequence[TrialPass]) -> dict[tuple[str, int], Score]:
+def _scores(passes: Sequence[TrialPass]) -> dict[tuple[str, int], ContenderScore]:
     return {key: score_all([p.scores[key] for p in passes]) for key in passes[0].scores}
 
 

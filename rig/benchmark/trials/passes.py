@@ -12,21 +12,21 @@ from typing import Any
 
 import cv2
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.types import ArmState, Frame, Image
 from protocols.watch import Phase
 from rig.benchmark.estimators.contenders import filtered
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.benchmark.trials.systems import make_system
-from rig.lift.measurement import ZERO_S, Fingertip
+from rig.lift.measurement import ZERO_S, TipTrack
 from rig.sessions.reading import recorded_arm_states
 from rig.tactile.contact.finder import Contact
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator
-from rig.tactile.sample import SlipEstimator, SlipSample
+from rig.tactile.sample import SlipSample, TactileEstimator
 
 PERIOD_S = 1.0 / 30.0
 """The paper's sensors run at 30 frames per second; a bench's faster ones are thinned to that."""
@@ -88,7 +88,7 @@ def pass_lift(
     background, frames = lift.backgrounds[serial], list(thinned(_until_hold(lift, serial)))
     states = [s for s in recorded_arm_states(lift.recording) if s.time_ns >= lift.phases[Phase.GRASP]]
     passes = {n: _timed(make_system(n, files, background, tips[serial]), frames, states) for n in systems}
-    late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - seconds(ZERO_S)]
+    late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - to_ns(ZERO_S)]
     for title, file in networks.items():
         passes |= _network_passes(title, Segmenter(load_network(file), background), late)
     truth = truth_at(lift, {n: samples for n, (samples, _) in passes.items()})
@@ -105,7 +105,7 @@ def thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
     """Yield of frames those that are about a thirtieth of a second apart or more."""
     last_ns: int | None = None
     for frame in frames:
-        if last_ns is None or frame.time_ns - last_ns >= seconds(PERIOD_S - JITTER_S):
+        if last_ns is None or frame.time_ns - last_ns >= to_ns(PERIOD_S - JITTER_S):
             last_ns = frame.time_ns
             yield frame
 
@@ -115,7 +115,7 @@ def _until_hold(lift: RecordedLift, serial: str) -> Iterator[Frame]:
 
 
 def _timed(
-    estimator: SlipEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
+    estimator: TactileEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
 ) -> tuple[list[SlipSample], list[float]]:
     """Give an estimator the frames, and before each the arm's states until then."""
     samples, cost_s, waiting = [], [], deque(states)
@@ -150,7 +150,7 @@ def _scored(
     lift: RecordedLift, sign: int, samples: Sequence[SlipSample], truth: Mapping[int, float | None]
 ) -> SeriesScore:
     """Score one fingertip's signed angle since the end of phase A."""
-    tip, lift_ns = Fingertip(sign), lift.phases[Phase.LIFT]
+    tip, lift_ns = TipTrack(sign), lift.phases[Phase.LIFT]
     tip.set_zero(samples, lift_ns)
     answers = [tip.answer(s) for s in samples if s.time_ns >= lift_ns]
     return score_series(

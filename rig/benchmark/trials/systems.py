@@ -9,7 +9,7 @@ from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, TOSKOV
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
 from rig.tactile.peers.networks import load_image_network, load_wrench_network
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 ANGLENET_ON_TEST = "anglenet-on-test"
 """AngleNet as the paper trained it: on the lifts that it is then tested with."""
@@ -34,7 +34,9 @@ def title(system: str) -> str:
     return TITLES.get(system, system)
 
 
-def make_system(name: str, files: Mapping[str, Path], background: Image, tip: TactileConfig) -> SlipEstimator:
+def make_system(
+    name: str, files: Mapping[str, Path], background: Image, tip: TactileConfig
+) -> TactileEstimator:
     """Make a system for one fingertip, without a window. files: of `PEER_FILES`, where not shipped."""
     if name == STILL:
         return _Still()
@@ -45,7 +47,7 @@ def make_system(name: str, files: Mapping[str, Path], background: Image, tip: Ta
     return choose_estimator(name, 1).make(background, tip.pixel_aspect, tip.sign)
 
 
-class _Still(SlipEstimator):
+class _Still(TactileEstimator):
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Say 0."""
         return SlipSample(time_ns, State.TRACKING, 0.0)

@@ -2,8 +2,8 @@
 
 import json
 
-from rig.benchmark.estimators.scores import Score
-from rig.benchmark.estimators.tables import Table
+from rig.benchmark.estimators.scores import ContenderScore
+from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.trials.benchmark import NETWORKS, OURS, PLAIN_SESSION, TrialsResult
 from rig.benchmark.trials.passes import TABLE_WINDOWS, combination
 from rig.benchmark.trials.systems import ANGLENET_ON_TEST, STILL, title
@@ -44,7 +44,7 @@ def train_command(network: str) -> str:
     )
 
 
-def table_three(result: TrialsResult) -> Table:
+def table_three(result: TrialsResult) -> BenchmarkTable:
     """MARE over phase B by network, angle method and window; the paper's in brackets."""
     titles = {shown: name for name, shown in NETWORKS.items()}
     rows = []
@@ -55,10 +55,10 @@ def table_three(result: TrialsResult) -> Table:
         rows += [_three(result, network, method) for method in METHODS]
     rows.append(_three_row(result, DEFAULT_ESTIMATOR, "(ours)", DEFAULT_ESTIMATOR))
     columns = ("network", "method", *(f"window {n}" for n in TABLE_WINDOWS), "ms per frame")
-    return Table(f"{head(result)}: the paper's Table III (its figures in brackets)", columns, rows)
+    return BenchmarkTable(f"{head(result)}: the paper's Table III (its figures in brackets)", columns, rows)
 
 
-def table_four(result: TrialsResult) -> Table:
+def table_four(result: TrialsResult) -> BenchmarkTable:
     """Every system with its usual window, and what the paper says of it."""
     rows = []
     for name in systems(result):
@@ -68,7 +68,7 @@ def table_four(result: TrialsResult) -> Table:
     if ANGLENET_ON_TEST not in result.ms:
         rows.append(_kept_row())
     columns = ("system", "MARE", "95 % interval", "answered", "refused held", "ms per frame", "paper")
-    return Table(f"{head(result)}: the paper's Table IV", columns, rows)
+    return BenchmarkTable(f"{head(result)}: the paper's Table IV", columns, rows)
 
 
 def notes(result: TrialsResult) -> list[str]:
@@ -130,7 +130,7 @@ def _kept_row() -> tuple[str, ...]:
     return (f"{title(ANGLENET_ON_TEST)} (kept: {kept['of']})", *cells, PAPER_FOUR[ANGLENET_ON_TEST])
 
 
-def _cells(score: Score) -> tuple[str, str, str, str]:
+def _cells(score: ContenderScore) -> tuple[str, str, str, str]:
     mare = score.mare
     sure = mare is not None and mare.low_deg is not None
     interval = f"{mare.low_deg:.2f} to {mare.high_deg:.2f}" if mare is not None and sure else NONE

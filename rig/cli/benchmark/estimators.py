@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
     from rig.benchmark.estimators.benchmark import BenchmarkResult
-    from rig.benchmark.estimators.tables import Table
+    from rig.benchmark.estimators.tables import BenchmarkTable
 
 
 def estimators(
@@ -112,7 +112,7 @@ def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
     console.print(f"{result.wall_s:.0f} s", highlight=False)
 
 
-def _rich(table: "Table") -> "RichTable":
+def _rich(table: "BenchmarkTable") -> "RichTable":
     from rich.table import Table as RichTable
 
     text = ("estimator", "stage", "group", "condition", "limit", "asked", "worst lift", "")

@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
 
 if TYPE_CHECKING:
-    from rig.benchmark.estimators.tables import Table
+    from rig.benchmark.estimators.tables import BenchmarkTable
     from rig.benchmark.segmentation.benchmark import SegmentationReport
 
 
@@ -82,7 +82,7 @@ def _write_picture(report: "SegmentationReport", path: Path) -> None:
 
 
 def _print(report: "SegmentationReport", to_stderr: bool) -> None:
-    from rig.benchmark.estimators.tables import Table
+    from rig.benchmark.estimators.tables import BenchmarkTable
     from rig.benchmark.segmentation.tables import score_table, table_two, time_table
     from rig.cli.tables import table_console
 
@@ -96,12 +96,12 @@ def _print(report: "SegmentationReport", to_stderr: bool) -> None:
         table_two(),
         score_table(report),
         time_table(report),
-        Table("Limits", ("limit", "value", "asked", ""), limits),
+        BenchmarkTable("Limits", ("limit", "value", "asked", ""), limits),
     ):
         console.print(_rich(table))
 
 
-def _rich(table: "Table") -> object:
+def _rich(table: "BenchmarkTable") -> object:
     from rich.table import Table as RichTable
 
     shown = RichTable(*table.columns, title=table.title)

@@ -10,7 +10,7 @@ from rig.cli.common import ask, emit_json, say, tell
 
 if TYPE_CHECKING:
     from rig.calibrate.bench import Station
-    from rig.calibrate.outcome import Filed, Outcome
+    from rig.calibrate.outcome import CalibrationResult, Filed
 
 FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder of the calibration file and its page.")]
@@ -43,7 +43,7 @@ def _folder(out: Path | None, bench: str) -> Path:
     return out or calibrations_folder(bench)
 
 
-def file_all(outcomes: Sequence["Outcome"], out: Path | None, bench: str, json: bool) -> None:
+def file_all(outcomes: Sequence["CalibrationResult"], out: Path | None, bench: str, json: bool) -> None:
     """File the outcomes of one collection; one that is refused is raised after all are on disk."""
     from drivers.errors import CalibrationError
 
@@ -64,7 +64,7 @@ def file_all(outcomes: Sequence["Outcome"], out: Path | None, bench: str, json: 
         raise CalibrationError(f"{len(refused)} of {len(outcomes)} were refused; see their pages")
 
 
-def file_and_say(outcome: "Outcome", out: Path | None, bench: str, json: bool) -> None:
+def file_and_say(outcome: "CalibrationResult", out: Path | None, bench: str, json: bool) -> None:
     """File an outcome, say what it is worth, and print where file and page are."""
     filed = filed_and_said(outcome, out, bench)
     if json:
@@ -74,11 +74,11 @@ def file_and_say(outcome: "Outcome", out: Path | None, bench: str, json: bool) -
         print(filed.page)
 
 
-def filed_and_said(outcome: "Outcome", out: Path | None, bench: str) -> "Filed":
+def filed_and_said(outcome: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
     """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
-    from rig.calibrate.outcome import file_outcome
+    from rig.calibrate.outcome import file_result
 
-    filed = file_outcome(outcome, _folder(out, bench))
+    filed = file_result(outcome, _folder(out, bench))
     say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")
     for name, text in outcome.numbers.items():
         say(f"  {name}: {text}")

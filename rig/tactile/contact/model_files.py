@@ -10,7 +10,7 @@ from drivers.errors import InputError
 MODELS = files("rig") / "models"
 
 
-def open_session(path: Path, threads: int, how: str) -> onnxruntime.InferenceSession:
+def open_model(path: Path, threads: int, how: str) -> onnxruntime.InferenceSession:
     """Open an ONNX file on the processor.
 
     threads: of one inference; the answer does not depend on it. how: the command that makes such a

@@ -16,7 +16,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.tactile.contact.model_files import MODELS, open_session
+from rig.tactile.contact.model_files import MODELS, open_model
 from rig.tactile.contact.network_input import NetworkInput
 
 SHIPPED = ("ours", "ours-full", "pspnet")
@@ -73,7 +73,7 @@ def load_network(name: str | Path, threads: int = 1) -> Network:
             raise InputError(
                 f"{name}: there is no such network: give {' or '.join(SHIPPED)}, or the path of an ONNX file"
             )
-        return Network(open_session(path, threads, HOW), str(name))
+        return Network(open_model(path, threads, HOW), str(name))
 
 
 def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:

@@ -15,7 +15,7 @@ from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
 from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretched
-from rig.tactile.sample import FreshFrameEstimator, SlipEstimator, SlipSample, State
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, TactileEstimator
 from rig.tactile.stopwatch import Stopwatch
 
 # Ratio of long to short axis at which a contact's angle is believed first, and down to which it is
@@ -87,7 +87,7 @@ class AxisEstimator(FreshFrameEstimator):
         return self._unwrapped_deg
 
 
-class PublishedEstimator(SlipEstimator):
+class PublishedEstimator(TactileEstimator):
     """One of the paper's methods as published, fed with our contact mask.
 
     It answers every frame, as the script does: 0 without contact (state `no_contact`) and until

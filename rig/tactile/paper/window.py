@@ -4,16 +4,16 @@ from collections import deque
 from dataclasses import replace
 
 from drivers.types import ArmState, Image
-from rig.tactile.sample import SlipEstimator, SlipSample
+from rig.tactile.sample import SlipSample, TactileEstimator
 
 
-class WindowMean(SlipEstimator):
+class WindowMean(TactileEstimator):
     """Another estimator's angles, averaged over the last n of them; after a refusal it starts empty.
 
     A frame that is not newer than the one before counts for nothing.
     """
 
-    def __init__(self, estimator: SlipEstimator, window: int) -> None:
+    def __init__(self, estimator: TactileEstimator, window: int) -> None:
         self._estimator = estimator
         self._angles: deque[float] = deque(maxlen=window)
         self._last: SlipSample | None = None

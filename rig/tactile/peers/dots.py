@@ -25,7 +25,7 @@ STEP_SHARE = 0.45
 Points = NDArray[np.float64]
 
 
-def find_markers(image: Image) -> Points:
+def find_dots(image: Image) -> Points:
     """Return the centres (N, 2) of the markers in an (H, W, 3) uint8 RGB frame: x right, y down, px.
 
     Those cut by the frame's edge are left out. Raises `InputError` for another shape or type.
@@ -60,14 +60,14 @@ class MarkerMotion:
     seen: NDArray[np.bool_]
 
 
-class MarkerTracker:
+class DotTracker:
     """Follows the markers of a first frame from frame to frame; a lost one is found where it was lost.
 
     image: (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type.
     """
 
     def __init__(self, image: Image) -> None:
-        self._first = find_markers(image)
+        self._first = find_dots(image)
         self._now = self._first.copy()
         self._step = _steps(self._first)
 
@@ -78,7 +78,7 @@ class MarkerTracker:
 
     def update(self, image: Image) -> MarkerMotion:
         """Find the markers in the next frame, (H, W, 3) uint8 RGB. Raises `InputError` as the first."""
-        found = find_markers(image)
+        found = find_dots(image)
         seen = np.zeros(len(self._now), bool)
         if len(found) and len(self._now):
             far, nearest = map(np.asarray, KDTree(found).query(self._now))

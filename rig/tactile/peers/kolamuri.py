@@ -12,7 +12,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
-from rig.tactile.peers.dots import MarkerTracker, without_markers
+from rig.tactile.peers.dots import DotTracker, without_markers
 from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
@@ -39,7 +39,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         self._finder = ContactFinder(without_markers(background))
         self._seen_ns: int | None = None
         self._zero_rad = self._angle_rad = 0.0
-        self._tracker: MarkerTracker | None = None
+        self._tracker: DotTracker | None = None
         self._inside = np.zeros(0, bool)
         self._answered = False
         self.refusal: Degenerate | None = None
@@ -75,7 +75,7 @@ class KolamuriEstimator(FreshFrameEstimator):
     def _rotation(self, image: Image, mask: Image, watch: Stopwatch) -> Rotation | Degenerate:
         """Return how the markers that were inside the contact have turned since the reference."""
         if self._tracker is None:
-            self._tracker = MarkerTracker(image)
+            self._tracker = DotTracker(image)
             columns, rows = np.rint(self._tracker.first_px).astype(int).T
             self._inside = mask[rows, columns] > 0
         motion = self._tracker.update(image)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.tactile.contact.model_files import MODELS, open_session
+from rig.tactile.contact.model_files import MODELS, open_model
 from rig.tactile.contact.network_input import frame_planes
 from rig.tactile.peers.wrench_steps import Wrench
 
@@ -78,4 +78,4 @@ def _opened(shipped: str, file: Path | None) -> tuple[onnxruntime.InferenceSessi
     if file is not None and not file.is_file():
         raise InputError(f"{file}: there is no such file: make it with {_HOW} {shipped} --out FOLDER")
     with as_file(MODELS / f"{shipped}.onnx") as path:
-        return open_session(file or path, 1, f"{_HOW} {shipped}"), str(file or shipped)
+        return open_model(file or path, 1, f"{_HOW} {shipped}"), str(file or shipped)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.types import ArmState
 
 PERIOD_S = 1.0 / 30.0
@@ -36,14 +36,14 @@ class WrenchSteps:
             self._began_ns = state.time_ns
         if self._rest is None:
             self._resting.append(state.wrench)
-            if state.time_ns - self._began_ns >= seconds(REST_S):
+            if state.time_ns - self._began_ns >= to_ns(REST_S):
                 self._rest, self._due_ns = np.mean(self._resting, 0), state.time_ns
             return None
         self._gathered.append(state.wrench)
         # half a period early: the state nearest to the step's end completes it
-        if state.time_ns < self._due_ns + seconds(0.5 * PERIOD_S):
+        if state.time_ns < self._due_ns + to_ns(0.5 * PERIOD_S):
             return None
-        self._due_ns = max(self._due_ns + seconds(PERIOD_S), state.time_ns)
+        self._due_ns = max(self._due_ns + to_ns(PERIOD_S), state.time_ns)
         step = np.mean(self._gathered, 0) - self._rest
         self._gathered.clear()
         return step.astype(np.float32)

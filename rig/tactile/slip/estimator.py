@@ -18,14 +18,14 @@ from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.axis_check import AxisAnchor, anchor, long_axis
-from rig.tactile.slip.gradient import Box, GradientMap, learn_map
+from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
-from rig.tactile.slip.tracker import GraspTracker, Tracked
+from rig.tactile.slip.tracker import KeyframeTracker, Tracked
 from rig.tactile.slip.uncertainty import angle_variance
 from rig.tactile.stopwatch import Stopwatch
 
@@ -49,7 +49,7 @@ AXIS = "axis check"
 """What a frame with a contact can do without."""
 
 
-class SlipTracker(FreshFrameEstimator):
+class SlipEstimator(FreshFrameEstimator):
     """The estimator `slip`.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
@@ -201,7 +201,7 @@ class SlipTracker(FreshFrameEstimator):
         if self._settling.settled:
             self._anchor_to_axis(region.mask)
         # Until it settles, a contact has not turned yet: the zero is that of its latest keyframe.
-        self._map, self._grasp = learnt, GraspTracker(frame, self._angle_rad, self._unseen, not self._skip)
+        self._map, self._grasp = learnt, KeyframeTracker(frame, self._angle_rad, self._unseen, not self._skip)
         self._point_px, self._origin_px = frame.center_px, frame.center_px - moved
         return True
 
@@ -224,8 +224,8 @@ class SlipTracker(FreshFrameEstimator):
         """Let go of a grasp: the next contact starts where this one was last seen."""
         if self._answered and self._settling.settled:
             self._unseen = self._variance + UNSEEN_RAD**2
-        self._grasp: GraspTracker | None = None
-        self._map: GradientMap | None = None
+        self._grasp: KeyframeTracker | None = None
+        self._map: LearntGradientMap | None = None
         self._settling = Settling()
         self._patience = 0
         self._point_px = self._origin_px = 0j

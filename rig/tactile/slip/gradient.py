@@ -41,7 +41,7 @@ FEATURES = 3 * CHANNELS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GradientMap:
+class LearntGradientMap:
     """A colour-to-gradient map that varies linearly over the sensor.
 
     planes: (3, h, w) complex64; the gradient is the sum over the channels of planes times the
@@ -63,7 +63,7 @@ class GradientMap:
         return gradient
 
 
-def learn_map(difference: Field, mask: Image) -> GradientMap | None:
+def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
     """Learn the map from one contact; None where the picture holds no dent to learn from.
 
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
@@ -82,7 +82,7 @@ def learn_map(difference: Field, mask: Image) -> GradientMap | None:
     across, down = _coordinates(mask.shape)
     turned = (coefficients[0] + 1j * coefficients[1]).astype(np.complex64)
     constant, along_x, along_y = turned[..., None, None]
-    return GradientMap(constant + along_x * across + along_y * down)
+    return LearntGradientMap(constant + along_x * across + along_y * down)
 
 
 def _ridge() -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ SEARCH_KEPT = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class ContactPose:
     """Where a contact is.
 
     angle_rad: from the grasp's zero. point_px: where the first keyframe's center is now, x + i y.
@@ -44,7 +44,7 @@ class Key:
     """A keyframe, the pose at which it was taken, and the variance of that angle, rad^2."""
 
     frame: Keyframe
-    pose: Pose
+    pose: ContactPose
     variance: float
 
 
@@ -52,7 +52,7 @@ class Key:
 class Tracked:
     """A frame's pose, by which key, and how well it fits."""
 
-    pose: Pose
+    pose: ContactPose
     key: Key
     alignment: Alignment
 
@@ -69,7 +69,7 @@ class Tracked:
         return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
 
 
-class GraspTracker:
+class KeyframeTracker:
     """Follows one grasp from its first keyframe on.
 
     angle_rad, variance: of the pose at the first keyframe. to_the_end: see `align`.
@@ -77,7 +77,7 @@ class GraspTracker:
 
     def __init__(self, first: Keyframe, angle_rad: float, variance: float, to_the_end: bool = False) -> None:
         self._to_the_end = to_the_end
-        self._keys = [Key(first, Pose(angle_rad, first.center_px), variance)]
+        self._keys = [Key(first, ContactPose(angle_rad, first.center_px), variance)]
         self._key = self._keys[0]
         self._pose = self._key.pose
         self._weights: NDArray[np.float32] | None = None
@@ -85,7 +85,7 @@ class GraspTracker:
     def track(self, field: GradientField, expected_rad: float) -> Tracked | None:
         """Return the pose in a frame, None where no keyframe fits. expected_rad: where to start from."""
         for key in self._candidates(expected_rad):
-            found = self._aligned(key, field, Pose(expected_rad, self._pose.point_px))
+            found = self._aligned(key, field, ContactPose(expected_rad, self._pose.point_px))
             if found is not None and abs(found.pose.angle_rad - expected_rad) <= MAX_JUMP_RAD:
                 return self._accept(found)
         return None
@@ -94,7 +94,7 @@ class GraspTracker:
         """Look for a lost contact over a wide range of turns; None where nothing fits."""
         rows, columns = np.nonzero(field.mask)
         middle = complex(columns.mean(), rows.mean())
-        guesses = [Pose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
+        guesses = [ContactPose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
         scores = [similarity(self._key.frame, field, *self._start(self._key, g)) for g in guesses]
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
         weights, self._weights = self._weights, None
@@ -103,7 +103,7 @@ class GraspTracker:
         fitting = [f for f in found if f is not None and f.good]
         return self._accept(min(fitting, key=lambda f: f.alignment.misfit)) if fitting else None
 
-    def add_key(self, frame: Keyframe, pose: Pose, variance: float) -> None:
+    def add_key(self, frame: Keyframe, pose: ContactPose, variance: float) -> None:
         """Take a further keyframe at a pose; the oldest but the first goes when there are many."""
         self._key = Key(frame, pose, variance)
         self._keys.append(self._key)
@@ -120,7 +120,7 @@ class GraspTracker:
         yield self._key
         yield from (k for k in near if k not in surer[:1])
 
-    def _aligned(self, key: Key, field: GradientField, expected: Pose) -> Tracked | None:
+    def _aligned(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
         weights = self._weights if key is self._key else None
         angle, shift = self._start(key, expected)
         alignment = align(key.frame, field, angle, shift, weights, self._to_the_end)
@@ -128,11 +128,11 @@ class GraspTracker:
             return None
         lever = key.pose.point_px - key.frame.center_px
         point = key.frame.center_px + alignment.shift_px + turning(alignment.angle_rad) * lever
-        found = Tracked(Pose(key.pose.angle_rad + alignment.angle_rad, point), key, alignment)
+        found = Tracked(ContactPose(key.pose.angle_rad + alignment.angle_rad, point), key, alignment)
         # An older key has to fit well to be taken up again; the one in use is left only later.
         return found if key is self._key or found.good else None
 
-    def _start(self, key: Key, expected: Pose) -> tuple[float, complex]:
+    def _start(self, key: Key, expected: ContactPose) -> tuple[float, complex]:
         """Return the angle and shift of a key's center that would put it at a pose."""
         turn = expected.angle_rad - key.pose.angle_rad
         lever = key.pose.point_px - key.frame.center_px

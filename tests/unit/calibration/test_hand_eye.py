@@ -13,7 +13,7 @@ from calibration.hand_eye.closed_form import CLOSED_FORMS, nearest_rotation, par
 from calibration.hand_eye.guidance import next_pose, progress
 from calibration.hand_eye.observability import observability
 from calibration.hand_eye.refine import linearised, moved
-from calibration.hand_eye.samples import Sample, Setup, make_problem
+from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.hand_eye.target_pose import target_poses
 from calibration.hand_eye.uncertainty import larger_of
@@ -24,7 +24,7 @@ from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Noise, Truth, gene
 EXACT = Noise(0.0, 0.0, 0.0)
 
 
-def solved(samples: list[Sample], setup: Setup = Setup.EYE_TO_HAND):
+def solved(samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND):
     return calibrate_hand_eye(samples, CAMERA, setup)
 
 
@@ -143,7 +143,7 @@ def test_the_larger_covariance_is_no_smaller_than_either() -> None:
         assert np.linalg.eigvalsh(both - each).min() > -1e-9 * np.linalg.eigvalsh(both).max()
 
 
-def _motion(kind: str) -> tuple[Truth, list[Sample]]:
+def _motion(kind: str) -> tuple[Truth, list[HandEyeSample]]:
     rng = np.random.default_rng(7)
     moves = rng.uniform(-0.1, 0.1, (20, 3))
     angles = np.radians(rng.uniform(-45, 45, 20))[:, None]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from calibration.camera.files import camera_info, read_camera
 from calibration.camera.model import CameraModel
 from calibration.store import CalibrationFile, age_days, load, plain, save
-from calibration.verdict import Judgement, Rejected, Verdict, floor, limit
+from calibration.verdict import Assessment, Rejected, Verdict, floor, limit
 from drivers.errors import CalibrationError, RecordingError
 
 NOW = datetime(2026, 3, 4, 5, 6, tzinfo=UTC)
@@ -21,7 +21,7 @@ CAMERA = CameraModel(
 
 
 def camera_file(*refusals: str) -> CalibrationFile:
-    judged = Judgement(refusals, doubts=("few views",))
+    judged = Assessment(refusals, doubts=("few views",))
     return CalibrationFile(
         "camera", {"camera": "C1"}, camera_info(CAMERA, "C1"), judged, NOW.isoformat(),
         quality={"held_out_px": np.float64(0.07)}, rejected=(Rejected("a.png", "same view as b.png"),),

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from calibration.tables.force import fit_force
 from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
 from calibration.tables.pivot import calibrate_pivot
-from calibration.tables.time_offset import Stream, make_stream, time_offset, unwrapped
+from calibration.tables.time_offset import TimedSignal, make_stream, time_offset, unwrapped
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose
@@ -32,8 +32,8 @@ def test_a_wiggle_gives_the_offset_within_its_sigma() -> None:
 def test_the_sign_says_what_to_add_to_the_second_stream() -> None:
     times = np.arange(0, 8_000_000_000, 10_000_000)
     signal = np.sin(times / 7e8) + np.sin(times / 3e8)
-    late = Stream(times - 100_000_000, signal)
-    assert time_offset(Stream(times, signal), late).offset_s == pytest.approx(0.1, abs=1e-4)
+    late = TimedSignal(times - 100_000_000, signal)
+    assert time_offset(TimedSignal(times, signal), late).offset_s == pytest.approx(0.1, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_motions_that_tell_no_offset_are_refused(motion: str, reason: str) -> No
 def test_an_offset_beyond_the_search_and_streams_apart_are_refused() -> None:
     robot, camera = wiggle_scene(np.random.default_rng(0), offset_s=0.8)
     assert time_offset(robot, camera).judgement.verdict is Verdict.REFUSED
-    apart = Stream(camera.time_ns + 60_000_000_000, camera.values)
+    apart = TimedSignal(camera.time_ns + 60_000_000_000, camera.values)
     assert "overlap" in time_offset(robot, apart).judgement.refusals[0]
     wider = time_offset(robot, camera, search_s=1.0)
     assert wider.offset_s == pytest.approx(0.8, abs=2e-3)

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from drivers.realtime import be_punctual, punctual
+from drivers.realtime import ask_for_realtime, realtime
 
 
 def test_the_lowest_real_time_priority_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -13,7 +13,7 @@ def test_the_lowest_real_time_priority_is_asked_for(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(
         os, "sched_setscheduler", lambda pid, policy, p: asked.append((pid, policy, p.sched_priority))
     )
-    be_punctual()
+    ask_for_realtime()
     assert asked == [(0, os.SCHED_RR, os.sched_get_priority_min(os.SCHED_RR))]
 
 
@@ -22,14 +22,14 @@ def test_a_refusal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    be_punctual()
+    ask_for_realtime()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, p: asked.append(policy))
-    with punctual():
+    with realtime():
         assert gc.get_freeze_count() > 0
     assert gc.get_freeze_count() == 0
     assert asked == [os.SCHED_RR, os.SCHED_OTHER]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
@@ -52,7 +52,7 @@ def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int
     bench = replace(bench, fingertips=tips, camera=sources[2])
     seen = Seen()
     with bench.connected():
-        bench.clock.sleep_until(seconds(0.2))
+        bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, seen)
         pump.start()
         began = bench.clock.now_ns()
@@ -74,8 +74,8 @@ def test_fingertips_frames_are_delivered_in_the_order_of_capture_none_missing(
     for serial in ("S0", "S1", "S2"):
         numbers = [frame.sequence for frame in frames if frame.serial == serial]
         assert numbers == list(range(numbers[0], numbers[-1] + 1))
-    assert max(times) < began + seconds(0.5 + 0.02 + 2 / 60.0)
-    assert frames[-1].time_ns > began + seconds(0.4)
+    assert max(times) < began + to_ns(0.5 + 0.02 + 2 / 60.0)
+    assert frames[-1].time_ns > began + to_ns(0.4)
 
 
 def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
@@ -86,27 +86,27 @@ def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
         for i, frame in enumerate(frames)
         if frame.serial == "S2" and i > 20
     ]
-    assert min(behind) > seconds(bench_late_s - 0.02)
+    assert min(behind) > to_ns(bench_late_s - 0.02)
 
 
 def test_a_camera_that_falls_silent_is_told_of_while_the_fingertips_go_on() -> None:
     bench, _ = build_bench(load_bench("fake"))
     with bench.connected():
-        bench.clock.sleep_until(seconds(0.2))
+        bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, Seen())
         pump.start()
         silent_ns = bench.clock.now_ns()
         bench.camera._active = lambda kind, index: kind == "drop"  # type: ignore[attr-defined]
         with pytest.raises(StaleFrameError, match="SIM-C0001"):
             pump.run_for(2.0)
-        assert bench.clock.now_ns() - silent_ns < seconds(0.4)
+        assert bench.clock.now_ns() - silent_ns < to_ns(0.4)
 
 
 def test_a_while_ends_when_its_last_frame_was_delivered_not_before() -> None:
     late = Shutter(60.0, 0.0, latency_s=0.3)
     frames, began = pumped([late, Shutter(60.0, 0.002), Shutter(30.0, 0.005)], 0.4)
     last = max(frame.time_ns for frame in frames if frame.serial == "S0")
-    assert last > began + seconds(0.4 - 1.2 / 60.0)
+    assert last > began + to_ns(0.4 - 1.2 / 60.0)
 
 
 def test_a_source_that_repeats_itself_is_frozen() -> None:
@@ -120,7 +120,7 @@ def test_a_source_that_repeats_itself_is_frozen() -> None:
     camera.__class__ = Frozen
     camera._render = camera.draw  # type: ignore[attr-defined]
     with bench.connected():
-        bench.clock.sleep_until(seconds(0.2))
+        bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, Seen())
         pump.start()
         with pytest.raises(StaleFrameError, match="SIM-C0001: 20 identical"):

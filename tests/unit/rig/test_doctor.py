@@ -10,7 +10,7 @@ from rig.bench.assembly import build_bench
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.computer import look_at_calibrations, look_at_disk, look_at_usb
-from rig.doctor.finding import Finding, Verdict, percentiles_ms
+from rig.doctor.finding import Finding, Severity, percentiles_ms
 from rig.doctor.streams import look_at_streams
 
 
@@ -52,11 +52,11 @@ def test_missed_frames_a_dead_sensor_and_a_wrong_size_are_told_apart() -> None:
     )
     findings = looked_at_streams(config, sizes={"SIM-C0001": (1280, 720)})
     missing = find(findings, "SIM-D0001", "frames")
-    assert missing.verdict is Verdict.WARNING
+    assert missing.verdict is Severity.WARNING
     assert missing.figures["missed"]
     assert "USB controller" in missing.todo
     dead = find(findings, "SIM-D0002", "reached")
-    assert dead.verdict is Verdict.FAILURE
+    assert dead.verdict is Severity.FAILURE
     assert dead.todo.startswith("check its cable")
     assert "1280 x 720" in find(findings, "SIM-C0001", "picture").todo
 
@@ -66,9 +66,9 @@ def test_the_arms_mode_is_judged_and_nothing_is_activated() -> None:
     bench, _ = build_bench(config)
     findings = look_at_arm(bench, config.arm, 0.1)
     mode = find(findings, "arm", "mode")
-    assert mode.verdict is Verdict.FAILURE
+    assert mode.verdict is Severity.FAILURE
     assert "look at the arm" in mode.todo
-    assert find(look_at_gripper(bench, 0.1), "gripper", "state").verdict is Verdict.NOTE
+    assert find(look_at_gripper(bench, 0.1), "gripper", "state").verdict is Severity.NOTE
     assert not bench.gripper.state().activated
 
 
@@ -81,7 +81,7 @@ def test_a_device_that_does_not_answer_is_a_finding_not_an_end() -> None:
     bench.arm.connect = refuse  # type: ignore[method-assign]
     (finding,) = look_at_arm(bench, load_bench("fake").arm, 0.1)
     assert (finding.verdict, finding.seen, finding.todo) == (
-        Verdict.FAILURE, "arm: nobody at 192.0.2.1", "check the cable",
+        Severity.FAILURE, "arm: nobody at 192.0.2.1", "check the cable",
     )  # fmt: skip
 
 
@@ -104,5 +104,5 @@ def test_cameras_on_one_usb_bus_are_named() -> None:
 
 def test_without_calibrations_that_is_said(tmp_path: Path) -> None:
     (finding,) = look_at_calibrations(tmp_path / "calibrations", set())
-    assert finding.verdict is Verdict.NOTE
+    assert finding.verdict is Severity.NOTE
     assert "none" in finding.seen

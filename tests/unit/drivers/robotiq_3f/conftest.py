@@ -12,7 +12,7 @@ from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 Wire = GripperServer | GripperRtu
 
@@ -26,7 +26,7 @@ class HurriedClock(SystemClock):
 
 @pytest.fixture
 def world() -> World:
-    return World(Layout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
+    return World(BenchLayout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
 
 
 @pytest.fixture(params=["tcp", "rtu"])

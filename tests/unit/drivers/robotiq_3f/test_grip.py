@@ -8,7 +8,7 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperServer
 from fakes.world.motion import ToolPath
-from fakes.world.world import FINGER_STIFFNESS_N_M, Layout, World
+from fakes.world.world import FINGER_STIFFNESS_N_M, BenchLayout, World
 
 TABLE = Pose((0.45, 0.0, 0.06))
 TOOL_DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -23,7 +23,7 @@ class HurriedClock(SystemClock):
 
 def make_world() -> World:
     """The hand stands around the wrench."""
-    world = World(Layout(base_T_table=TABLE, home=Pose((0.45, 0.0, 0.30), TOOL_DOWN)), seed=3)
+    world = World(BenchLayout(base_T_table=TABLE, home=Pose((0.45, 0.0, 0.30), TOOL_DOWN)), seed=3)
     world.place(find_object("t1"))
     world.tool = ToolPath.resting(Pose(TABLE.position_m, TOOL_DOWN))
     return world

@@ -9,7 +9,7 @@ from pymodbus.exceptions import ConnectionException
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
-from drivers.robotiq_3f.modbus import PRESETS, Link, Requests
+from drivers.robotiq_3f.modbus import PRESETS, Link, StatusClient
 from drivers.robotiq_3f.registers import unpack_command, unpack_status
 from drivers.types import Pose
 from fakes.wire.gripper.modbus_frames import (
@@ -22,7 +22,7 @@ from fakes.wire.gripper.modbus_frames import (
 )
 from fakes.wire.gripper.model import GripperModel
 from fakes.wire.gripper.transport import RegisterMap
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 STATUS = bytes.fromhex("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00")
 WRITE = bytes.fromhex("10 03 E8 00 03 06 09 00 00 FF FF FF")
@@ -54,7 +54,7 @@ def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:
 
 @pytest.fixture(scope="module")
 def registers() -> Registers:
-    world = World(Layout(base_T_table=Pose((0, 0, 0)), home=Pose((0, 0, 0.3))), seed=0)
+    world = World(BenchLayout(base_T_table=Pose((0, 0, 0)), home=Pose((0, 0, 0.3))), seed=0)
     return RegisterMap(GripperModel(world, 0, ("B", "C"), activation_s=3.0), "tcp-2014")
 
 
@@ -158,7 +158,7 @@ class BabblingSerial(ModbusSerialClient):
 @pytest.mark.parametrize("preset", ["tcp", "rtu"])
 def test_any_bytes_may_come_back_to_the_driver(preset: str) -> None:
     client = BabblingTcp("nowhere") if preset == "tcp" else BabblingSerial("nowhere")
-    requests = Requests(Link("gripper", PRESETS[preset], lambda: client), SystemClock())
+    requests = StatusClient(Link("gripper", PRESETS[preset], lambda: client), SystemClock())
     read = refused = 0
     for number in range(12_000):
         try:

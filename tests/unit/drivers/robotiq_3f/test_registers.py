@@ -11,13 +11,13 @@ from drivers.robotiq_3f.registers import (
     AxisRequest,
     AxisState,
     Command,
-    Fault,
+    FaultCode,
     GraspMode,
     MotionStatus,
     ObjectStatus,
     Stage,
     Status,
-    fault_text,
+    fault_code_text,
     force_counts,
     pack_command,
     pack_status,
@@ -89,7 +89,7 @@ def test_a_finished_grip_reads_as_the_manual_explains_it() -> None:
     assert status.axis("S").status is ObjectStatus.AT_REQUEST
     assert status.axis("A").requested == 0xFF
     assert [status.axis(name).position for name in AXES] == [0xBC, 0xC1, 0xBD, 0x89]
-    assert status.fault == Fault.NONE
+    assert status.fault == FaultCode.NONE
 
 
 @pytest.mark.parametrize(
@@ -138,9 +138,9 @@ def test_counts_that_fit_no_byte_are_not_packed(position: object) -> None:
 
 
 def test_every_fault_has_a_name_and_says_what_to_do() -> None:
-    assert set(FAULT_TEXTS) == set(Fault) - {Fault.NONE}
-    assert "0x0D, activation failed; free the fingers" in fault_text(0x0D)
-    assert "0x42, which the manual does not name" in fault_text(0x42)
+    assert set(FAULT_TEXTS) == set(FaultCode) - {FaultCode.NONE}
+    assert "0x0D, activation failed; free the fingers" in fault_code_text(0x0D)
+    assert "0x42, which the manual does not name" in fault_code_text(0x42)
 
 
 def test_force_and_speed_end_where_the_gripper_does() -> None:

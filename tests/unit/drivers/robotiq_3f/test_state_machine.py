@@ -18,13 +18,15 @@ from fakes.clock import SimulatedClock
 from fakes.devices.gripper import FakeGripper
 from fakes.faults import FaultScript
 from fakes.wire.gripper.server import GripperServer
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 OPEN, CLOSED = 6, 255
 
 
 def make_world() -> World:
-    return World(Layout(base_T_table=Pose((0.45, 0, 0.06)), home=Pose((0.45, 0, 0.3), (1, 0, 0, 0))), seed=0)
+    return World(
+        BenchLayout(base_T_table=Pose((0.45, 0, 0.06)), home=Pose((0.45, 0, 0.3), (1, 0, 0, 0))), seed=0
+    )
 
 
 class HurriedClock(SystemClock):

@@ -22,13 +22,13 @@ from drivers.ur5e.dashboard import refuse_local_control, serial_number
 from drivers.ur5e.probe import parse_version, read_package
 from fakes.wire.ur.commands import COMMANDS
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.dashboard import Dashboard, LineReader
+from fakes.wire.ur.dashboard import DashboardServer, LineReader
 from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession, package
 from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, parse_call, recognise
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 CASES = {
     "rtde": 50_000,
@@ -84,7 +84,7 @@ def test_the_data_exchange() -> None:
 
 def make_robot() -> Robot:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    return Robot(World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 25, 0, 0))
+    return Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 25, 0, 0))
 
 
 def test_the_script_ports() -> None:
@@ -104,7 +104,7 @@ def test_the_script_ports() -> None:
 
 def test_the_dashboard_and_the_drivers_view_of_it() -> None:
     rng, reader = random.Random(3), LineReader()
-    dashboard = Dashboard(make_robot(), "1", lambda program: True)
+    dashboard = DashboardServer(make_robot(), "1", lambda program: True)
     requests = [
         "running",
         "load x.urp",

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
-from drivers.ur5e.probe import greet, parse_version
+from drivers.ur5e.probe import parse_version, probe_controller
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
 LIMIT_S = 0.4
@@ -113,23 +113,23 @@ def peer() -> Iterator[Peer]:
 def test_a_controller_is_greeted(peer: Peer, cut: int) -> None:
     peer.listen(RTDE, controller(cut=cut))
     peer.listen(SCRIPT, silent)
-    assert greet(peer.host, 2.0) == (5, 11, 0, 1)
+    assert probe_controller(peer.host, 2.0) == (5, 11, 0, 1)
 
 
 def test_nobody_there(peer: Peer) -> None:
     with pytest.raises(DeviceError, match=r"cannot reach.*cable"):
-        greet(peer.host, LIMIT_S)
+        probe_controller(peer.host, LIMIT_S)
 
 
 def test_a_name_that_is_none() -> None:
     with pytest.raises(DeviceError, match="cannot reach"):
-        greet("no-such-arm.invalid", LIMIT_S)
+        probe_controller("no-such-arm.invalid", LIMIT_S)
 
 
 def test_no_script_port(peer: Peer) -> None:
     peer.listen(RTDE, controller())
     with pytest.raises(DeviceError, match="30003"):
-        greet(peer.host, LIMIT_S)
+        probe_controller(peer.host, LIMIT_S)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_peer_that_is_no_good_is_named_in_time(
     peer.listen(SCRIPT, silent)
     began = time.monotonic()
     with pytest.raises(error, match=said):
-        greet(peer.host, LIMIT_S)
+        probe_controller(peer.host, LIMIT_S)
     assert time.monotonic() - began < 10 * LIMIT_S, "the deadline is for the whole greeting, not for a byte"
 
 

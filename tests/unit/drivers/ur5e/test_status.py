@@ -9,7 +9,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
 from drivers.types import ArmLimits, ArmMode, Pose
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
-from drivers.ur5e.shared_state import Board, Sample
+from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.ur5e.state_process import ClockMap
 from drivers.ur5e.status import arm_mode, program_reason, refused, stop_reason
 
@@ -17,8 +17,10 @@ SIX = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)
 
 
-def sample(safety: int = 1, mode: int = 7, runtime: int = 2, number: int = 0) -> Sample:
-    return Sample(1.0 * number, number, number, SIX, SIX, SIX, SIX, 1.5, mode, safety, 3, runtime, number, 0)
+def sample(safety: int = 1, mode: int = 7, runtime: int = 2, number: int = 0) -> StateSample:
+    return StateSample(
+        1.0 * number, number, number, SIX, SIX, SIX, SIX, 1.5, mode, safety, 3, runtime, number, 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -65,7 +67,7 @@ def test_every_refusal_has_a_cause() -> None:
 
 
 def test_the_board_shows_the_newest_sample_to_all() -> None:
-    board = Board()
+    board = SharedState()
     assert board.read() is None
     board.write(sample(number=1))
     board.write(sample(number=2))
@@ -76,7 +78,7 @@ def test_the_board_shows_the_newest_sample_to_all() -> None:
 
 
 def test_a_reader_never_sees_two_samples_mixed() -> None:
-    board, done = Board(), threading.Event()
+    board, done = SharedState(), threading.Event()
 
     def write() -> None:
         for number in range(1, 4000):

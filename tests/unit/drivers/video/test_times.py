@@ -5,15 +5,15 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.video.sequence import FrameCount, MeasuredRate
-from drivers.video.stream import CaptureTimes, Shot
+from drivers.video.sequence import MeasuredRate, SequenceCounter
+from drivers.video.stream import CaptureTimes, RawFrame
 
 PERIOD_NS = 16_666_667
 
 
 @given(st.lists(st.integers(0, 50), min_size=2, max_size=40))
 def test_numbers_of_the_source_are_kept_and_gaps_counted(steps: list[int]) -> None:
-    count, number, seen = FrameCount(60.0), 0, []
+    count, number, seen = SequenceCounter(60.0), 0, []
     numbers = [number := number + 1 + step for step in steps]
     seen = [count.sequence_of(n, i * PERIOD_NS, True) for i, n in enumerate(numbers)]
     assert seen == numbers
@@ -22,7 +22,7 @@ def test_numbers_of_the_source_are_kept_and_gaps_counted(steps: list[int]) -> No
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(-2_500_000, 2_500_000)), min_size=1, max_size=40))
 def test_missing_images_are_found_in_the_kernels_times_despite_jitter(holes: list[tuple[int, int]]) -> None:
-    count, slot = FrameCount(60.0), 20
+    count, slot = SequenceCounter(60.0), 20
     for n in range(20):
         count.sequence_of(None, n * PERIOD_NS, True)
     for lost, jitter_ns in holes:
@@ -33,7 +33,7 @@ def test_missing_images_are_found_in_the_kernels_times_despite_jitter(holes: lis
 
 
 def test_arrival_times_say_nothing_about_drops() -> None:
-    count = FrameCount(60.0)
+    count = SequenceCounter(60.0)
     times_ns = [n * PERIOD_NS + (300_000_000 if n == 20 else 0) for n in range(20)] + [700_000_000]
     assert [count.sequence_of(None, t, False) for t in times_ns] == list(range(21))
     assert count.dropped == 0
@@ -41,7 +41,7 @@ def test_arrival_times_say_nothing_about_drops() -> None:
 
 @given(st.integers(0, 1000), st.integers(0, 1000))
 def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int) -> None:
-    count = FrameCount(60.0)
+    count = SequenceCounter(60.0)
     last = count.sequence_of(before, 0, True)
     count.opened(wanted=True)
     first = count.sequence_of(after, 60 * PERIOD_NS, True)
@@ -51,7 +51,7 @@ def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int)
 
 
 def test_what_passed_while_nobody_was_connected_is_not_dropped() -> None:
-    count = FrameCount(60.0)
+    count = SequenceCounter(60.0)
     count.opened(wanted=False)
     assert [count.sequence_of(number, number * PERIOD_NS, True) for number in (5, 10)] == [5, 10]
     assert count.dropped == 4
@@ -63,7 +63,7 @@ def test_what_passed_while_nobody_was_connected_is_not_dropped() -> None:
 @given(st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=60))
 def test_capture_times_increase_whatever_the_stamps(offsets: list[int]) -> None:
     times = CaptureTimes("peer")
-    shots = [Shot(10**12 + n * PERIOD_NS, None, None, 10**12 + o) for n, o in enumerate(offsets)]
+    shots = [RawFrame(10**12 + n * PERIOD_NS, None, None, 10**12 + o) for n, o in enumerate(offsets)]
     seen = [times.time_of(shot) for shot in shots]
     assert all(a < b for a, b in pairwise(seen))
     assert all(time_ns <= shot.arrived_ns for time_ns, shot in zip(seen, shots, strict=True))
@@ -71,9 +71,9 @@ def test_capture_times_increase_whatever_the_stamps(offsets: list[int]) -> None:
 
 def test_the_first_stamp_decides_whose_clock_it_is() -> None:
     ours, theirs = CaptureTimes("kernel"), CaptureTimes("kernel")
-    assert ours.time_of(Shot(10**10, stamped_ns=10**10 - 5)) == 10**10 - 5
-    assert ours.time_of(Shot(3 * 10**10, stamped_ns=10**10 + 5)) == 10**10 + 5  # late, and known to be
-    assert theirs.time_of(Shot(10**10, stamped_ns=10**18)) == 10**10
+    assert ours.time_of(RawFrame(10**10, stamped_ns=10**10 - 5)) == 10**10 - 5
+    assert ours.time_of(RawFrame(3 * 10**10, stamped_ns=10**10 + 5)) == 10**10 + 5  # late, and known to be
+    assert theirs.time_of(RawFrame(10**10, stamped_ns=10**18)) == 10**10
     assert (ours.kind, theirs.kind) == ("kernel", "arrival")
 
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import load_catalogue
-from fakes.objects.shapes import Ball, Contact, Cylinder, Pad
+from fakes.objects.shapes import Ball, ContactShape, Cylinder, Pad
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
 
 SENSOR = GelSensor(1)
-BAR = build_surface(Contact((Cylinder(radius_mm=6.0, length_mm=9.0),)), 1, 0)
+BAR = build_surface(ContactShape((Cylinder(radius_mm=6.0, length_mm=9.0),)), 1, 0)
 TEXTURED = build_surface(load_catalogue()["t7"].sites[2], 1, 0)
 
 
@@ -125,7 +125,7 @@ def test_image_angle_of_a_bar_is_its_angle() -> None:
 
 def test_the_far_fingers_picture_turns_the_other_way() -> None:
     """An axis that the camera's side sees at +25 degrees, the far side sees at -25."""
-    contact = Contact((Cylinder(radius_mm=6.0, length_mm=9.0, axis_deg=25.0),))
+    contact = ContactShape((Cylinder(radius_mm=6.0, length_mm=9.0, axis_deg=25.0),))
     near, far = (axis_deg(SENSOR.contact_mask(pressed(build_surface(contact, side, 0)))) for side in (1, -1))
     assert near == pytest.approx(25.0, abs=1.0)
     assert far == pytest.approx(-25.0, abs=1.0)
@@ -133,7 +133,7 @@ def test_the_far_fingers_picture_turns_the_other_way() -> None:
 
 def test_imprint_moves_with_its_centre() -> None:
     """A small ball, because the gel's dome draws a broad contact towards the middle."""
-    still = pressed(build_surface(Contact((Ball(radius_mm=3.0),)), 1, 0))
+    still = pressed(build_surface(ContactShape((Ball(radius_mm=3.0),)), 1, 0))
     masks = [SENSOR.contact_mask(i) for i in (still, replace(still, centre_mm=(1.5, -2.0)))]
     (row0, column0), (row1, column1) = (np.argwhere(mask).mean(0) for mask in masks)
     assert (column1 - column0) * SENSOR.mm_per_px[0] == pytest.approx(1.5, abs=0.12)
@@ -175,7 +175,7 @@ def test_smooth_round_sites_make_contacts_without_one() -> None:
 
 
 def test_tilt_moves_the_contact_towards_the_side_that_leans_in() -> None:
-    pad = build_surface(Contact((Pad(length_mm=60.0, width_mm=60.0),)), 1, 0)
+    pad = build_surface(ContactShape((Pad(length_mm=60.0, width_mm=60.0),)), 1, 0)
     level, tilted = pressed(pad), replace(pressed(pad), tilt=(0.03, 0.0))
     columns = [np.nonzero(SENSOR.contact_mask(imprint))[1].mean() for imprint in (level, tilted)]
     assert columns[1] < columns[0] - 5.0

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from fakes.objects.catalogue import GraspSite, load_catalogue
-from fakes.objects.shapes import Ball, Contact, Cylinder, Pad
+from fakes.objects.shapes import Ball, ContactShape, Cylinder, Pad
 from fakes.objects.surfaces import (
     FAR_MM,
     GEL_DOME_RADIUS_MM,
@@ -47,19 +47,19 @@ def test_surface_repeats_with_its_seed_and_differs_with_another() -> None:
 
 
 def test_far_side_is_the_mirror_image_of_the_near_side() -> None:
-    contact = Contact((Cylinder(radius_mm=6.0, axis_deg=25.0, bend_per_mm=0.01, x_mm=1.5),))
+    contact = ContactShape((Cylinder(radius_mm=6.0, axis_deg=25.0, bend_per_mm=0.01, x_mm=1.5),))
     near, far = build_surface(contact, 1, 3).height_mm, build_surface(contact, -1, 3).height_mm
     assert np.array_equal(far, near[:, ::-1])
 
 
 def test_far_side_has_a_texture_of_its_own() -> None:
-    contact = Contact((Pad(length_mm=40.0, width_mm=40.0),), texture="leather", texture_mm=0.2)
+    contact = ContactShape((Pad(length_mm=40.0, width_mm=40.0),), texture="leather", texture_mm=0.2)
     near, far = build_surface(contact, 1, 3).height_mm, build_surface(contact, -1, 3).height_mm
     assert not np.allclose(far, near[:, ::-1], atol=0.01)
 
 
 def test_axis_of_a_cylinder_turns_counter_clockwise_as_seen() -> None:
-    height = build_surface(Contact((Cylinder(radius_mm=5.0, axis_deg=30.0),)), 1, 0).height_mm
+    height = build_surface(ContactShape((Cylinder(radius_mm=5.0, axis_deg=30.0),)), 1, 0).height_mm
     rows, columns = np.nonzero(height < 0.1)
     slope = np.polyfit(columns, rows, 1)[0]
     assert np.degrees(np.arctan2(-slope, 1.0)) == pytest.approx(30.0, abs=2.0)
@@ -72,7 +72,7 @@ def test_unknown_side_is_refused() -> None:
 
 def test_ball_sinks_as_the_foundation_says() -> None:
     """Winkler: force = pi * stiffness * radius * depth^2 for a ball, the gel's dome adding curvature."""
-    surface = build_surface(Contact((Ball(radius_mm=30.0),)), 1, 0)
+    surface = build_surface(ContactShape((Ball(radius_mm=30.0),)), 1, 0)
     radius = 1.0 / (1.0 / GEL_DOME_RADIUS_MM + 2.0 * surface.height_mm[128, 160] / (32.5 * 0.12) ** 2)
     expected = np.sqrt(1.0 / (np.pi * GEL_STIFFNESS_N_MM3 * radius))
     assert depth_for_force(surface, 1.0) == pytest.approx(expected, rel=0.03)
@@ -104,7 +104,7 @@ def test_the_depth_carries_the_force(name: str, force_n: float) -> None:
 
 
 def test_depth_follows_a_tilt_turned_with_the_object() -> None:
-    surface = build_surface(Contact((Ball(radius_mm=25.0),)), 1, 0)
+    surface = build_surface(ContactShape((Ball(radius_mm=25.0),)), 1, 0)
     straight = depth_for_force(surface, 0.8, (0.02, 0.0))
     assert depth_for_force(surface, 0.8, (0.0, -0.02), angle_deg=90.0) == pytest.approx(straight, rel=0.02)
 

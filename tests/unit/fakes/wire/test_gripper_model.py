@@ -6,14 +6,14 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.model import GripperModel
 from fakes.world.motion import ToolPath
-from fakes.world.world import FINGER_STIFFNESS_N_M, Layout, World
+from fakes.world.world import FINGER_STIFFNESS_N_M, BenchLayout, World
 
 TABLE = Pose((0.45, 0.0, 0.06))
 HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
 
 
 def make_world() -> World:
-    return World(Layout(base_T_table=TABLE, home=HOME), seed=3)
+    return World(BenchLayout(base_T_table=TABLE, home=HOME), seed=3)
 
 
 def test_a_status_right_after_a_write_still_tells_of_before() -> None:

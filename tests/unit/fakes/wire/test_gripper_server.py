@@ -15,7 +15,7 @@ from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.wire.gripper.modbus_frames import crc16
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 TABLE = Pose((0.45, 0.0, 0.06))
 HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
@@ -24,7 +24,7 @@ STATUS = "09 03 07 D0 00 08 45 C9"
 
 
 def make_world() -> World:
-    return World(Layout(base_T_table=TABLE, home=HOME), seed=3)
+    return World(BenchLayout(base_T_table=TABLE, home=HOME), seed=3)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
@@ -21,7 +21,7 @@ from fakes.wire.host.motion_log import MotionLog
 from fakes.wire.net.loopback import require_free, taken_ports
 from fakes.wire.net.side_channel import Control, ControlServer
 from fakes.world.motion import FingerPath, ToolPath
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import build_real_bench, simulated_bench_plan
 from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
@@ -40,33 +40,33 @@ def lifted_world() -> World:
     grasp = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, plan.layout.home.rotation)
     closed = 6.0 + (plan.layout.max_opening_m - site.width_m + 0.004) / plan.layout.opening_per_count_m
     world.tool = ToolPath.resting(grasp)
-    world.fingers = FingerPath(6.0, closed, Travel(0, closed - 6.0, 400.0, 4000.0))
-    world.moment_at(seconds(1.0))
-    rising = Travel(seconds(1.0), 0.08, 0.1, 1.0)
+    world.fingers = FingerPath(6.0, closed, TrapezoidProfile(0, closed - 6.0, 400.0, 4000.0))
+    world.state_at(to_ns(1.0))
+    rising = TrapezoidProfile(to_ns(1.0), 0.08, 0.1, 1.0)
     world.tool = ToolPath.between(grasp, grasp.translated(z_m=0.08), rising)
     return world
 
 
 def test_the_mirror_shows_what_the_world_shows() -> None:
     world = lifted_world()
-    mirror = MirroredWorld(world.layout, snapshot_of(world, seconds(1.0)))
+    mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
     for step in range(1, 251):
-        mirror.feed(snapshot_of(world, seconds(1.0 + 0.004 * step)))
+        mirror.feed(snapshot_of(world, to_ns(1.0 + 0.004 * step)))
     assert (mirror.seed, mirror.draw) == (5, world.draw)
     assert mirror.grasp == world.grasp is not None
     for time_s in np.linspace(1.05, 1.95, 37):
-        ours, theirs = mirror.moment_at(seconds(time_s)), world.moment_at(seconds(time_s))
+        ours, theirs = mirror.state_at(to_ns(time_s)), world.state_at(to_ns(time_s))
         assert ours.held
         assert theirs.held
         assert ours.object_turn_rad == pytest.approx(theirs.object_turn_rad, abs=math.radians(0.1))
-        here, there = mirror.object_pose_at(seconds(time_s)), world.object_pose_at(seconds(time_s))
+        here, there = mirror.object_pose_at(to_ns(time_s)), world.object_pose_at(to_ns(time_s))
         assert np.allclose(here.position_m, there.position_m, atol=2e-4)
 
 
 def test_a_mirror_that_is_not_fed_gives_the_newest_moment() -> None:
     world = lifted_world()
-    mirror = MirroredWorld(world.layout, snapshot_of(world, seconds(1.0)))
-    assert mirror.moment_at(seconds(9.0)).time_ns == seconds(1.0)
+    mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
+    assert mirror.state_at(to_ns(9.0)).time_ns == to_ns(1.0)
 
 
 @pytest.fixture

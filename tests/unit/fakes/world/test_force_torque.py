@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.ur.force import ForceSensor
@@ -11,36 +11,36 @@ from fakes.wire.ur.frames import from_pose
 from fakes.world.force_torque import NOISE_N, NOTHING, STEP_N, STEP_NM, FlangeSensor, carried_wrench
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.slip import GRAVITY
-from fakes.world.state import Layout
-from fakes.world.trapezoid import Travel
+from fakes.world.state import BenchLayout
+from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import TOOL_DOWN
 
 TABLE = Pose((0.45, 0.0, 0.05))
 HOME = Pose.from_rotation((0.45, 0.0, 0.25), TOOL_DOWN)
-HELD_NS = seconds(1.0)
+HELD_NS = to_ns(1.0)
 
 
 def lifted(name: str, site: int, squeeze_m: float, height_m: float) -> World:
     """A world in which an object was grasped at a site, then raised, and is looked at after 1 s."""
-    world = World(Layout(TABLE, HOME), seed=3)
+    world = World(BenchLayout(TABLE, HOME), seed=3)
     world.place(find_object(name), seed=3)
     model = find_object(name)
     low = Pose.from_rotation(TABLE.translated(x_m=model.sites[site].offset_m).position_m, TOOL_DOWN)
     world.tool = ToolPath.resting(low)
     wide = model.sites[site].width_m + world.draw.width_error_m - squeeze_m
     counts = (world.layout.max_opening_m - wide) / world.layout.opening_per_count_m + world.layout.open_counts
-    world.fingers = FingerPath(counts, counts, Travel(0, 0.0, 1.0, 1.0))
-    world.moment_at(seconds(0.1))
+    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.state_at(to_ns(0.1))
     world.tool = ToolPath.between(
-        low, low.translated(z_m=height_m), Travel(seconds(0.1), height_m, height_m / 0.5, 10.0)
+        low, low.translated(z_m=height_m), TrapezoidProfile(to_ns(0.1), height_m, height_m / 0.5, 10.0)
     )
-    world.moment_at(HELD_NS)
+    world.state_at(HELD_NS)
     return world
 
 
 def test_nothing_in_the_fingers_is_not_felt() -> None:
-    assert carried_wrench(World(Layout(TABLE, HOME), seed=0), HELD_NS) == NOTHING
+    assert carried_wrench(World(BenchLayout(TABLE, HOME), seed=0), HELD_NS) == NOTHING
 
 
 def test_a_held_object_pulls_with_its_weight_and_turns_with_weight_times_lever() -> None:
@@ -83,7 +83,7 @@ def test_moments_about_the_far_end_balance() -> None:
 
 def test_a_reading_is_off_noisy_and_in_steps() -> None:
     sensor = FlangeSensor(5)
-    times = [seconds(0.002 * i) for i in range(2000)]
+    times = [to_ns(0.002 * i) for i in range(2000)]
     shown = np.array([sensor.shown(sensor.drifted(NOTHING, 0), t) for t in times])
     assert shown.mean(0) == pytest.approx(sensor.drifted(NOTHING, 0), abs=0.02)
     assert shown[:, :3].std(0) == pytest.approx(NOISE_N, rel=0.15)

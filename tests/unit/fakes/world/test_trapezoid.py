@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import NS_PER_S
-from fakes.world.trapezoid import Travel
+from fakes.world.trapezoid import TrapezoidProfile
 
 travels = st.builds(
-    Travel,
+    TrapezoidProfile,
     start_ns=st.integers(0, 10**10),
     distance=st.floats(1e-4, 1.0),
     speed=st.floats(0.01, 1.0),
@@ -19,7 +19,7 @@ travels = st.builds(
 
 
 @given(travels)
-def test_runs_from_nothing_to_all_without_turning_back(travel: Travel) -> None:
+def test_runs_from_nothing_to_all_without_turning_back(travel: TrapezoidProfile) -> None:
     steps = [travel.start_ns + round(travel.duration_s * NS_PER_S * i / 50) for i in range(52)]
     fractions = [travel.fraction_at(t) for t in steps]
     assert fractions[0] == 0.0
@@ -28,7 +28,7 @@ def test_runs_from_nothing_to_all_without_turning_back(travel: Travel) -> None:
 
 
 @given(travels)
-def test_speed_stays_within_its_limit(travel: Travel) -> None:
+def test_speed_stays_within_its_limit(travel: TrapezoidProfile) -> None:
     dt_ns = max(round(travel.duration_s * NS_PER_S / 200), 1)
     fractions = [travel.fraction_at(travel.start_ns + i * dt_ns) for i in range(201)]
     fastest = max(b - a for a, b in pairwise(fractions))
@@ -36,7 +36,7 @@ def test_speed_stays_within_its_limit(travel: Travel) -> None:
 
 
 @given(travels, st.floats(0.0, 1.5))
-def test_a_cut_run_stays_where_it_was_cut(travel: Travel, share: float) -> None:
+def test_a_cut_run_stays_where_it_was_cut(travel: TrapezoidProfile, share: float) -> None:
     cut_ns = travel.start_ns + round(share * travel.duration_s * NS_PER_S)
     cut = replace(travel, stop_fraction=travel.fraction_at(cut_ns))
     assert cut.done_at(cut_ns)
@@ -44,4 +44,4 @@ def test_a_cut_run_stays_where_it_was_cut(travel: Travel, share: float) -> None:
 
 
 def test_no_distance_is_done_at_once() -> None:
-    assert Travel(5, 0.0, 1.0, 1.0).done_at(5)
+    assert TrapezoidProfile(5, 0.0, 1.0, 1.0).done_at(5)

@@ -9,7 +9,7 @@ import pytest
 from calibration.camera.files import camera_info
 from calibration.camera.model import CameraModel
 from calibration.store import CalibrationFile, save
-from calibration.verdict import Judgement
+from calibration.verdict import Assessment
 from drivers.errors import CalibrationError
 from drivers.types import GripperLimits
 from rig.config import BenchConfig, load_bench
@@ -29,7 +29,7 @@ CAMERA = CameraModel(
 def keep(
     folder: Path, kind: str, serials: dict, value: dict, refused: str = "", simulated: bool = True
 ) -> Path:
-    judged = Judgement(refusals=(refused,)) if refused else Judgement()
+    judged = Assessment(refusals=(refused,)) if refused else Assessment()
     path = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     created = datetime.now(UTC).isoformat(timespec="seconds")
     save(CalibrationFile(kind, serials, value, judged, created, inputs={"simulated": simulated}), path)

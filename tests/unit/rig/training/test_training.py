@@ -16,7 +16,7 @@ import torch
 from drivers.errors import InputError
 from rig.labels.folds import FOLDS
 from rig.tactile.contact.network import Recipe, load_network
-from rig.training.augmentation import Sample, augmented
+from rig.training.augmentation import LabelledFrame, augmented
 from rig.training.checkpoint import fill_encoder, load_weights, read_state
 from rig.training.export import export_eight_bit, export_half, export_onnx
 from rig.training.imported import import_checkpoint
@@ -180,7 +180,7 @@ def test_augmentation_keeps_colours_in_order_and_mirrors_nothing() -> None:
     label = np.zeros((80, 64), np.uint8)
     label[10:30, 8:24] = 255
     for seed in range(20):
-        sample = augmented(Sample(frame, frame // 2, label), frame, True, np.random.default_rng(seed))
+        sample = augmented(LabelledFrame(frame, frame // 2, label), frame, True, np.random.default_rng(seed))
         red, green, blue = sample.frame.reshape(-1, 3).mean(axis=0)
         assert red > green > blue
         rows, columns = np.nonzero(sample.label > 127)

@@ -13,7 +13,7 @@ from fakes.wire.ur.control_loop import DONE, READY, STOP_SCRIPT, ControlLoop
 from fakes.wire.ur.frames import to_ur
 from fakes.wire.ur.robot import CYCLE_NS, CYCLE_S, Robot
 from fakes.wire.ur.script import ControlProgram
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 MOVE_J, MOVE_L, STOP_L, SERVO_J, SPEED_L = 1, 3, 33, 11, 10
 DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -24,7 +24,7 @@ class Rig:
     """A controller that runs the control program, and a client's hands on its registers."""
 
     def __init__(self, version: tuple[int, int, int, int] = (5, 11, 0, 0), offset: int = 0) -> None:
-        self.world = World(Layout(Pose((0.45, 0.0, 0.06)), Pose.from_rotation(HOME, DOWN)), seed=1)
+        self.world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), Pose.from_rotation(HOME, DOWN)), seed=1)
         self.robot = Robot(self.world, version, release_after_s=5.0)
         self.offset = offset
         self.cycles = itertools.count(1)

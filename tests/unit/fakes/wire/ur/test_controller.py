@@ -16,7 +16,7 @@ from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.faults import KINDS
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 _addresses = itertools.count(1)
 Connect = Callable[..., "Client"]
@@ -24,7 +24,7 @@ Connect = Callable[..., "Client"]
 
 def make(version: str = "5.11.0") -> URController:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    world = World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1)
+    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1)
     pid = os.getpid()
     host = f"127.{30 + pid % 60}.{pid // 60 % 250}.{next(_addresses)}"
     return URController(world, SimulatedClock(realtime=True), host=host, version=version)

@@ -5,21 +5,21 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import InputError
 from drivers.types import Pose
-from fakes.wire.ur.dashboard import Dashboard, LineReader
+from fakes.wire.ur.dashboard import DashboardServer, LineReader
 from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.safety import RobotMode
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 
 @pytest.fixture
-def dashboard() -> Dashboard:
+def dashboard() -> DashboardServer:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    robot = Robot(World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 108249))
-    return Dashboard(robot, "20265500001", lambda program: robot.run(ScriptRun(robot, program)))
+    robot = Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 108249))
+    return DashboardServer(robot, "20265500001", lambda program: robot.run(ScriptRun(robot, program)))
 
 
-def run(dashboard: Dashboard, duration_s: float) -> None:
+def run(dashboard: DashboardServer, duration_s: float) -> None:
     robot = dashboard.robot
     for _ in range(round(duration_s / 0.002)):
         robot.cycle(robot.time_ns + CYCLE_NS)
@@ -44,11 +44,11 @@ def run(dashboard: Dashboard, duration_s: float) -> None:
         ("make tea", 'could not understand: "make tea"'),
     ],
 )
-def test_replies(dashboard: Dashboard, request_: str, reply: str) -> None:
+def test_replies(dashboard: DashboardServer, request_: str, reply: str) -> None:
     assert dashboard.reply(request_) == reply
 
 
-def test_a_loaded_program_plays_pauses_and_stops(dashboard: Dashboard) -> None:
+def test_a_loaded_program_plays_pauses_and_stops(dashboard: DashboardServer) -> None:
     assert dashboard.reply("load grip.urp") == "Loading program: grip.urp"
     assert dashboard.reply("play") == "Starting program"
     run(dashboard, 0.01)
@@ -61,14 +61,14 @@ def test_a_loaded_program_plays_pauses_and_stops(dashboard: Dashboard) -> None:
     assert dashboard.reply("running") == "Program running: false"
 
 
-def test_nothing_is_played_in_local_control(dashboard: Dashboard) -> None:
+def test_nothing_is_played_in_local_control(dashboard: DashboardServer) -> None:
     dashboard.reply("load grip.urp")
     dashboard.robot.safety.remote_control = False
     assert dashboard.reply("play") == "Failed to execute: play"
     assert dashboard.reply("is in remote control") == "false"
 
 
-def test_a_protective_stop_is_released_after_five_seconds_only(dashboard: Dashboard) -> None:
+def test_a_protective_stop_is_released_after_five_seconds_only(dashboard: DashboardServer) -> None:
     dashboard.robot.protective_stop()
     run(dashboard, 4.9)
     assert dashboard.reply("safetystatus") == "Safetystatus: PROTECTIVE_STOP"
@@ -78,7 +78,7 @@ def test_a_protective_stop_is_released_after_five_seconds_only(dashboard: Dashbo
     assert dashboard.reply("safetystatus") == "Safetystatus: NORMAL"
 
 
-def test_power_comes_step_by_step_after_an_emergency_stop(dashboard: Dashboard) -> None:
+def test_power_comes_step_by_step_after_an_emergency_stop(dashboard: DashboardServer) -> None:
     safety = dashboard.robot.safety
     safety.emergency_stop()
     assert dashboard.reply("power on").startswith("Failed")

@@ -10,7 +10,7 @@ from fakes.wire.ur import script as ur_script
 from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
-from fakes.world.world import Layout, World
+from fakes.world.world import BenchLayout, World
 
 CONTROL = """def rtde_control():
     global reg_offset_float = # float register offset
@@ -35,7 +35,7 @@ PATH = """\tsignal_async_progress(0)
 @pytest.fixture
 def robot() -> Robot:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    return Robot(World(Layout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 0))
+    return Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 0))
 
 
 def run(robot: Robot, script: str, most_cycles: int = 2000) -> ScriptRun:

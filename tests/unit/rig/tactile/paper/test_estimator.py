@@ -18,7 +18,7 @@ from rig.tactile.estimators import (
     PUBLISHED,
     choose_estimator,
 )
-from rig.tactile.sample import SlipEstimator, SlipSample, State
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -29,7 +29,7 @@ PERIOD_NS = 16_666_667
 TOLERANCE_DEG = {"skeleton": 4.0, "ellipse": 1.0, "pca": 1.0}
 
 
-def run(estimator: SlipEstimator, images: Iterable[Image]) -> list[SlipSample]:
+def run(estimator: TactileEstimator, images: Iterable[Image]) -> list[SlipSample]:
     return [estimator.update(image, i * PERIOD_NS) for i, image in enumerate(images)]
 
 

@@ -15,7 +15,7 @@ from fakes.gel.dots import TWIST_LIMIT_DEG, MarkerPrint, Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.surfaces import Surface
 from rig.tactile.estimators import KOLAMURI, choose_estimator
-from rig.tactile.peers.dots import MarkerTracker, find_markers, without_markers
+from rig.tactile.peers.dots import DotTracker, find_dots, without_markers
 from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
 from rig.tactile.sample import SlipSample, State
 
@@ -84,7 +84,7 @@ def printed(shear: Shear | None = None) -> NDArray[np.uint8]:
 
 
 def test_the_markers_of_a_blank_gel_are_found_and_can_be_taken_away() -> None:
-    markers = find_markers(printed())
+    markers = find_dots(printed())
     apart = np.hypot(*(markers[:, None] - markers[None]).transpose(2, 0, 1))
     nearest = np.sort(apart, axis=1)[:, 1]
     assert len(markers) >= 100
@@ -94,7 +94,7 @@ def test_the_markers_of_a_blank_gel_are_found_and_can_be_taken_away() -> None:
 
 @pytest.mark.parametrize("twist_deg", [8.0, -8.0])
 def test_a_twisted_gel_turns_its_markers(twist_deg: float) -> None:
-    tracker = MarkerTracker(printed())
+    tracker = DotTracker(printed())
     motion = tracker.update(printed())
     for share in np.linspace(0.0, 1.0, 6):
         motion = tracker.update(printed(Shear(share * twist_deg, (0.3, -0.5), (0.0, 0.0))))
@@ -153,7 +153,7 @@ def test_real_markers_are_followed_through_real_slips(real_data: Path) -> None:
     assert len(clips) == 6
     for clip in clips:
         frames = read(clip)
-        tracker = MarkerTracker(frames[0])
+        tracker = DotTracker(frames[0])
         seen = [tracker.update(frame).seen.mean() for frame in frames[1:70]]
         assert len(tracker.first_px) >= 28, clip.name
         assert min(seen) >= 0.85, clip.name

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.clock import seconds
+from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import ArmMode, ArmState, Pose
 from protocols.grasps import TRIAL_OBJECTS
@@ -27,7 +27,7 @@ BIAS = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
 
 def state(time_s: float, *wrench: float) -> ArmState:
     felt = tuple(b + w for b, w in zip(BIAS, wrench or (0.0,) * 6, strict=True))
-    return ArmState(seconds(time_s), Pose((0.4, 0.0, 0.2)), (0.0,) * 6, felt, ArmMode.RUNNING)  # type: ignore[arg-type]
+    return ArmState(to_ns(time_s), Pose((0.4, 0.0, 0.2)), (0.0,) * 6, felt, ArmMode.RUNNING)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 60.0, 500.0])
@@ -58,11 +58,11 @@ def test_toskov_needs_the_wrist_and_turns_its_answer_to_the_fingertip(press: Dra
     for i in range(1, 60):
         for tip in (left, right):
             tip.arm(state(i * PERIOD_S, -0.1, 0.0, -0.4 if i > 30 else 0.0, 0.0, -0.01, 0.0))
-    one, other = (tip.update(press(10), seconds(2.1)) for tip in (left, right))
+    one, other = (tip.update(press(10), to_ns(2.1)) for tip in (left, right))
     assert one.state is other.state is State.TRACKING
     assert one.angle_deg is not None
     assert one.angle_deg == pytest.approx(-(other.angle_deg or 0.0))
-    assert left.update(press(None), seconds(2.2)).state is State.NO_CONTACT
+    assert left.update(press(None), to_ns(2.2)).state is State.NO_CONTACT
 
 
 def test_angle_net_answers_every_contact(press: Draw, blank: Image) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from rig.tactile.sample import SlipSample, State
-from rig.tactile.slip.estimator import SlipTracker
+from rig.tactile.slip.estimator import SlipEstimator
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -21,7 +21,7 @@ REST = 8
 """Frames at rest before a turn: a contact settles in five."""
 
 
-def run(tracker: SlipTracker, images: Iterable[Image], period_ns: int = PERIOD_NS) -> list[SlipSample]:
+def run(tracker: SlipEstimator, images: Iterable[Image], period_ns: int = PERIOD_NS) -> list[SlipSample]:
     return [tracker.update(image, i * period_ns) for i, image in enumerate(images)]
 
 
@@ -52,7 +52,7 @@ def test_a_turn_is_measured_wherever_it_begins(
 ) -> None:
     center = (size[0] / 2, size[1] / 2)
     images = lift(press, turn, start, half_axes=half_axes, size=size, center=center)
-    samples = run(SlipTracker(press(None, size=size, noise=0.0)), images)
+    samples = run(SlipEstimator(press(None, size=size, noise=0.0)), images)
     sigma = samples[-1].sigma_deg
     assert sigma is not None
     assert turned(samples) == pytest.approx(turn, abs=max(0.3, 3 * sigma))
@@ -65,43 +65,43 @@ def test_a_mirrored_sensor_sees_the_opposite_turn(
     press: Draw, blank: Image, turn: float, start: float
 ) -> None:
     images = lift(press, turn, start)
-    seen = turned(run(SlipTracker(blank), images))
-    mirrored = turned(run(SlipTracker(blank[:, ::-1]), (image[:, ::-1] for image in images)))
+    seen = turned(run(SlipEstimator(blank), images))
+    mirrored = turned(run(SlipEstimator(blank[:, ::-1]), (image[:, ::-1] for image in images)))
     assert mirrored == pytest.approx(-seen, abs=0.05)
 
 
 @given(light=st.tuples(*[st.floats(0.8, 1.15)] * 3))
 @settings(max_examples=10)
 def test_the_light_may_drift(press: Draw, blank: Image, light: tuple[float, float, float]) -> None:
-    steady = turned(run(SlipTracker(blank), lift(press, 20.0)))
-    dimmed = turned(run(SlipTracker(blank), lift(press, 20.0, light=light)))
+    steady = turned(run(SlipEstimator(blank), lift(press, 20.0)))
+    dimmed = turned(run(SlipEstimator(blank), lift(press, 20.0, light=light)))
     assert dimmed == pytest.approx(steady, abs=0.25)
 
 
 def test_frame_rate_and_dropped_frames_change_nothing(press: Draw, blank: Image) -> None:
     images = lift(press, 24.0, steps=24)
-    every = turned(run(SlipTracker(blank), images))
-    second = turned(run(SlipTracker(blank), images[:REST] + images[REST + 1 :: 2], 2 * PERIOD_NS))
-    few = turned(run(SlipTracker(blank), images[:REST] + images[REST + 5 :: 6], 6 * PERIOD_NS))
+    every = turned(run(SlipEstimator(blank), images))
+    second = turned(run(SlipEstimator(blank), images[:REST] + images[REST + 1 :: 2], 2 * PERIOD_NS))
+    few = turned(run(SlipEstimator(blank), images[:REST] + images[REST + 5 :: 6], 6 * PERIOD_NS))
     assert second == pytest.approx(every, abs=0.05)
     assert few == pytest.approx(every, abs=0.1)
 
 
 def test_a_turn_beyond_a_whole_one_is_unwrapped(press: Draw, blank: Image) -> None:
-    samples = run(SlipTracker(blank), lift(press, 400.0, steps=100))
+    samples = run(SlipEstimator(blank), lift(press, 400.0, steps=100))
     assert turned(samples) == pytest.approx(400.0, abs=4.0)
     assert any(sample.state is State.REKEYED for sample in samples) or samples[-1].sigma_deg is not None
 
 
 @pytest.mark.parametrize("half_axes", [(60.0, 60.0), (45.0, 45.0)])
 def test_a_round_smooth_contact_is_refused(press: Draw, blank: Image, half_axes: tuple[float, float]) -> None:
-    samples = run(SlipTracker(blank), lift(press, 30.0, half_axes=half_axes))
+    samples = run(SlipEstimator(blank), lift(press, 30.0, half_axes=half_axes))
     assert {sample.state for sample in samples} == {State.UNOBSERVABLE}
     assert all(sample.angle_deg is None for sample in samples)
 
 
 def test_without_contact_there_is_no_angle_and_no_gradient(press: Draw, blank: Image) -> None:
-    sample = SlipTracker(blank).update(press(None), 0)
+    sample = SlipEstimator(blank).update(press(None), 0)
     assert sample.state is State.NO_CONTACT
     assert sample.angle_deg is None
     assert "gradient" in sample.skipped
@@ -110,15 +110,15 @@ def test_without_contact_there_is_no_angle_and_no_gradient(press: Draw, blank: I
 
 def test_repeated_and_late_frames_cost_nothing_but_information(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
-    plain = run(SlipTracker(blank), images)
-    tracker = SlipTracker(blank)
+    plain = run(SlipEstimator(blank), images)
+    tracker = SlipEstimator(blank)
     for i, image in enumerate(images):
         sample = tracker.update(image, i * PERIOD_NS)
         again = tracker.update(image, i * PERIOD_NS + PERIOD_NS // 2)
         late = tracker.update(images[0], (i - 3) * PERIOD_NS)
         assert again.angle_deg is not None
         assert late.angle_deg == again.angle_deg
-        assert again.skipped == late.skipped == SlipTracker.stages
+        assert again.skipped == late.skipped == SlipEstimator.stages
     assert sample.angle_deg == pytest.approx(plain[-1].angle_deg, abs=0.02)
 
 
@@ -127,8 +127,8 @@ def test_a_torn_frame_is_survived(press: Draw, blank: Image) -> None:
     torn = [image.copy() for image in images]
     torn[REST + 6][140:] = 128
     torn[REST + 10] = np.roll(torn[REST + 10], 60, axis=0)
-    samples = run(SlipTracker(blank), torn)
-    clean = run(SlipTracker(blank), images)
+    samples = run(SlipEstimator(blank), torn)
+    clean = run(SlipEstimator(blank), images)
     assert samples[-1].angle_deg == pytest.approx(clean[-1].angle_deg, abs=0.1)
     for sample, honest in zip(samples, clean, strict=True):
         assert sample.angle_deg is None or abs(sample.angle_deg - honest.angle_deg) < 3.0  # type: ignore[operator]
@@ -136,7 +136,7 @@ def test_a_torn_frame_is_survived(press: Draw, blank: Image) -> None:
 
 def test_a_contact_that_left_and_came_back_is_told(press: Draw, blank: Image) -> None:
     gone = [press(None, seed=i) for i in range(60)]
-    samples = run(SlipTracker(blank), [*lift(press, 10.0), *gone, *lift(press, 10.0, start_deg=70.0)])
+    samples = run(SlipEstimator(blank), [*lift(press, 10.0), *gone, *lift(press, 10.0, start_deg=70.0)])
     back = samples[REST + 12 + 60 :]
     assert back[0].state is State.REKEYED
     assert back[0].sigma_deg is not None
@@ -151,19 +151,19 @@ def test_a_contact_that_left_and_came_back_is_told(press: Draw, blank: Image) ->
 def test_a_contact_that_moves_says_where_to(press: Draw, blank: Image) -> None:
     places = [(120.0, 160.0)] * REST + [(120.0 + i, 160.0 - 2 * i) for i in range(1, 9)]
     images = [press(25.0, half_axes=EDGE, center=place, seed=i) for i, place in enumerate(places)]
-    sample = run(SlipTracker(blank), images)[-1]
+    sample = run(SlipEstimator(blank), images)[-1]
     assert sample.shift_px == pytest.approx((8.0, -16.0), abs=1.0)
     assert sample.contact_area_px > 0.0
 
 
 def test_the_rate_is_that_of_the_turn(press: Draw, blank: Image) -> None:
-    sample = run(SlipTracker(blank), lift(press, 30.0, steps=30))[-1]
+    sample = run(SlipEstimator(blank), lift(press, 30.0, steps=30))[-1]
     assert sample.rate_deg_s == pytest.approx(60.0, abs=3.0)
 
 
 def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) -> None:
     images = lift(press, 25.0, steps=25)
-    lean, full = run(SlipTracker(blank), images), run(SlipTracker(blank, skip=False), images)
+    lean, full = run(SlipEstimator(blank), images), run(SlipEstimator(blank, skip=False), images)
     for less, more in zip(lean[REST:], full[REST:], strict=True):
         assert less.angle_deg == pytest.approx(more.angle_deg, abs=0.02)
         assert less.skipped
@@ -174,8 +174,8 @@ def test_pixels_that_are_not_square_are_allowed_for(press: Draw, blank: Image) -
     size = (264, 320)  # the same picture, stretched by a tenth
     stretched = [np.ascontiguousarray(_stretched(image, size)) for image in lift(press, 30.0, steps=15)]
     background = _stretched(blank, size)
-    known = turned(run(SlipTracker(background, aspect=240 / 264), stretched))
-    unknown = turned(run(SlipTracker(background), stretched))
+    known = turned(run(SlipEstimator(background, aspect=240 / 264), stretched))
+    unknown = turned(run(SlipEstimator(background), stretched))
     assert known == pytest.approx(30.0, abs=0.3)
     assert abs(unknown - 30.0) > 0.5
 
@@ -191,7 +191,7 @@ def test_any_size_of_image_will_do(press: Draw, size: tuple[int, int]) -> None:
     scale = max(size) / 320
     shape = {"size": size, "center": (size[0] / 2, size[1] / 2), "half_axes": (70 * scale, 22 * scale)}
     images = lift(press, 20.0, noise=1.0, strength=scale, **shape)
-    samples = run(SlipTracker(press(None, size=size, noise=0.0)), images)
+    samples = run(SlipEstimator(press(None, size=size, noise=0.0)), images)
     assert turned(samples) == pytest.approx(20.0, abs=0.8)
 
 
@@ -205,7 +205,7 @@ CONTENT = st.one_of(
 @settings(max_examples=150)
 @given(background=CONTENT, images=st.lists(CONTENT, min_size=1, max_size=8))
 def test_any_content_is_answered_or_refused(background: Image, images: list[Image]) -> None:
-    for sample in run(SlipTracker(background), images):
+    for sample in run(SlipEstimator(background), images):
         numbers = (sample.angle_deg, sample.sigma_deg, sample.rate_deg_s, *(sample.shift_px or ()))
         assert all(value is None or np.isfinite(value) for value in numbers)
         assert (sample.angle_deg is None) == (sample.state not in (State.TRACKING, State.REKEYED))
@@ -224,7 +224,7 @@ def test_any_content_is_answered_or_refused(background: Image, images: list[Imag
 )
 def test_what_is_no_frame_is_an_input_error(blank: Image, image: np.ndarray) -> None:
     with pytest.raises(InputError, match="tactile frame"):
-        SlipTracker(blank).update(image, 0)
+        SlipEstimator(blank).update(image, 0)
 
 
 def test_views_and_read_only_frames_are_taken(press: Draw, blank: Image) -> None:
@@ -232,12 +232,12 @@ def test_views_and_read_only_frames_are_taken(press: Draw, blank: Image) -> None
     wide = [np.repeat(image, 2, axis=1)[:, ::2] for image in images]
     for image in wide:
         image.flags.writeable = False
-    assert turned(run(SlipTracker(blank), wide)) == turned(run(SlipTracker(blank), images))
+    assert turned(run(SlipEstimator(blank), wide)) == turned(run(SlipEstimator(blank), images))
 
 
 def test_a_round_contact_leaves_a_turn_that_nobody_saw_unknown(press: Draw, blank: Image) -> None:
     oval = (45.0, 33.0)
     before = lift(press, 10.0, half_axes=oval)
     after = [press(60.0, seed=100 + i, half_axes=oval) for i in range(REST)]
-    last = run(SlipTracker(blank), [*before, *[blank] * 45, *after])[-1]
+    last = run(SlipEstimator(blank), [*before, *[blank] * 45, *after])[-1]
     assert last.sigma_deg is None or last.unseen_deg > 20.0

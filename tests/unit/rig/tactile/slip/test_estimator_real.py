@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.tactile.contact.background import auto_background
 from rig.tactile.sample import SlipSample, State
-from rig.tactile.slip.estimator import SlipTracker
+from rig.tactile.slip.estimator import SlipEstimator
 
 Image = NDArray[np.uint8]
 
@@ -22,7 +22,7 @@ def read(path: Path) -> Image:
 
 def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
     """Show one picture again and again, each time with noise of its own."""
-    tracker, rng = SlipTracker(background), np.random.default_rng(0)
+    tracker, rng = SlipEstimator(background), np.random.default_rng(0)
     noisy = (np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for _ in range(frames))
     return [tracker.update(picture, i * 16_666_667) for i, picture in enumerate(noisy)]
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from drivers.types import Pose
+from protocols.observer import LiftObserver
+from protocols.operator import Operator
 from protocols.pump import Pump
 from protocols.steps import (
     LOWER_SPEED_M_S,
@@ -21,7 +23,6 @@ from protocols.steps import (
     step_fingers,
     tighten,
 )
-from protocols.watch import LiftObserver, Operator
 
 REFERENCE_S = 0.2
 SETTLE_S = 0.3

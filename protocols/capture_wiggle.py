@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from protocols.capture_touch import REFERENCE_S, Touch
+from protocols.observer import LiftObserver, Phase
+from protocols.operator import Operator
 from protocols.steps import (
     MOTION_TIMEOUT_S,
     approach,
@@ -15,7 +17,6 @@ from protocols.steps import (
     start_watching,
     tighten,
 )
-from protocols.watch import LiftObserver, Operator, Phase
 
 ACCELERATION_M_S2 = 0.8
 SETTLE_S = 0.5

@@ -10,7 +10,7 @@ from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import DeviceTimeoutError, StaleFrameError
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
-from protocols.watch import LiftObserver
+from protocols.observer import LiftObserver
 
 FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1

@@ -5,9 +5,9 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.types import Pose
+from protocols.observer import LiftObserver
 from protocols.pump import Pump
 from protocols.steps import approach, close_to_contact, lower_and_release, make_safe, step_fingers
-from protocols.watch import LiftObserver
 
 REFERENCE_S = 0.5
 CAPTURE_TIMEOUT_S = 4.0

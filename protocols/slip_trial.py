@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from drivers.types import Pose
+from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 from protocols.steps import (
     approach,
@@ -14,7 +15,6 @@ from protocols.steps import (
     start_watching,
     tighten,
 )
-from protocols.watch import LiftObserver, Phase
 
 REFERENCE_S = 0.25
 GRASP_S = 3.0

@@ -4,8 +4,9 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, GraspError, GripperFaultError, ProtectiveStopError
 from drivers.interfaces import Motion
 from drivers.types import Pose
+from protocols.observer import LiftObserver, Phase
+from protocols.operator import Operator
 from protocols.pump import Pump
-from protocols.watch import LiftObserver, Operator, Phase
 
 TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10

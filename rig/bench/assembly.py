@@ -20,7 +20,7 @@ from fakes.faults import FaultScript, ScriptedFault
 from fakes.world.fixture import Sheet
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
-from protocols.watch import Operator
+from protocols.operator import Operator
 from rig.bench.operators import SimulatedOperator
 from rig.config import ArmConfig, BenchConfig, CameraConfig, TactileConfig
 

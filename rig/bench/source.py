@@ -10,7 +10,7 @@ from typing import Protocol
 from drivers.bench import Bench
 from drivers.errors import InputError
 from drivers.realtime import realtime
-from protocols.watch import Operator
+from protocols.operator import Operator
 from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.operators import ConsoleOperator
 from rig.config import BenchConfig

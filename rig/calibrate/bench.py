@@ -13,7 +13,8 @@ from calibration.camera.model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
-from protocols.watch import Operator, Phase
+from protocols.observer import Phase
+from protocols.operator import Operator
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench

@@ -8,7 +8,7 @@ from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.bench_hand_eye import facing_poses
 from rig.calibrate.camera import camera_from_folder
 from rig.calibrate.markers import markers_from_folder
-from rig.calibrate.outcome import CalibrationResult
+from rig.calibrate.result import CalibrationResult
 
 _REACH_M = (0.17, 0.10, 0.12)
 _STILL_FRAMES = 60

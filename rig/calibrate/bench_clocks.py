@@ -15,10 +15,10 @@ from drivers.types import ArmState, Frame
 from protocols.capture_touch import Touch
 from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.calibrate.bench import Station, TouchWatch, grasp_at
-from rig.calibrate.outcome import CalibrationResult
-from rig.calibrate.tables import sync_from_folder
+from rig.calibrate.from_tables import sync_from_folder
+from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
 ARM = "arm"

@@ -6,8 +6,8 @@ from calibration.store import write_text
 from drivers.errors import InputError
 from protocols.capture_touch import Touch, capture_openings
 from rig.calibrate.bench import Station, TouchWatch, grasp_at
-from rig.calibrate.outcome import CalibrationResult
-from rig.calibrate.tables import gripper_from_folder
+from rig.calibrate.from_tables import gripper_from_folder
+from rig.calibrate.result import CalibrationResult
 
 _SLACK_M = 0.006
 """How much wider than a block the fingers come down around it, on top of the usual margin."""

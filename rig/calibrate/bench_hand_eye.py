@@ -19,7 +19,7 @@ from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_e
 from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_outcome
-from rig.calibrate.outcome import CalibrationResult
+from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
 FIRST_POSES = 6

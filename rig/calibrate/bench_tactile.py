@@ -13,7 +13,7 @@ from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
 from rig.calibrate.bench import Station, TouchWatch, grasp_at, write_picture
-from rig.calibrate.outcome import CalibrationResult, Picture
+from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.tactile import tactile_from_folder
 from rig.config import BenchConfig
 

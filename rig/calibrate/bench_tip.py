@@ -3,13 +3,13 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tables.pivot import FEWEST, calibrate_pivot
+from calibration.tool_tip import FEWEST, calibrate_pivot
 from drivers.types import Pose, Vector3
 from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
-from rig.calibrate.outcome import CalibrationResult
-from rig.calibrate.tables import tcp_from_folder
+from rig.calibrate.from_tables import tcp_from_folder
+from rig.calibrate.result import CalibrationResult
 
 _LARGEST_TILT_DEG = 30.0
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))

@@ -13,7 +13,7 @@ from calibration.targets.views import View, coverage
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
 from rig.calibrate import figures
-from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
+from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey
 
 

@@ -15,7 +15,7 @@ from calibration.targets.views import View
 from calibration.verdict import Rejected
 from drivers.types import Pose
 from rig.calibrate import figures
-from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
+from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey, read_poses
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}

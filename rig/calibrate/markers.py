@@ -7,7 +7,7 @@ import numpy as np
 from calibration.markers.angle import MarkerAngle, assess_markers
 from calibration.markers.planar import Intrinsics
 from rig.calibrate import figures
-from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
+from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
-from calibration.tables.time_offset import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose

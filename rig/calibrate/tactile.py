@@ -14,7 +14,7 @@ from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 from rig.calibrate import figures
-from rig.calibrate.outcome import CalibrationResult, Picture, Thumbnail
+from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import number, read_rgb, read_table
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)

@@ -66,7 +66,7 @@ def compare(
 
 
 def _estimators(on: Path, first: str, second: str, jobs: int) -> "tuple[Side, Side]":
-    from rig.cli.tables import TrialProgress
+    from rig.cli.printing import TrialProgress
     from rig.report.sides import estimator_side
 
     with TrialProgress(1) as progress:
@@ -81,7 +81,7 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
 def _print(found: "Comparison") -> None:
     from rich.table import Table
 
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
 

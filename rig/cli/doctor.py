@@ -64,7 +64,7 @@ def _print_table(title: str, findings: "list[Finding]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
 
     table = Table("device", "check", "", "found", "what to do", title=title)
     for finding in findings:

@@ -58,7 +58,7 @@ def record(
     from protocols.grasps import find_grasp_file
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
-    from rig.cli.tables import WorkProgress
+    from rig.cli.printing import WorkProgress
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.record import RecordSettings, describe_recording, run_record
 

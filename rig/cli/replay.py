@@ -63,7 +63,7 @@ def _replay_one(
 ) -> None:
     import time
 
-    from rig.cli.tables import TrialProgress, summary_json, trial_table
+    from rig.cli.printing import TrialProgress, summary_json, trial_table
     from rig.experiments.replay import run_replay, session_settings
 
     began = time.perf_counter()
@@ -96,8 +96,8 @@ def _replay_many(
     import time
 
     from rig.cli.common import session_folder
+    from rig.cli.printing import WorkProgress
     from rig.cli.results import line_note, print_results, results_json
-    from rig.cli.tables import WorkProgress
     from rig.experiments.batch_replay import gather_sessions, plan_campaign, run_campaign
     from rig.experiments.dask_engine import runner
 

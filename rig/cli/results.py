@@ -43,7 +43,7 @@ def results(
 
 def print_results(lines: list[Line], by: str, to_stderr: bool) -> None:
     """Print the summary of a table's lines by object or by session, then what was broken."""
-    from rig.cli.tables import object_table, table_console
+    from rig.cli.printing import object_table, table_console
 
     console = table_console(to_stderr)
     good = [line for line in lines if not line["problem"]]
@@ -63,7 +63,7 @@ def print_results(lines: list[Line], by: str, to_stderr: bool) -> None:
 
 def results_json(lines: list[Line]) -> dict[str, Any]:
     """Return a table's figures under the contract's names."""
-    from rig.cli.tables import summary_json
+    from rig.cli.printing import summary_json
 
     good = [line for line in lines if not line["problem"]]
     return {
@@ -80,7 +80,7 @@ def results_json(lines: list[Line]) -> dict[str, Any]:
 
 def line_note(line: Line) -> str:
     """Say in a few words what came of one lift of one session."""
-    from rig.cli.tables import lift_note
+    from rig.cli.printing import lift_note
 
     where = Path(line["session"]).name
     return f"{where}: {line['problem']}" if line["problem"] else f"{where}: {lift_note(_nested(line))}"
@@ -89,7 +89,7 @@ def line_note(line: Line) -> str:
 def _session_table(lines: list[Line]) -> Any:
     from rich.table import Table
 
-    from rig.cli.tables import mare_text
+    from rig.cli.printing import mare_text
 
     table = Table(title=f"{_mark(lines)}MARE per session, degrees: mean +- std [95 % interval]")
     for heading in ("session", "estimator", "lifts", "phase B", "phases B and C", "answered"):

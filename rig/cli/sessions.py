@@ -27,7 +27,7 @@ def sessions(
       rig sessions /data/2026 --json
 
     """
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
     from rig.results.listing import find_sessions, list_session
 
     entries = [list_session(path) for path in find_sessions(folder)]
@@ -46,7 +46,7 @@ def sessions(
 def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
     from rich.table import Table
 
-    from rig.cli.tables import mare_text
+    from rig.cli.printing import mare_text
 
     table = Table(title=f"sessions in {folder}; MARE over phases B and C, degrees")
     for heading in ("date (UTC)", "session", "kind", "bench", "objects", "done", "MARE", "MB", "state"):

@@ -91,7 +91,7 @@ def trial(
 
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
-    from rig.cli.tables import lift_note, summary_json, trial_table
+    from rig.cli.printing import lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import describe_plan, resolve_objects, run_trial

@@ -18,7 +18,7 @@ from rig.results.table import COLUMNS, flat_row
 from rig.sessions.files import read_lines
 from rig.sessions.layout import RESULTS
 from rig.sessions.session import Session, open_session, read_manifest
-from rig.sessions.tables import csv_bytes, has_parquet, parquet_bytes
+from rig.sessions.table_files import csv_bytes, has_parquet, parquet_bytes
 from rig.tactile.estimators import choose_estimator
 
 KIND = "replay"

@@ -13,9 +13,9 @@ from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import CalibrationError, DeviceError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
+from protocols.observer import LiftObserver
 from protocols.slip_trial import LiftPlan, run_lift
 from protocols.steps import make_ready
-from protocols.watch import LiftObserver
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
@@ -25,7 +25,7 @@ from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import LiftOutcome, lift_result, stage_times
 from rig.live.feed import LiveFeed
-from rig.live.watch import LiveObserver
+from rig.live.observer import LiveObserver
 from rig.sessions.recorder import LiftRecorder
 from rig.tactile.estimators import EstimatorChoice
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.types import ArmState, Frame, GripperState, Image
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.tactile.contact.finder import ContactFinder
 
 FRAMES_APART = 3

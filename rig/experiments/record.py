@@ -21,9 +21,9 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, InputError, SessionError
 from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
+from protocols.operator import Operator
 from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, make_ready
-from protocols.watch import Operator
 from rig.bench.assembly import true_masks
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig

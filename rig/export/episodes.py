@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.sessions.reading import phase_times, recorded_jpeg, recorded_messages, recorded_pose
 from rig.sessions.recorder import (
     ARM_TOPIC,

@@ -4,10 +4,10 @@ import shutil
 from pathlib import Path
 
 from drivers.errors import InputError, RecordingError
+from rig.export.csv_parquet import export_csv, export_parquet
 from rig.export.labels import export_coco, export_labelme
 from rig.export.lerobot import export_lerobot
 from rig.export.result import Exported, Exporter, export_request
-from rig.export.tables import export_csv, export_parquet
 
 FORMATS: dict[str, Exporter] = {
     "csv": export_csv,

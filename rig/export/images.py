@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.errors import SessionError
 from drivers.types import Image
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.export.result import ExportRequest
 from rig.sessions.images import decoded
 from rig.sessions.layout import TRUE_MASKS

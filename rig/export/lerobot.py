@@ -16,7 +16,7 @@ from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, 
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
 from rig.sessions.images import decoded
-from rig.sessions.tables import pyarrow_modules
+from rig.sessions.table_files import pyarrow_modules
 
 STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "gripper_counts")
 SCALARS = {

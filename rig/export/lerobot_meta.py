@@ -5,7 +5,7 @@ from typing import Any
 
 from rig.export.result import ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
-from rig.sessions.tables import pyarrow_modules
+from rig.sessions.table_files import pyarrow_modules
 
 FORMAT_VERSION = "v3.0"
 FILES_PER_CHUNK = 1000

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.errors import SessionError
 from drivers.types import Image
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.sessions.files import read_lines

@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.types import ArmState, Frame, GripperState
-from protocols.watch import LiftObserver, Phase
+from protocols.observer import LiftObserver, Phase
 
 
 class LatencyProbe(LiftObserver):

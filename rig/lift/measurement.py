@@ -12,8 +12,8 @@ import numpy as np
 from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.observer import Phase
 from protocols.slip_trial import SETTLE_S
-from protocols.watch import Phase
 from rig.lift.fusion import FusedSample, TipAnswer, fuse
 from rig.lift.marker_truth import MarkerTruth, TruthSeries
 from rig.lift.onset import OnsetAlarm

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import ZERO_S, LiftMeasurement

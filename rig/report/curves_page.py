@@ -6,10 +6,10 @@ import numpy as np
 
 from rig.pages.page import render
 from rig.report.advice import FEW_LIFTS
+from rig.report.csv_lifts import TableLift, Tables
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
-from rig.report.tables import TableLift, Tables
 from rig.report.text import angle_text, interval_text, made_text, mare_short, mare_text
 from rig.report.trial_charts import (
     boxes,

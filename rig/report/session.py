@@ -12,7 +12,7 @@ from google.protobuf.message import DecodeError
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, SessionError
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
 from rig.sessions.layout import TIMING

@@ -41,8 +41,8 @@ def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
             raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
         html, problems = _session_page(session)
         return _written(out or session / REPORT, html, problems)
+    from rig.report.csv_lifts import read_tables
     from rig.report.curves_page import curves_page
-    from rig.report.tables import read_tables
 
     found = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError
-from rig.sessions.tables import has_parquet, read_csv, read_parquet
+from rig.sessions.table_files import has_parquet, read_csv, read_parquet
 
 ERRORS = ("re_b", "re", "re_held")
 COLUMNS: dict[str, type] = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import ArmState, Frame, Image, Pose
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import ZERO_S
 from rig.sessions.files import read_lines

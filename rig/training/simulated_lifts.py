@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from drivers.bench import Bench
 from drivers.errors import GraspError
 from drivers.types import ArmState, Frame, GripperState, Image
+from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
-from protocols.watch import LiftObserver, Phase
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift

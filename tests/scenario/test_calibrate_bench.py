@@ -23,8 +23,8 @@ from rig.calibrate.bench_fingers import collect_openings
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
 from rig.calibrate.bench_tip import collect_tip
-from rig.calibrate.outcome import file_result
-from rig.calibrate.tables import tcp_from_folder
+from rig.calibrate.from_tables import tcp_from_folder
+from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 

@@ -20,7 +20,7 @@ from rig.sessions.files import read_lines
 from rig.sessions.layout import TRUE_MASKS
 from rig.sessions.reading import recorded_frames, recorded_values
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
-from rig.sessions.tables import read_csv
+from rig.sessions.table_files import read_csv
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 
 from drivers.errors import OperatorStopError
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import (

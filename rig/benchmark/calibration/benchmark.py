@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
-from calibration.tables.time_offset import time_offset
+from calibration.time_offset import time_offset
 from rig.benchmark.calibration import (
     degenerate_gel,
     degenerate_hand_eye,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
-from calibration.tables.pivot import calibrate_pivot
+from calibration.tool_tip import calibrate_pivot
 from drivers.types import Pose
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Truth, general_scene, motion_scene

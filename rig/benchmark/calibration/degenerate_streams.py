@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
-from calibration.tables.time_offset import TimedSignal, make_stream, time_offset, unwrapped
+from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
+from calibration.time_offset import TimedSignal, make_stream, time_offset, unwrapped
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
 

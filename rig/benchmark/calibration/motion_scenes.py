@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.tables.time_offset import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream
 from drivers.types import Pose
 
 Array = NDArray[np.floating]

@@ -14,7 +14,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.types import Frame, Image
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unfiltered
 from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.config.models import TactileConfig

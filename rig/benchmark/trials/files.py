@@ -5,8 +5,8 @@ from pathlib import Path
 
 from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.trials.benchmark import TrialsResult, as_json
+from rig.benchmark.trials.paper_tables import notes, table_four, table_three
 from rig.benchmark.trials.picture import draw
-from rig.benchmark.trials.tables import notes, table_four, table_three
 from rig.pages.page import render
 
 FIGURES, PICTURE, PAGE = "results.json", "trials.png", "index.html"

@@ -14,7 +14,7 @@ import cv2
 
 from drivers.clock import to_ns
 from drivers.types import ArmState, Frame, Image
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import filtered
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.estimators.scores import SeriesScore, score_series

@@ -9,9 +9,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rig.benchmark.estimators.picture import spread_labels
 from rig.benchmark.trials.benchmark import NETWORKS, OURS, TrialsResult
+from rig.benchmark.trials.paper_tables import head, systems, usual_window
 from rig.benchmark.trials.passes import combination
 from rig.benchmark.trials.systems import STILL, title
-from rig.benchmark.trials.tables import head, systems, usual_window
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import METHODS
 

@@ -19,7 +19,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
-from protocols.watch import Operator
+from protocols.operator import Operator
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench

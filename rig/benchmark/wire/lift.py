@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
-from protocols.watch import Operator
+from protocols.operator import Operator
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench

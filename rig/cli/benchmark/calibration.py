@@ -65,7 +65,7 @@ def _print(report: "CalibrationReport") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
 
     console = table_console(width=170)
     table = Table(

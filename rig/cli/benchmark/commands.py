@@ -107,7 +107,7 @@ def _print_table(results: "list[FaultResult]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
 
     table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
     table.title = "SIMULATED bench 'wire': from the fault to the rig's stop, from there to standstill"

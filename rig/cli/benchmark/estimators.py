@@ -77,7 +77,7 @@ class Parts:
     """A progress bar per part of the run, one after the other."""
 
     def __init__(self) -> None:
-        from rig.cli.tables import WorkProgress
+        from rig.cli.printing import WorkProgress
 
         self._make = WorkProgress
         self._part: str | None = None
@@ -101,7 +101,7 @@ class Parts:
 
 def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import estimator_table, limit_table, notes, stress_table, time_table
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
 
     console = table_console(to_stderr, width=200)
     tables = (time_table(result), stress_table(result), estimator_table(result), limit_table(result.limits))

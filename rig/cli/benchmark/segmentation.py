@@ -45,7 +45,7 @@ def segmentation(
 
     from rig.benchmark.calibration.benchmark import data_folder
     from rig.benchmark.segmentation.benchmark import run_segmentation
-    from rig.benchmark.segmentation.tables import trained_models
+    from rig.benchmark.segmentation.paper_table import trained_models
     from rig.benchmark.trials.benchmark import parse_models
     from rig.frames.masks import make_folder
     from rig.sessions.files import write_json
@@ -83,8 +83,8 @@ def _write_picture(report: "SegmentationReport", path: Path) -> None:
 
 def _print(report: "SegmentationReport", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import BenchmarkTable
-    from rig.benchmark.segmentation.tables import score_table, table_two, time_table
-    from rig.cli.tables import table_console
+    from rig.benchmark.segmentation.paper_table import score_table, table_two, time_table
+    from rig.cli.printing import table_console
 
     console = table_console(to_stderr)
     verdicts = {None: "", True: "met", False: "MISSED"}

@@ -74,8 +74,8 @@ def trials(
 def _print(result: "TrialsResult", to_stderr: bool) -> None:
     from rich.table import Table as RichTable
 
-    from rig.benchmark.trials.tables import notes, table_four, table_three
-    from rig.cli.tables import table_console
+    from rig.benchmark.trials.paper_tables import notes, table_four, table_three
+    from rig.cli.printing import table_console
 
     console = table_console(to_stderr, 200)
     for table in (table_three(result), table_four(result)):

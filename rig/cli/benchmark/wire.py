@@ -94,7 +94,7 @@ def _plain(report: "WireReport") -> dict[str, object]:
 def _print_table(report: "WireReport") -> None:
     from rich.table import Table
 
-    from rig.cli.tables import table_console
+    from rig.cli.printing import table_console
 
     table = Table(
         "source", "served", "recorded", "missing", "capture to log, ms: median", "99 %",

@@ -10,7 +10,7 @@ from rig.cli.common import ask, emit_json, say, tell
 
 if TYPE_CHECKING:
     from rig.calibrate.bench import Station
-    from rig.calibrate.outcome import CalibrationResult, Filed
+    from rig.calibrate.result import CalibrationResult, Filed
 
 FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder of the calibration file and its page.")]
@@ -76,7 +76,7 @@ def file_and_say(outcome: "CalibrationResult", out: Path | None, bench: str, jso
 
 def filed_and_said(outcome: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
     """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
-    from rig.calibrate.outcome import file_result
+    from rig.calibrate.result import file_result
 
     filed = file_result(outcome, _folder(out, bench))
     say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")

@@ -93,7 +93,7 @@ def gripper(
 
     """
     from rig.calibrate.bench_fingers import collect_openings
-    from rig.calibrate.tables import gripper_from_folder
+    from rig.calibrate.from_tables import gripper_from_folder
 
     if source is not None:
         outcome = gripper_from_folder(source, serial)
@@ -127,7 +127,7 @@ def tcp(
 
     """
     from rig.calibrate.bench_tip import collect_tip
-    from rig.calibrate.tables import tcp_from_folder
+    from rig.calibrate.from_tables import tcp_from_folder
 
     if source is not None:
         outcome = tcp_from_folder(source, serial)
@@ -168,7 +168,7 @@ def sync(
 
     """
     from rig.calibrate.bench_clocks import collect_streams
-    from rig.calibrate.tables import sync_from_folder
+    from rig.calibrate.from_tables import sync_from_folder
 
     if source is not None:
         file_and_say(sync_from_folder(source, first, second, search), out, bench, json)

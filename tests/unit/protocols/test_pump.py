@@ -13,8 +13,8 @@ from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
 from fakes.devices.source import FakeSource, Shutter
 from fakes.faults import FaultScript
+from protocols.observer import Phase
 from protocols.pump import Pump
-from protocols.watch import Phase
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import InputError
-from rig.cli.tables import lift_note
+from rig.cli.printing import lift_note
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.session import check_viewer
 from rig.live.terminal import LiftInView, TrialView

@@ -16,9 +16,9 @@ from rig.benchmark.trials.benchmark import (
     with_markers,
 )
 from rig.benchmark.trials.files import FIGURES, PAGE, PICTURE, write_trials
+from rig.benchmark.trials.paper_tables import table_four, table_three
 from rig.benchmark.trials.passes import NetworkContact, combination, thinned
 from rig.benchmark.trials.systems import title
-from rig.benchmark.trials.tables import table_four, table_three
 from rig.config import load_bench
 from rig.sessions.files import read_json
 from rig.tactile.contact.finder import NO_CONTACT, Contact

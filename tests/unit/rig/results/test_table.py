@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import InputError
 from rig.results.summary import summarize_trial
 from rig.results.table import COLUMNS, flat_row, nested_row, read_results
-from rig.sessions.tables import csv_bytes, parquet_bytes
+from rig.sessions.table_files import csv_bytes, parquet_bytes
 
 
 def row(number: int, error_deg: float | None) -> dict[str, Any]:

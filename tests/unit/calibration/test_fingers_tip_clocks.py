@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.tables.force import fit_force
-from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
-from calibration.tables.pivot import calibrate_pivot
-from calibration.tables.time_offset import TimedSignal, make_stream, time_offset, unwrapped
+from calibration.fingers.force import fit_force
+from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
+from calibration.time_offset import TimedSignal, make_stream, time_offset, unwrapped
+from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.clock import NS_PER_S
-from protocols.watch import Phase
+from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.results.table import COLUMNS as LIFT_COLUMNS
 from rig.results.table import flat_row
@@ -26,7 +26,7 @@ from rig.sessions.recorder import (
     JOINTS_TOPIC,
     TRUTH_TOPIC,
 )
-from rig.sessions.tables import Columns, Line, csv_bytes, parquet_bytes
+from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 
 WHEN: Columns = {
     "number": int, "object": str, "name": str, "lift": int, "phase": str, "t_s": float, "t_lift_s": float,

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.tables.force import fit_force
-from calibration.tables.opening import Direction, OpeningSample, calibrate_opening
-from calibration.tables.pivot import calibrate_pivot
-from calibration.tables.time_offset import time_offset
+from calibration.fingers.force import fit_force
+from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
+from calibration.time_offset import time_offset
+from calibration.tool_tip import calibrate_pivot
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures
-from rig.calibrate.outcome import CalibrationResult, Picture
+from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.sources import number, read_poses, read_stream, read_table
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.types import ArmState, Frame, GripperState, Image
-from protocols.watch import LiftObserver, Phase
+from protocols.observer import LiftObserver, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
 from rig.sessions.images import jpeg

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from calibration.tables.opening import Opening
+from calibration.fingers.opening import Opening
 from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 

@@ -1,0 +1,1 @@
+"""The gripper's fingers: opening by counts, force by current; as measured."""

@@ -1,1 +1,0 @@
-"""What is measured as tables and streams: finger opening, force, the tool's tip, clocks."""

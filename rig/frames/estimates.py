@@ -62,8 +62,8 @@ def zeroed(
     """Take the angles from the zero, the answer at the reference time or of the first stable contact.
 
     keep_zero leaves the estimator's own zero, as the published script has one. sign: +1, or -1 for
-    a fingertip that sees the object from behind. Raises `InputError` for a reference time outside
-    the series or where there is no answer.
+    a fingertip that sees the object from behind. Where there is no angle at the reference time, the
+    first answer from there on is the zero. Raises `InputError` for a reference time outside the series.
     """
     unreadable = sum(
         answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 for answer in answers
@@ -134,7 +134,7 @@ def _rounded(value: float | None) -> float | None:
 
 def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple[int | None, str]:
     if reference is not None:
-        return _frame_at(answers, reference), "as asked"
+        return _place_at(answers, reference)
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
         return None, "none: no frame was answered"
@@ -153,17 +153,19 @@ def _is_stable(areas: np.ndarray) -> bool:
     return len(near) > STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
 
 
-def _frame_at(answers: Sequence[Answer], reference: FrameTime) -> int:
-    """Return the frame nearest to the reference time, which has to be answered."""
+def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:
+    """Return the frame nearest to the reference time, the first answer from there on where it has none."""
     first, last = answers[0].time, answers[-1].time
     if not first.time_ns <= reference.time_ns <= last.time_ns:
         raise InputError(
             f"--reference-time {reference.text}: the frames run from {first.text} to {last.text} s"
         )
     place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
-    if answers[place].sample.angle_deg is None:
-        state = answers[place].sample.state.value
-        raise InputError(
-            f"--reference-time {reference.text}: no angle there ({state}): choose a frame with one"
-        )
-    return place
+    answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
+    if place in answered:
+        return place, "as asked"
+    state = answers[place].sample.state.value
+    if not answered:
+        return None, f"none: no frame was answered; {state} at --reference-time {reference.text}"
+    instead = next((i for i in answered if i > place), answered[0])
+    return instead, f"first answer; no angle ({state}) at --reference-time {reference.text}"

@@ -51,6 +51,15 @@ def real_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def real_clips() -> Path:
+    """The folder of labelled real clips, as `rotation_clips/rebuild.py` makes it: RIG_CLIPS."""
+    folder = Path(os.environ.get("RIG_CLIPS", "clips that nobody named"))
+    if not folder.is_dir():
+        pytest.skip("no labelled real clips: make them with rotation_clips/rebuild.py and set RIG_CLIPS")
+    return folder
+
+
 def ellipse_mask(
     angle_deg: float,
     half_axes: tuple[float, float] = (85.0, 35.0),

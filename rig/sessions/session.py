@@ -12,9 +12,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivers.errors import InputError, RecordingError, SessionError
-from rig.sessions.layout import LOG, MANIFEST, TIMING
 from rig.config import BenchConfig, validation_text
 from rig.sessions.files import append_line, drop_torn_line, read_json, read_lines, write_file, write_json
+from rig.sessions.layout import LOG, MANIFEST, TIMING
 
 SCHEMA_VERSION = 1
 DISTRIBUTION = "visuotactile-slip-rig"

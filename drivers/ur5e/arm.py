@@ -18,7 +18,7 @@ from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, fro
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
 from drivers.ur5e.probe import Version, probe_controller
-from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_until, zero_force_sensor
+from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
@@ -155,7 +155,7 @@ class UR5e(Arm):
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
             link.call("stop", STOP_DECELERATION_M_S2, timeout_s=STOP_CALL_S)
-            wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
         except DeviceError:
             return False
         return True
@@ -163,7 +163,7 @@ class UR5e(Arm):
     def _end_program(self, link: ArmLink) -> None:
         with contextlib.suppress(DeviceError):
             self._require_dashboard().ask("stop")
-            wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, or start the ended control program again; nothing moves.

@@ -10,6 +10,7 @@ from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError
 from drivers.motion import PolledMotion
 from drivers.types import Pose
+from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.shared_state import Six, StateSample
 
 BEGIN_LIMIT_S = 0.5
@@ -28,8 +29,8 @@ class MovingArm(Protocol):
         """Newest state. Raises the arm's error when it cannot be moving any more."""
         ...
 
-    def operation(self) -> tuple[int, bool]:
-        """Number of the newest operation on the controller, and whether it goes on."""
+    def operation(self) -> Operation:
+        """The newest operation on the controller."""
         ...
 
     def stop(self) -> None:

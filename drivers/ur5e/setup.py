@@ -52,7 +52,7 @@ def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> 
         wait_for_arm(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
     _set_tool(link, tool, clock)
-    if not link.call("watchdog"):
+    if not link.control.start_watchdog():
         raise refusal(link, "setWatchdog", clock)
 
 
@@ -77,9 +77,9 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
 
 def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
-    if not link.call("steady"):
+    if not link.control.is_steady():
         raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
-    if not link.call("zero_ft"):
+    if not link.control.zero_force_sensor():
         raise refusal(link, "zeroFtSensor", clock)
 
     answered_ns = SystemClock().now_ns()
@@ -112,12 +112,12 @@ def wait_for_arm(
 
 def _set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
     """Set TCP and payload, and see that the controller has them."""
-    taken, there = link.call("tcp", tool.flange_tcp)
+    taken, there = link.control.set_tcp(tool.flange_tcp)
     if not taken:
         raise refusal(link, "setTcp", clock)
     if any(abs(a - b) > 1e-4 for a, b in zip(tool.flange_tcp, there, strict=True)):
         raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
-    if not link.call("payload", tool.payload_kg, tool.payload_cog_m):
+    if not link.control.set_payload(tool.payload_kg, tool.payload_cog_m):
         raise refusal(link, "setPayload", clock)
     if not math.isnan(link.sample().payload_kg):
 

@@ -1,6 +1,7 @@
 """Time. Nothing in the rig sleeps or reads the time except through a `Clock`."""
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
@@ -35,3 +36,13 @@ class SystemClock:
 def to_ns(duration_s: float) -> int:
     """Convert a duration in s to integer ns."""
     return round(duration_s * NS_PER_S)
+
+
+def wait_until(clock: Clock, met: Callable[[], bool], timeout_s: float, poll_s: float) -> bool:
+    """Ask until a condition is met, every `poll_s`; return False when `timeout_s` pass before that."""
+    deadline = clock.now_ns() + to_ns(timeout_s)
+    while not met():
+        if clock.now_ns() >= deadline:
+            return False
+        clock.sleep_until(clock.now_ns() + to_ns(poll_s))
+    return True

@@ -4,7 +4,7 @@ Implementations name these protocols as bases, so they can be found by search an
 checker reports a missing member. Verbs act, nouns read. Motions return at once with a handle.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
@@ -22,7 +22,27 @@ class Motion(Protocol):
         ...
 
 
-class Arm(Protocol):
+class Diagnosable(Protocol):
+    """What a device says of itself and of its line; empty where it has nothing to say, as a simulated one."""
+
+    def identity(self) -> Mapping[str, str]:
+        """Model, serial number, firmware and the like by name, as far as they are known."""
+        return {}
+
+    def counters(self) -> Mapping[str, int]:
+        """How often something happened since the driver was made or connected, by name."""
+        return {}
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Durations of the newest answered requests, s."""
+        return ()
+
+    def clock_offset_s(self) -> float | None:
+        """The device's time minus this computer's monotonic time, s; None where it tells no time."""
+        return None
+
+
+class Arm(Diagnosable, Protocol):
     """A six-axis arm with a tool centre point. Poses are `base_T_tcp`, m and rad."""
 
     @property
@@ -62,7 +82,7 @@ class Arm(Protocol):
         ...
 
 
-class Gripper(Protocol):
+class Gripper(Diagnosable, Protocol):
     """Two grasping fingers positioned in counts (0 open, 255 closed)."""
 
     @property
@@ -95,7 +115,7 @@ class Gripper(Protocol):
         ...
 
 
-class FrameSource(Protocol):
+class FrameSource(Diagnosable, Protocol):
     """Something that captures frames; frames not read in time are counted as dropped."""
 
     @property

@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
+from drivers.motion import PolledMotion
 from drivers.robotiq_3f.commands import (
     ECHO_TIMEOUT_S,
     GripperCommands,
@@ -27,12 +28,11 @@ from drivers.robotiq_3f.commands import (
     under_way,
 )
 from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
-from drivers.robotiq_3f.motion import GripperMotion
 from drivers.robotiq_3f.poller import GripperLine, StatusSample
 from drivers.robotiq_3f.registers import Command, GraspMode, Stage, Status, pack_command
 from drivers.types import GripperLimits, GripperState
 
-__all__ = ["NOMINAL_LIMITS", "GraspMode", "GripperMotion", "Robotiq3F", "rtu_link", "tcp_link"]
+__all__ = ["NOMINAL_LIMITS", "GraspMode", "Robotiq3F", "rtu_link", "tcp_link"]
 
 NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=0.155 / 249)
 """Bare fingers; 6 is what an open finger reads (manual, status example after opening)."""
@@ -146,7 +146,7 @@ class Robotiq3F(Gripper):
             fault_code=status.fault,
         )
 
-    def move_to(self, position_counts: int) -> GripperMotion:
+    def move_to(self, position_counts: int) -> PolledMotion:
         """Start moving the grasping fingers and return at once.
 
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
@@ -156,7 +156,7 @@ class Robotiq3F(Gripper):
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._hand.standing(status)
         self._send(self._hand.motion(position_counts, status.mode, parked))
-        return GripperMotion(self._clock, lambda: self.state().moving, self.stop)
+        return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are; ends an activation or a mode change by a reset.

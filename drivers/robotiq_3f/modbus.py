@@ -108,8 +108,7 @@ class StatusClient:
     def read_status(self) -> Sequence[int]:
         """Return the 8 status registers. Raises `DeviceError`."""
         preset = self._link.preset
-        reply = self._retried(lambda client: _read(client, preset), preset.read)
-        registers: list[int] = getattr(reply, "registers", [])
+        registers = self._retried(lambda client: _read(client, preset), preset.read).registers
         if len(registers) != REGISTERS:
             self._fail()
             raise DeviceError(
@@ -176,9 +175,8 @@ class StatusClient:
 
     def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():
-            code = getattr(reply, "exception_code", "?")
             raise DeviceError(
-                f"{self._link.name}: refused the request with Modbus exception {code}; "
+                f"{self._link.name}: refused the request with Modbus exception {reply.exception_code}; "
                 "check preset (rtu, tcp, tcp-2014) and unit"
             )
         if reply.function_code != function:

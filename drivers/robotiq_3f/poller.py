@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 
-from drivers.clock import Clock, to_ns
+from drivers.clock import Clock, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.robotiq_3f.modbus import Link, StatusClient
 from drivers.robotiq_3f.registers import REFRESH_S, Status, unpack_status
@@ -91,16 +91,16 @@ class GripperLine:
         what: names it in the `DeviceTimeoutError` raised after `timeout_s`.
         """
         start = self._clock.now_ns()
-        while True:
+
+        def seen() -> bool:
             sample = self.sample()
-            if sample.time_ns >= start + to_ns(REFRESH_S) and reached(sample.status):
-                return
-            if self._clock.now_ns() > start + to_ns(timeout_s):
-                raise DeviceTimeoutError(
-                    f"{self._name}: {what} not reached within {timeout_s} s; "
-                    "check power and preset, then activate again"
-                )
-            self._clock.sleep_until(self._clock.now_ns() + to_ns(POLL_S))
+            return sample.time_ns >= start + to_ns(REFRESH_S) and reached(sample.status)
+
+        if not wait_until(self._clock, seen, timeout_s, POLL_S):
+            raise DeviceTimeoutError(
+                f"{self._name}: {what} not reached within {timeout_s} s; "
+                "check power and preset, then activate again"
+            )
 
     def round_trips_s(self) -> Sequence[float]:
         """Durations of the last requests that were answered, s; at most 1000."""

@@ -13,18 +13,18 @@ from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
+from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
 from drivers.ur5e.probe import Version, probe_controller
-from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_until, zero_force_sensor
+from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
 GREETING_S = 1.5
-STOP_CALL_S = 0.3
 STOP_LIMIT_S = 0.6
 USED_TOO_EARLY = "arm: used before connect; connect the bench first"
 REMOTE_SINCE: Version = (5, 6, 0, 0)
@@ -99,7 +99,7 @@ class UR5e(Arm):
             if not self._known_to_stand(self._link):
                 self.stop()
             with contextlib.suppress(DeviceError):
-                self._link.call("end", timeout_s=STOP_CALL_S)
+                self._link.control.end_program()
         self._let_go()
 
     def state(self) -> ArmState:
@@ -126,7 +126,7 @@ class UR5e(Arm):
         if not link.has_control:
             self._take_over(link)
         pose = to_ur(base_T_tcp)
-        joints = link.call("plan", pose, sample.joints_rad)
+        joints = link.control.joints_for(pose, sample.joints_rad)
         if not joints and (reason := ended(link, self._clock)):
             raise reason
         check_joints(joints, self._joint_limits, base_T_tcp)
@@ -135,7 +135,7 @@ class UR5e(Arm):
             if self._stops != stops:
                 raise DeviceError("arm: stopped while a motion was being prepared; it was not sent")
 
-        started, before = link.call("move", pose, speed_m_s, acceleration_m_s2, check=not_stopped)
+        started, before = link.control.move_linear(pose, speed_m_s, acceleration_m_s2, not_stopped)
         if not started:
             raise refusal(link, "moveL", self._clock)
         return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
@@ -154,8 +154,8 @@ class UR5e(Arm):
 
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
-            link.call("stop", STOP_DECELERATION_M_S2, timeout_s=STOP_CALL_S)
-            wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            link.control.stop_linear(STOP_DECELERATION_M_S2)
+            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
         except DeviceError:
             return False
         return True
@@ -163,7 +163,7 @@ class UR5e(Arm):
     def _end_program(self, link: ArmLink) -> None:
         with contextlib.suppress(DeviceError):
             self._require_dashboard().ask("stop")
-            wait_until(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, or start the ended control program again; nothing moves.
@@ -213,10 +213,9 @@ class UR5e(Arm):
             raise reason
         return sample
 
-    def operation(self) -> tuple[int, bool]:
-        """Number of the newest operation on the controller, and whether it goes on."""
-        number, running = self._require_link().call("progress")
-        return number, running
+    def operation(self) -> Operation:
+        """The newest operation on the controller."""
+        return self._require_link().control.operation()
 
     def _require_link(self) -> ArmLink:
         if self._link is None:
@@ -261,4 +260,4 @@ class UR5e(Arm):
         sample = link.sample()
         if not is_still(sample):
             return False
-        return bool(program_reason(sample)) or not link.has_control or not link.call("progress")[1]
+        return bool(program_reason(sample)) or not link.has_control or not link.control.operation().running

@@ -2,13 +2,12 @@
 
 import importlib.util
 import os
-from collections.abc import Callable
-from typing import Any
 
-from drivers.clock import NS_PER_S, SystemClock, to_ns
+from drivers.clock import NS_PER_S, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.ur5e.child_process import CallableProcess, ChildProcess
-from drivers.ur5e.probe import Deadline, Version
+from drivers.ur5e.child_process import ChildProcess
+from drivers.ur5e.control_client import ControlClient
+from drivers.ur5e.probe import Version
 from drivers.ur5e.shared_state import SharedState, StateSample
 
 STALE_S = 0.4
@@ -17,7 +16,6 @@ STREAM_START_S = 3.0
 CONTROL_START_S = 8.0
 START_TRIES = 3
 """After a stop the control interface's first attempts fail now and then (users' reports)."""
-CALL_S = 1.0
 END_S = 0.5
 WITH_PAYLOAD: Version = (5, 6, 0, 0)
 _POLL_S = 0.005
@@ -30,11 +28,11 @@ class ArmLink:
         """Start to listen. Raises `DeviceError` when no state arrives."""
         require_ur_rtde()
         self._host, self._clock = host, SystemClock()
-        self._board = SharedState()
-        self._control: CallableProcess | None = None
-        arguments = (host, rate_hz, self._board.fd, os.getpid(), int(version >= WITH_PAYLOAD))
-        self._stream = ChildProcess(
-            "the process that listens", "drivers.ur5e.state_process", arguments, (self._board.fd,)
+        self._state = SharedState()
+        self._control: ControlClient | None = None
+        arguments = (host, rate_hz, self._state.fd, os.getpid(), int(version >= WITH_PAYLOAD))
+        self._listener = ChildProcess(
+            "the process that listens", "drivers.ur5e.state_process", arguments, (self._state.fd,)
         )
         try:
             self._wait_for_state()
@@ -45,20 +43,20 @@ class ArmLink:
     def close(self) -> None:
         """End both processes. Safe to call twice."""
         self.end_control()
-        self._stream.end()
-        self._board.close()
+        self._listener.end()
+        self._state.close()
 
     def sample(self) -> StateSample:
         """Newest sample. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens."""
-        sample = self._board.read()
+        sample = self._state.read()
         age_s = self.age_s(sample) if sample else float("inf")
         if sample is not None and age_s < STALE_S:
             return sample
         if sample is not None and not sample.received_ns:
-            self._stream.wait(END_S)
-        if not self._stream.alive:
+            self._listener.wait(END_S)
+        if not self._listener.alive:
             raise DeviceError(
-                f"arm: connection lost: {self._stream.death()}; its state is unknown. "
+                f"arm: connection lost: {self._listener.death()}; its state is unknown. "
                 "Look at it, check the network, then connect again"
             )
         raise DeviceTimeoutError(
@@ -74,13 +72,7 @@ class ArmLink:
         """Start the process that commands; it uploads the control program. Nothing moves."""
         for left in reversed(range(START_TRIES)):
             self.end_control()
-            self._control = CallableProcess(
-                "the process that commands",
-                "drivers.ur5e.control_process",
-                (self._host, self._board.fd, os.getpid()),
-                (self._board.fd,),
-                self._clock,
-            )
+            self._control = ControlClient(self._host, self._state.fd, self._clock)
             try:
                 return self._control.wait_ready(CONTROL_START_S, self.sample)
             except DeviceError:
@@ -100,34 +92,29 @@ class ArmLink:
         """Whether the process that commands is there."""
         return self._control is not None and self._control.alive
 
-    def call(
-        self,
-        name: str,
-        *arguments: object,
-        timeout_s: float = CALL_S,
-        check: Callable[[], object] = lambda: None,
-    ) -> Any:
-        """Have something done (`drivers.ur5e.control_process.calls`). Raises `DeviceError`.
-
-        check: is called when no other call is under way any more, and may raise.
-        """
-        if self._control is None:
+    @property
+    def control(self) -> ControlClient:
+        """The process that commands. Raises `NotConnectedError` where there is none."""
+        control = self._control
+        if control is None:
             raise NotConnectedError("arm: nothing commands it (it was stopped); recover or connect it again")
-        return self._control.call(name, *arguments, timeout_s=timeout_s, check=check)
+        return control
 
     def _wait_for_state(self) -> None:
-        deadline = Deadline.after(STREAM_START_S)
-        while self._board.read() is None:
-            if not self._stream.alive:
-                raise DeviceError(
-                    f"arm: no state from {self._host}: {self._stream.death()}; "
-                    "see that no fieldbus or other client holds its registers, then connect again"
-                )
-            if not deadline.left_s():
-                raise DeviceTimeoutError(
-                    f"arm: {self._host} accepts connections but sends no state; restart the controller"
-                )
-            self._clock.sleep_until(self._clock.now_ns() + to_ns(_POLL_S))
+        if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
+            raise DeviceTimeoutError(
+                f"arm: {self._host} accepts connections but sends no state; restart the controller"
+            )
+
+    def _has_state(self) -> bool:
+        if self._state.read() is not None:
+            return True
+        if not self._listener.alive:
+            raise DeviceError(
+                f"arm: no state from {self._host}: {self._listener.death()}; "
+                "see that no fieldbus or other client holds its registers, then connect again"
+            )
+        return False
 
 
 def require_ur_rtde() -> None:

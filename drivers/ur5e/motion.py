@@ -7,12 +7,12 @@ from typing import Protocol
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import Clock, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.interfaces import Motion
+from drivers.errors import DeviceError
+from drivers.motion import PolledMotion
 from drivers.types import Pose
+from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.shared_state import Six, StateSample
 
-POLL_S = 0.008
 BEGIN_LIMIT_S = 0.5
 """A motion that was accepted has begun by then, or never will."""
 ASK_S = 0.05
@@ -29,8 +29,8 @@ class MovingArm(Protocol):
         """Newest state. Raises the arm's error when it cannot be moving any more."""
         ...
 
-    def operation(self) -> tuple[int, bool]:
-        """Number of the newest operation on the controller, and whether it goes on."""
+    def operation(self) -> Operation:
+        """The newest operation on the controller."""
         ...
 
     def stop(self) -> None:
@@ -38,14 +38,15 @@ class MovingArm(Protocol):
         ...
 
 
-class ArmMotion(Motion):
+class ArmMotion(PolledMotion):
     """A straight motion to `target`. stopped: whether the arm was told to stop since it began."""
 
     def __init__(
         self, arm: MovingArm, target: Pose, before: int, start: Six, clock: Clock, stopped: Callable[[], bool]
     ) -> None:
+        super().__init__("arm", clock, self._has_ended, arm.stop)
         self._arm, self._target, self._before = arm, target, before
-        self._clock, self._stopped = clock, stopped
+        self._stopped = stopped
         self._began_ns = clock.now_ns()
         self._ended_ns: int | None = None
         self._asked_ns = self._began_ns
@@ -59,22 +60,13 @@ class ArmMotion(Motion):
         left = _distance(self._arm.moving_sample().pose, self._target)
         return min(1.0, max(0.0, 1.0 - left / self._way_m))
 
-    def done(self) -> bool:
+    def _has_ended(self) -> bool:
         """Whether the arm has arrived, or stands still after a stop. Raises what went wrong."""
         if not self._done:
             sample = self._arm.moving_sample()
             if self._over(sample):
                 self._done = self._arrived(sample)
         return self._done
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until done, see `drivers.interfaces.Motion`."""
-        deadline = self._clock.now_ns() + to_ns(timeout_s)
-        while not self.done():
-            if self._clock.now_ns() >= deadline:
-                self._arm.stop()
-                raise DeviceTimeoutError(f"arm: motion not finished after {timeout_s:.1f} s; stopped it")
-            self._clock.sleep_until(self._clock.now_ns() + to_ns(POLL_S))
 
     def _over(self, sample: StateSample) -> bool:
         """Whether the controller has carried the operation out."""

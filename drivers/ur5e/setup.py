@@ -1,11 +1,10 @@
 """Making the arm ready, and ready again after a stop: nothing here moves it."""
 
-import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import Clock, SystemClock, to_ns
+from drivers.clock import Clock, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import ArmMode, Vector3, Vector6
 from drivers.ur5e.dashboard import RELEASED, Dashboard
@@ -50,10 +49,10 @@ def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> 
         if not is_still(sample):
             raise DeviceError("arm: a program moves it; end that program on the pendant, then connect again")
         dashboard.ask("stop")
-        wait_until(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
+        wait_for_arm(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
     _set_tool(link, tool, clock)
-    if not link.call("watchdog"):
+    if not link.control.start_watchdog():
         raise refusal(link, "setWatchdog", clock)
 
 
@@ -70,17 +69,17 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
         return replies[-1] == RELEASED
 
     try:
-        wait_until(released, RELEASE_LIMIT_S, "release the stop", clock, RELEASE_PAUSE_S)
+        wait_for_arm(released, RELEASE_LIMIT_S, "release the stop", clock, RELEASE_PAUSE_S)
     except DeviceTimeoutError as error:
         raise DeviceError(f"arm: the protective stop cannot be released: '{replies[-1]}'") from error
-    wait_until(lambda: stop_reason(link.sample()) is None, NORMAL_LIMIT_S, "leave the stop", clock)
+    wait_for_arm(lambda: stop_reason(link.sample()) is None, NORMAL_LIMIT_S, "leave the stop", clock)
 
 
 def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
-    if not link.call("steady"):
+    if not link.control.is_steady():
         raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
-    if not link.call("zero_ft"):
+    if not link.control.zero_force_sensor():
         raise refusal(link, "zeroFtSensor", clock)
 
     answered_ns = SystemClock().now_ns()
@@ -89,7 +88,7 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
         sample = link.sample()  # one from before the answer shows the force from before
         return sample.sampled_ns > answered_ns and math.hypot(*sample.wrench[:3]) < ZEROED_N
 
-    wait_until(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
+    wait_for_arm(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
 
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
@@ -99,34 +98,30 @@ def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
 
 def ended(link: ArmLink, clock: Clock) -> DeviceError | None:
     """Why the control program does not run; None when it goes on running."""
-    with contextlib.suppress(DeviceTimeoutError):
-        wait_until(lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, "end", clock)
+    wait_until(clock, lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, _POLL_S)
     return program_reason(link.sample())
 
 
-def wait_until(
+def wait_for_arm(
     met: Callable[[], bool], limit_s: float, what: str, clock: Clock, pause_s: float = _POLL_S
 ) -> None:
-    """Wait for a condition. Raises `DeviceTimeoutError` after `limit_s`."""
-    deadline = clock.now_ns() + to_ns(limit_s)
-    while not met():
-        if clock.now_ns() >= deadline:
-            raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
-        clock.sleep_until(clock.now_ns() + to_ns(pause_s))
+    """Wait until the arm does `what`, which `met` sees. Raises `DeviceTimeoutError` after `limit_s`."""
+    if not wait_until(clock, met, limit_s, pause_s):
+        raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
 
 
 def _set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
     """Set TCP and payload, and see that the controller has them."""
-    taken, there = link.call("tcp", tool.flange_tcp)
+    taken, there = link.control.set_tcp(tool.flange_tcp)
     if not taken:
         raise refusal(link, "setTcp", clock)
     if any(abs(a - b) > 1e-4 for a, b in zip(tool.flange_tcp, there, strict=True)):
         raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
-    if not link.call("payload", tool.payload_kg, tool.payload_cog_m):
+    if not link.control.set_payload(tool.payload_kg, tool.payload_cog_m):
         raise refusal(link, "setPayload", clock)
     if not math.isnan(link.sample().payload_kg):
 
         def weighed() -> bool:
             return abs(link.sample().payload_kg - tool.payload_kg) < 1e-3
 
-        wait_until(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg", clock)
+        wait_for_arm(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg", clock)

@@ -1,10 +1,10 @@
-"""The process that listens to the arm: ur-rtde's receive interface, written to the shared board.
+"""The process that listens to the arm: ur-rtde's receive interface, written to shared memory.
 
 Its constructor keeps the interpreter to itself and waits without end for a peer that says nothing,
 and its getters go on returning the last values after the connection is gone. Here both do no
-harm: a process can be ended, and the board shows by the controller's time how old a sample is.
+harm: a process can be ended, and the state shows by the controller's time how old a sample is.
 
-    python -m drivers.ur5e.state_process HOST RATE_HZ BOARD_FD PARENT_PID WITH_PAYLOAD
+    python -m drivers.ur5e.state_process HOST RATE_HZ STATE_FD PARENT_PID WITH_PAYLOAD
 """
 
 import faulthandler
@@ -56,7 +56,7 @@ class ClockMap:
         return controller_ns + min(self._before, self._current)
 
 
-def listen(receive: Any, board: SharedState, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
+def listen(receive: Any, state: SharedState, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
     """Publish each new sample until the connection or the parent process is gone."""
     clock, times = SystemClock(), ClockMap()
     last_s = -math.inf
@@ -70,7 +70,7 @@ def listen(receive: Any, board: SharedState, parent_pid: int, rate_hz: float, wi
         gaps += max(0, round((timestamp_s - last_s) * rate_hz) - 1) if samples else 0
         samples, last_s = samples + 1, timestamp_s
         sampled_ns = times.to_host_ns(round(timestamp_s * NS_PER_S), received_ns)
-        board.write(
+        state.write(
             StateSample(
                 timestamp_s,
                 received_ns,
@@ -96,7 +96,7 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
     )
 
 
-def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
+def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
     """Connect, listen, and end; the exit code says how."""
     ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
@@ -108,10 +108,10 @@ def main(host: str, rate_hz: float, board_fd: int, parent_pid: int, with_payload
     except (ImportError, RuntimeError, ValueError) as error:
         sys.exit(" ".join(str(error).split()))
     faulthandler.cancel_dump_traceback_later()
-    board = SharedState(board_fd)
-    listen(receive, board, parent_pid, rate_hz, with_payload)
-    if last := board.read():
-        board.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on
+    state = SharedState(state_fd)
+    listen(receive, state, parent_pid, rate_hz, with_payload)
+    if last := state.read():
+        state.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on
     sys.stdout.flush()
     os._exit(CONNECTION_LOST)  # the interface's destructor takes half a second and has nothing left to do
 

@@ -10,8 +10,8 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
+from drivers.motion import PolledMotion
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
-from fakes.devices.handle import FakeMotion
 from fakes.faults import FaultScript
 from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench
@@ -75,7 +75,7 @@ class FakeArm(Arm):
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 
-    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> FakeMotion:  # noqa: N803
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
         """Start a straight motion."""
         self._require_connected()
         self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
@@ -85,7 +85,7 @@ class FakeArm(Arm):
         self._check_running()
         travel = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, travel)
-        return FakeMotion("arm", self._clock, self._arrived, self.stop)
+        return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         """Stop where it is."""

@@ -8,8 +8,8 @@ from drivers.errors import (
     OutOfLimitsError,
 )
 from drivers.interfaces import Gripper
+from drivers.motion import PolledMotion
 from drivers.types import GripperLimits, GripperState
-from fakes.devices.handle import FakeMotion
 from fakes.faults import FaultScript
 from fakes.world.motion import FingerPath
 from fakes.world.trapezoid import TrapezoidProfile
@@ -86,7 +86,7 @@ class FakeGripper(Gripper):
             fault_code=0,
         )
 
-    def move_to(self, position_counts: int) -> FakeMotion:
+    def move_to(self, position_counts: int) -> PolledMotion:
         """Start moving the fingers; they stall where an object resists with 15 N."""
         self._require_usable()
         if not self._activated:
@@ -106,7 +106,7 @@ class FakeGripper(Gripper):
             end = start
         travel = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, travel)
-        return FakeMotion("gripper", self._clock, self._arrived, self.stop)
+        return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""

@@ -1,15 +1,13 @@
 """The doctor's look at the arm and the gripper: reached, read, timed; nothing moves."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import RigError
-from drivers.interfaces import Arm, Gripper
+from drivers.interfaces import Arm, Diagnosable, Gripper
 from drivers.types import ArmMode
 from rig.config import ArmConfig
 from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
@@ -65,9 +63,9 @@ def unreachable(device: str, error: RigError) -> Finding:
     return Finding(device, "reached", Severity.FAILURE, seen, todo or "check power, cable and address")
 
 
-def reached(device: str, driver: Any, took_s: float) -> Finding:
+def reached(device: str, driver: Diagnosable, took_s: float) -> Finding:
     """A device that answers, and what it says that it is."""
-    identity: dict[str, str] = driver.identity() if hasattr(driver, "identity") else {}
+    identity = driver.identity()
     text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
     seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
     return Finding(device, "reached", Severity.GOOD, seen, figures={"connect_s": took_s, **identity})
@@ -84,8 +82,7 @@ def _mode(mode: ArmMode) -> Finding:
 
 
 def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list[Finding]:
-    offset = getattr(arm, "clock_offset_s", None)
-    before_s = offset() if offset else None
+    before_s = arm.clock_offset_s()
     times = _distinct_times(arm, clock, duration_s)
     gaps = np.diff(times) / NS_PER_S
     rate_hz = len(gaps) / float(gaps.sum()) if len(gaps) else 0.0
@@ -106,9 +103,7 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
             {**figures, **interval},
         )
     ]
-    if offset and before_s is not None:
-        findings += _clock(before_s, offset(), duration_s)
-    return findings
+    return findings + _clock(before_s, arm.clock_offset_s(), duration_s)
 
 
 def _distinct_times(arm: Arm, clock: Clock, duration_s: float) -> list[int]:
@@ -122,8 +117,8 @@ def _distinct_times(arm: Arm, clock: Clock, duration_s: float) -> list[int]:
     return times
 
 
-def _clock(before_s: float, after_s: float | None, duration_s: float) -> list[Finding]:
-    if after_s is None or not math.isfinite(after_s):
+def _clock(before_s: float | None, after_s: float | None, duration_s: float) -> list[Finding]:
+    if before_s is None or after_s is None or not math.isfinite(after_s):
         return []
     drift = (after_s - before_s) / duration_s * 1e6
     seen = f"controller's time is {after_s:+.4f} s from ours, drifts by {drift:+.0f} us/s"
@@ -135,16 +130,13 @@ def _clock(before_s: float, after_s: float | None, duration_s: float) -> list[Fi
 
 def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding]:
     """Time what the driver says its requests took; reading the state makes some, where it does."""
-    times = getattr(gripper, "round_trips_s", None)
-    if times is None:
+    if not gripper.round_trips_s():
         return []
     end = clock.now_ns() + to_ns(duration_s)
     while clock.now_ns() < end:
         gripper.state()
         clock.sleep_until(clock.now_ns() + to_ns(0.002))
-    taken: Sequence[float] = times()
-    if not taken:
-        return []
+    taken = gripper.round_trips_s()
     figures = percentiles_ms(taken)
     good = figures["p99_ms"] <= SLOW_REQUEST_MS
     todo = "" if good else "check cable and termination, take other masters off the bus"

@@ -46,4 +46,4 @@ def _sizes(config: BenchConfig) -> dict[str, tuple[int, int]]:
 
 def _usb_places(bench: Bench) -> dict[str, str]:
     """Where on USB the sensors were found, by serial, where their drivers say."""
-    return {s.serial: getattr(s, "identity", dict)().get("usb", "") for s in bench.frame_sources}
+    return {source.serial: source.identity().get("usb", "") for source in bench.frame_sources}

@@ -26,14 +26,14 @@ OLD_MS = 50.0
 class SourceRecord:
     """What came of one source: all frames' times (ns), ages when read (s), numbers, and the last frame.
 
-    counted: what the driver counted meanwhile (frozen, shifted, green, reopened ...), None without.
+    counted: what the driver counted meanwhile (frozen, shifted, green, reopened ...).
     """
 
     times_ns: list[int]
     ages_s: list[float]
     numbers: list[int]
     last: Frame
-    counted: dict[str, int] | None
+    counted: dict[str, int]
 
 
 def look_at_streams(
@@ -77,7 +77,7 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceReco
     times, ages, numbers = [], [], []
     try:
         last = source.newest_frame(1.0)
-        before = _counters(source)
+        before = source.counters()
         end = clock.now_ns() + to_ns(duration_s)
         while clock.now_ns() < end:
             last = source.next_frame(FRAME_S)
@@ -88,14 +88,8 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceReco
         return error
     if len(times) < 2:
         return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
-    after = _counters(source)
-    counted = None if before is None or after is None else {k: n - before.get(k, 0) for k, n in after.items()}
+    counted = {name: count - before.get(name, 0) for name, count in source.counters().items()}
     return SourceRecord(times, ages, numbers, last, counted)
-
-
-def _counters(source: FrameSource) -> dict[str, int] | None:
-    counters = getattr(source, "counters", None)
-    return None if counters is None else dict(counters())
 
 
 def _judged(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> list[Finding]:
@@ -148,8 +142,8 @@ def _size(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -
     return Finding(source.serial, "picture", Severity.WARNING if dark else Severity.GOOD, seen, todo, figures)
 
 
-def _counted(source: FrameSource, counted: dict[str, int] | None) -> list[Finding]:
-    if counted is None:
+def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
+    if not counted:
         return []
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
     seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"

@@ -308,7 +308,7 @@ def test_a_crash_of_the_process_that_commands_costs_the_motion_only(
     controller: URController, arm: UR5e, crash: signal.Signals
 ) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
-    process = arm._link._control._process  # type: ignore[union-attr]
+    process = arm._link.control._process._process  # type: ignore[union-attr]
     process.send_signal(crash)
     process.wait()
     error, _ = first_error(motion.done)
@@ -322,7 +322,7 @@ def test_a_crash_of_the_process_that_commands_costs_the_motion_only(
 def test_a_crash_of_the_process_that_listens_leaves_the_state_unknown(
     controller: URController, arm: UR5e
 ) -> None:
-    process = arm._link._stream._process  # type: ignore[union-attr]
+    process = arm._link._listener._process  # type: ignore[union-attr]
     process.send_signal(signal.SIGSEGV)
     process.wait()
     error, _ = first_error(arm.state)
@@ -340,7 +340,7 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
         "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 1.8, (0, 0, 0.08))\n"
         "arm.connect()\n"
         "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
-        "print(arm._link._stream._process.pid, arm._link._control._process.pid, flush=True)\n"
+        "print(arm._link._listener._process.pid, arm._link.control._process._process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
     rig = subprocess.Popen([sys.executable, "-c", code, controller.host], stdout=subprocess.PIPE, text=True)

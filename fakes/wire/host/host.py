@@ -16,6 +16,7 @@ from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.mirror import snapshot_of
 from fakes.wire.host.motion_log import MotionLog
 from fakes.wire.host.render import Renderer
+from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net.side_channel import ControlServer
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.world import World
@@ -199,7 +200,7 @@ class _Stream:
     serial: str
 
     def inject(self, kind: str, **arguments: Any) -> None:
-        self.renderer.call(self.serial, "inject", kind=kind, **arguments)
+        self.renderer.call(self.serial, MjpegServer.inject, kind, **arguments)
 
     def snapshot(self) -> Mapping[str, Any]:
-        return self.renderer.call(self.serial, "snapshot")
+        return self.renderer.call(self.serial, MjpegServer.snapshot)

@@ -4,10 +4,11 @@ import multiprocessing
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +29,9 @@ CAMERA_PHASE = 0.125
 """When within its period the camera captures: a quarter of a fingertip's period after the first of them."""
 SWITCH_S = 0.0005
 """How long a busy thread may keep the interpreter while another's image is due."""
+
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
 
 
 class Renderer:
@@ -56,10 +60,16 @@ class Renderer:
         except OSError as error:
             raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
 
-    def call(self, serial: str, method: str, **arguments: Any) -> Any:
+    def call(
+        self,
+        serial: str,
+        method: Callable[Concatenate[MjpegServer, Arguments], Answer],
+        *arguments: Arguments.args,
+        **named: Arguments.kwargs,
+    ) -> Answer:
         """Call a method of a stream's server. Raises what it raises."""
         with self._lock:
-            self._calls.send((serial, method, arguments))
+            self._calls.send((serial, method, arguments, named))
             return self._answer(START_S)
 
     def stop(self) -> None:
@@ -140,10 +150,10 @@ def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> None:
     """Do what the parent asks of the servers, until it closes the pipe or is gone."""
     while True:
         try:
-            serial, method, arguments = calls.recv()
+            serial, method, arguments, named = calls.recv()
         except (EOFError, OSError):
             return
         try:
-            calls.send(getattr(servers[serial], method)(**arguments))
+            calls.send(method(servers[serial], *arguments, **named))
         except RigError as error:
             calls.send(error)

@@ -149,8 +149,7 @@ class _Counted(StandingBench):
 
 
 def _samples(bench: Bench) -> int:
-    counters = getattr(bench.arm, "counters", dict)()
-    return counters.get("samples", 0)
+    return bench.arm.counters().get("samples", 0)
 
 
 def _serials(config: BenchConfig) -> list[str]:

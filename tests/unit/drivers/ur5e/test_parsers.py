@@ -9,6 +9,8 @@ import random
 import socket
 import struct
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from scipy.spatial.transform import Rotation
@@ -16,8 +18,11 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
 from drivers.types import Pose
-from drivers.ur5e.child_process import CallableProcess
-from drivers.ur5e.control_process import _answer
+from drivers.ur5e import control_process
+from drivers.ur5e.channel import Channel, no_check
+from drivers.ur5e.control_client import ControlClient
+from drivers.ur5e.control_commands import ControlCommands, Watchdog
+from drivers.ur5e.control_process import answer
 from drivers.ur5e.dashboard import refuse_local_control, serial_number
 from drivers.ur5e.probe import parse_version, read_package
 from fakes.wire.ur.commands import COMMANDS
@@ -181,34 +186,70 @@ def test_registers_full_of_nonsense() -> None:
         assert all(abs(q) < 1e3 for q in robot.body.q), "no nonsense reaches the joints"
 
 
+class Interface:
+    """ur-rtde's control interface, good on some days."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+
+    def _drawn(self, value: object) -> Any:
+        if error := self._rng.choice((None, None, RuntimeError, ValueError, TypeError, IndexError)):
+            raise error("as the library says it")
+        return value
+
+    def setTcp(self, pose: list[float]) -> bool:  # noqa: N802
+        return self._drawn(True)
+
+    def getTCPOffset(self) -> list[float]:  # noqa: N802
+        return self._drawn([0.0, 0.0, 0.28, 0.0, 0.0, 0.0])
+
+    def setPayload(self, mass_kg: float, cog_m: list[float]) -> bool:  # noqa: N802
+        return self._drawn(False)
+
+    def isSteady(self) -> bool:  # noqa: N802
+        return self._drawn(True)
+
+
+CALLS = (
+    (ControlCommands.set_tcp, ([0.0] * 6,), [True, [0.0, 0.0, 0.28, 0.0, 0.0, 0.0]]),
+    (ControlCommands.set_payload, (1.2, [0.0] * 3), False),
+    (ControlCommands.is_steady, (), True),
+)
+
+
 def test_answers_of_the_process_that_commands() -> None:
+    """Whatever the library raises, and however the line is cut, a call has its own answer or an error."""
     rng = random.Random(6)
-    table = {
-        "ok": lambda *a: len(a),
-        "bad": lambda: 1 / 0.5,
-        "rt": _raising(RuntimeError),
-        "val": _raising(ValueError),
-    }
+    commands = ControlCommands(Interface(rng), Watchdog(None))
     here, there = socket.socketpair()
-    process = CallableProcess.__new__(CallableProcess)
-    process._here, process._rest, process._clock, process._name = here, b"", SystemClock(), "it"
+    channel = Channel(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
+    asked = there.makefile("rb")
+    failed = 0
     for _ in range(CASES["answer"]):
-        request = {"call": rng.choice(list(table)), "args": [0] * rng.randrange(3)}
-        line = json.dumps(_answer(table, request)).encode() + b"\n"
-        cut = rng.randrange(len(line))
-        there.sendall(line[:cut])
-        there.sendall(line[cut:])
-        with contextlib.suppress(DeviceError):
-            process._receive(1.0, request["call"])
+        method, arguments, expected = rng.choice(CALLS)
+        request = {"call": method.__name__, "arguments": arguments, "named": {}}
+        answered = answer(commands, request)
+        line = json.dumps(answered).encode()
+        for part in (line[: (cut := rng.randrange(len(line)))], line[cut:] + b"\n"):
+            there.sendall(part)
+        if "error" in answered:
+            failed += 1
+            with pytest.raises(DeviceError, match="as the library says it"):
+                channel.call(method, 1.0, no_check, *arguments)
+        else:
+            assert channel.call(method, 1.0, no_check, *arguments) == expected
+        assert json.loads(asked.readline()) == json.loads(json.dumps(request))
+    assert 0 < failed < CASES["answer"]
     here.close()
     there.close()
 
 
-def _raising(kind: type[Exception]) -> Callable[..., None]:
-    def call(*_: object) -> None:
-        raise kind("as the library says it")
-
-    return call
+def test_every_call_of_the_client_is_a_command() -> None:
+    """What the parent can ask for and what the process can do are the same calls."""
+    ours = {"alive", "wait_ready", "end"}
+    assert {name for name in vars(ControlClient) if not name.startswith("_")} - ours == set(
+        control_process.COMMANDS
+    )
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])

@@ -1,0 +1,117 @@
+"""Calls to another process, and their answers, each a line of JSON, each with a deadline."""
+
+import json
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.ur5e.child_process import ChildProcess
+
+_SEND_S = 1.0
+_CHECK_S = 0.1
+
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
+Check = Callable[[], object]
+
+
+def no_check() -> None:
+    """Let a call go ahead."""
+
+
+class Channel:
+    """The line to a process; calls come from any thread, one at a time.
+
+    `multiprocessing.connection` would do but for its `recv`, which has no deadline once an answer
+    has begun to come: a process that was stopped there would keep its caller for ever.
+    """
+
+    def __init__(self, connection: socket.socket, process: ChildProcess, clock: Clock) -> None:
+        self._connection = connection
+        self._process = process
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._rest = b""
+
+    def wait_ready(self, timeout_s: float, check: Check) -> None:
+        """Wait until the process says that it is ready. Raises `DeviceError` with its reason.
+
+        check: is called meanwhile and raises when waiting has no point any more.
+        """
+        with self._lock:
+            self._receive(timeout_s, "start", check)
+
+    def call(
+        self,
+        method: Callable[Concatenate[Any, Arguments], Answer],
+        timeout_s: float,
+        check: Check,
+        /,
+        *arguments: Arguments.args,
+        **named: Arguments.kwargs,
+    ) -> Answer:
+        """Have the process call a method of its own, and return the answer as JSON gives it back.
+
+        check: is called when it is this call's turn, and may raise. Raises `DeviceError` when the
+        process died or answers with an error, `DeviceTimeoutError` when it does not answer; it is
+        then ended, so that it cannot do later what was asked now.
+        """
+        name = method.__name__
+        if not self._lock.acquire(timeout=timeout_s):
+            raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not asked")
+        try:
+            check()
+            self._send({"call": name, "arguments": arguments, "named": named})
+            return self._receive(timeout_s, name)
+        finally:
+            self._lock.release()
+
+    def close(self) -> None:
+        """Hang up. Safe to call twice."""
+        self._connection.close()
+
+    def _send(self, request: dict[str, Any]) -> None:
+        try:
+            self._connection.settimeout(_SEND_S)
+            self._connection.sendall(json.dumps(request).encode() + b"\n")
+        except OSError as error:
+            raise self._lost(request["call"]) from error
+
+    def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
+        while b"\n" not in self._rest:
+            if self._clock.now_ns() >= deadline:
+                self._process.kill()
+                raise DeviceTimeoutError(
+                    f"arm: '{name}' was not answered within {timeout_s:g} s; {self._process.name} was ended. "
+                    "Check the controller's network and pendant, then connect again"
+                )
+            check()
+            self._take(min(_CHECK_S, (deadline - self._clock.now_ns()) / NS_PER_S), name)
+        line, self._rest = self._rest.split(b"\n", 1)
+        answer = json.loads(line)
+        if "error" in answer:
+            raise DeviceError(f"arm: '{name}' failed: {answer['error']}")
+        return answer["value"]
+
+    def _take(self, timeout_s: float, name: str) -> None:
+        try:
+            self._connection.settimeout(max(timeout_s, 1e-3))
+            data = self._connection.recv(65536)
+        except TimeoutError:
+            return
+        except OSError as error:
+            raise self._lost(name) from error
+        if not data:
+            raise self._lost(name)
+        self._rest += data
+
+    def _lost(self, name: str) -> DeviceError:
+        self._process.wait(_CHECK_S)
+        return DeviceError(
+            f"arm: connection lost at '{name}': {self._process.death()}; the arm's state is unknown. "
+            "Look at it, then connect again"
+        )

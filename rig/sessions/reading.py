@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from drivers.errors import SessionError
 from drivers.types import ArmMode, ArmState, Frame, Pose
-from protocols.observer import Phase, LiftObserver
+from protocols.observer import LiftObserver, Phase
 from rig.sessions.images import decoded
 from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, image_topic
 

@@ -4,9 +4,10 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Mapping
 from enum import IntEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -40,7 +41,7 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def emit_json(value: dict[str, Any]) -> None:
+def emit_json(value: Mapping[str, object]) -> None:
     """Print the one JSON object of a command."""
     print(json.dumps(value))
 

@@ -39,7 +39,7 @@ def compare(
 
     """
     from drivers.errors import InputError
-    from rig.report.compare import compare_rows, verdict
+    from rig.report.compare import compare_lifts, verdict
     from rig.report.compare_page import compare_page
     from rig.report.sides import session_side
     from rig.report.write import write_page
@@ -55,7 +55,7 @@ def compare(
     for note in (note for side in sides for note in side.notes):
         say(f"note: {note}")
     names = _names(sides)
-    found = compare_rows(names, sides[0].rows, sides[1].rows)
+    found = compare_lifts(names, sides[0].lifts, sides[1].lifts)
     page = out or folder / f"compare_{names[0]}_{names[1]}.html"
     write_page(page, compare_page(found, any(side.simulated for side in sides), about))
     if json:
@@ -96,10 +96,10 @@ def _print(found: "Comparison") -> None:
     console.print(verdict(found))
 
 
-def _figures(found: "Comparison") -> dict[str, Any]:
+def _figures(found: "Comparison") -> dict[str, object]:
     from dataclasses import asdict
 
-    def plain(value: Any) -> dict[str, Any]:
+    def plain(value: Any) -> dict[str, object]:
         row = asdict(value)
         figure = row.pop("figure")
         return {**row, "figure": figure["name"], "unit": figure["unit"], "winner": value.winner}

@@ -81,7 +81,7 @@ def estimate(
       rig estimate frames/ --background empty.png --estimator ellipse --json
 
     """
-    from rig.frames.series import is_session
+    from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
     run = _Run(background, reference_time, choose_estimator(estimator, window), pixel_aspect)

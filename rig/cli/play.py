@@ -35,9 +35,9 @@ def play(
     """
     from rig.report.film import write_film
     from rig.report.session import find_lift
-    from rig.sessions.session import read_manifest
+    from rig.sessions.manifest import TrialManifest, read_manifest_of
 
-    manifest = read_manifest(session)
+    manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
     chosen = find_lift(session, manifest, lift)
     film = write_film(session, manifest, chosen, out, fps, speed)
     width, height = film.size_px

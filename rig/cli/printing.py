@@ -1,7 +1,7 @@
 """Progress and tables for people."""
 
 import sys
-from typing import Any, Self
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -9,6 +9,8 @@ from rich.table import Table
 
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
+from rig.results.table import TableLift
+from rig.sessions.records import FailedLift, LiftRow
 
 
 class WorkProgress:
@@ -49,20 +51,19 @@ class TrialProgress(WorkProgress):
     def __init__(self, total: int) -> None:
         super().__init__(total, "lifts")
 
-    def __call__(self, done: int, total: int, row: dict[str, Any]) -> None:
+    def __call__(self, done: int, total: int, row: LiftRow) -> None:
         """Show one lift."""
         self.show(done, total, lift_note(row))
 
 
-def lift_note(row: dict[str, Any]) -> str:
+def lift_note(row: LiftRow | TableLift) -> str:
     """Say in a few words what came of a lift."""
-    head = f"{row['object']} {row['name']} lift {row['lift']}: {row['outcome']}"
-    if not row["accepted"]:
-        return f"{head}: {row['fault']}"
-    error = row["re"]["mean_deg"] if row["re"] else None
-    turn = row["final_truth_deg"]
+    head = f"{row.object} {row.name} lift {row.lift}: {row.outcome}"
+    if isinstance(row, FailedLift):
+        return f"{head}: {row.fault}"
+    turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
-    parts.append("no answer" if error is None else f"mean error {error:.2f} deg")
+    parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
     return f"{head}, {', '.join(parts)}"
 
 
@@ -115,7 +116,7 @@ def turn_distribution(summary: TrialSummary) -> str:
     )
 
 
-def summary_json(summary: TrialSummary) -> dict[str, Any]:
+def summary_json(summary: TrialSummary) -> dict[str, object]:
     """Return the trial's figures under the contract's names."""
 
     def mean(value: Mare | None) -> float | None:

@@ -1,6 +1,6 @@
 """`rig record`: grasp an object in many poses and keep the tactile images."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from rig.cli.common import (
     session_folder,
 )
 from rig.cli.report import NoReportOption, report_after
+
+if TYPE_CHECKING:
+    from rig.sessions.records import PoseRow
 
 
 def record(
@@ -85,9 +88,9 @@ def record(
         )
     figures = {
         "session": str(folder),
-        "poses_accepted": sum(row["accepted"] for row in rows),
-        "images_accepted": sum(len(row["images"]) for row in rows),
-        "images_rejected": sum(row["rejected_frames"] for row in rows),
+        "poses_accepted": sum(row.accepted for row in rows),
+        "images_accepted": sum(len(row.images) for row in rows),
+        "images_rejected": sum(row.rejected_frames for row in rows),
         "wall_s": round(time.perf_counter() - began, 2),
     }
     say(
@@ -101,10 +104,8 @@ def record(
         print(folder)
 
 
-def _note(row: dict[str, object]) -> str:
-    where = f"{row['position']} at {row['orientation_deg']:+.0f} deg"
-    if not row["accepted"]:
-        return f"{where}: {row['fault']}"
-    images = row["images"]
-    count = len(images) if isinstance(images, list) else 0
-    return f"{where}: {count} images, {row['rejected_frames']} frames rejected"
+def _note(row: "PoseRow") -> str:
+    where = f"{row.position} at {row.orientation_deg:+.0f} deg"
+    if not row.accepted:
+        return f"{where}: {row.fault}"
+    return f"{where}: {len(row.images)} images, {row.rejected_frames} frames rejected"

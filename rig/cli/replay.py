@@ -9,6 +9,7 @@ from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
 
 if TYPE_CHECKING:
     from rig.experiments.batch_replay import CampaignPlan
+    from rig.sessions.records import ReplayRow
 
 
 def replay(
@@ -97,8 +98,8 @@ def _replay_many(
 
     from rig.cli.common import session_folder
     from rig.cli.printing import WorkProgress
-    from rig.cli.results import line_note, print_results, results_json
-    from rig.experiments.batch_replay import gather_sessions, plan_campaign, run_campaign
+    from rig.cli.results import print_results, results_json, row_note
+    from rig.experiments.batch_replay import gather_sessions, plan_campaign, replay_manifest, run_campaign
     from rig.experiments.dask_engine import runner
 
     began = time.perf_counter()
@@ -106,23 +107,23 @@ def _replay_many(
     run = runner(engine, trial_jobs(jobs, True, False))
     folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
     plan = plan_campaign(folders, estimator, window)
-    request = {"sessions": [str(f) for f in folders], "estimator": estimator, "window": window}
+    manifest = replay_manifest(folders, estimator, window)
     _say_plan(plan, estimator)
     with WorkProgress(len(plan.tasks), "lifts") as bar:
-        lines = run_campaign(
+        rows = run_campaign(
             folder,
             plan,
-            request,
+            manifest,
             run,
             resume,
-            lambda done, total, line: bar.show(done, total, line_note(line)),
+            lambda done, total, row: bar.show(done, total, row_note(row)),
         )
     wall_s = round(time.perf_counter() - began, 2)
-    print_results(lines, by="session", to_stderr=json)
-    say(f"{folder}/results.csv: {len(lines)} lines, {wall_s:.1f} s")
+    print_results(rows, by="session", to_stderr=json)
+    say(f"{folder}/results.csv: {len(rows)} lines, {wall_s:.1f} s")
     if json:
-        emit_json({"out": str(folder), **results_json(lines), "wall_s": wall_s})
-    _report_broken(lines)
+        emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
+    _report_broken(rows)
 
 
 def _say_plan(plan: "CampaignPlan", estimator: str | None) -> None:
@@ -136,11 +137,11 @@ def _say_plan(plan: "CampaignPlan", estimator: str | None) -> None:
         say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
 
 
-def _report_broken(lines: list[dict[str, object]]) -> None:
+def _report_broken(rows: "list[ReplayRow]") -> None:
     """End as with any input that cannot be used, once everything else is done."""
     from drivers.errors import SessionError
 
-    broken = [line for line in lines if line["problem"]]
+    broken = [row.problem for row in rows if row.problem]
     if broken:
         more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
-        raise SessionError(f"done, except for what is broken: {broken[0]['problem']}{more}")
+        raise SessionError(f"done, except for what is broken: {broken[0]}{more}")

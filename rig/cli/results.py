@@ -2,13 +2,16 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli.common import JsonOption, emit_json
 
-Line = dict[str, Any]
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rig.sessions.records import ReplayRow
 
 
 class By(StrEnum):
@@ -35,86 +38,76 @@ def results(
     """
     from rig.results.table import read_results
 
-    lines = read_results(table)
-    print_results(lines, by, to_stderr=json)
+    rows = read_results(table)
+    print_results(rows, by, to_stderr=json)
     if json:
-        emit_json({"table": str(table), **results_json(lines)})
+        emit_json({"table": str(table), **results_json(rows)})
 
 
-def print_results(lines: list[Line], by: str, to_stderr: bool) -> None:
-    """Print the summary of a table's lines by object or by session, then what was broken."""
+def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
+    """Print the summary of a table's rows by object or by session, then what was broken."""
     from rig.cli.printing import object_table, table_console
+    from rig.results.table import summarize_table
 
     console = table_console(to_stderr)
-    good = [line for line in lines if not line["problem"]]
+    good = [row for row in rows if not row.problem]
     if by == By.OBJECT and good:
-        console.print(object_table(_summary(good), _mark(good)))
+        console.print(object_table(summarize_table(good), _mark(good)))
     elif good:
         console.print(_session_table(good))
-    estimators = ", ".join(sorted({str(line["estimator"]) for line in good})) or "none"
-    identical = sum(line["identical"] is True for line in good)
+    estimators = ", ".join(sorted({str(row.estimator) for row in good})) or "none"
+    identical = sum(row.identical is True for row in good)
     console.print(
         f"estimator {estimators}; {identical} of {len(good)} lifts exactly as stored", highlight=False
     )
-    for line in lines:
-        if line["problem"]:
-            console.print(f"broken: {line['problem']}", highlight=False, soft_wrap=True, markup=False)
+    for row in rows:
+        if row.problem:
+            console.print(f"broken: {row.problem}", highlight=False, soft_wrap=True, markup=False)
 
 
-def results_json(lines: list[Line]) -> dict[str, Any]:
+def results_json(rows: "list[ReplayRow]") -> dict[str, object]:
     """Return a table's figures under the contract's names."""
     from rig.cli.printing import summary_json
+    from rig.results.table import summarize_table
 
-    good = [line for line in lines if not line["problem"]]
+    good = [row for row in rows if not row.problem]
     return {
         "simulated": bool(_mark(good)),
-        "estimators": sorted({line["estimator"] for line in good}),
-        "sessions": len({line["session"] for line in good}),
-        "broken": [
-            {"session": line["session"], "problem": line["problem"]} for line in lines if line["problem"]
-        ],
-        "identical": sum(line["identical"] is True for line in good),
-        **summary_json(_summary(good)),
+        "estimators": sorted({str(row.estimator) for row in good}),
+        "sessions": len({row.session for row in good}),
+        "broken": [{"session": row.session, "problem": row.problem} for row in rows if row.problem],
+        "identical": sum(row.identical is True for row in good),
+        **summary_json(summarize_table(good)),
     }
 
 
-def line_note(line: Line) -> str:
+def row_note(row: "ReplayRow") -> str:
     """Say in a few words what came of one lift of one session."""
     from rig.cli.printing import lift_note
+    from rig.results.table import table_lift
 
-    where = Path(line["session"]).name
-    return f"{where}: {line['problem']}" if line["problem"] else f"{where}: {lift_note(_nested(line))}"
+    where = Path(row.session).name
+    return f"{where}: {row.problem}" if row.problem else f"{where}: {lift_note(table_lift(row))}"
 
 
-def _session_table(lines: list[Line]) -> Any:
+def _session_table(rows: "list[ReplayRow]") -> "Table":
     from rich.table import Table
 
     from rig.cli.printing import mare_text
+    from rig.results.table import summarize_table
 
-    table = Table(title=f"{_mark(lines)}MARE per session, degrees: mean +- std [95 % interval]")
+    table = Table(title=f"{_mark(rows)}MARE per session, degrees: mean +- std [95 % interval]")
     for heading in ("session", "estimator", "lifts", "phase B", "phases B and C", "answered"):
         table.add_column(heading, justify="left" if heading in ("session", "estimator") else "right")
-    for session in dict.fromkeys(line["session"] for line in lines):
-        own = [line for line in lines if line["session"] == session]
-        summary = _summary(own)
+    for session in dict.fromkeys(row.session for row in rows):
+        own = [row for row in rows if row.session == session]
+        summary = summarize_table(own)
         table.add_row(
-            Path(session).name, ", ".join({line["estimator"] for line in own}), str(len(own)),
+            Path(session).name, ", ".join({str(row.estimator) for row in own}), str(len(own)),
             mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}",
         )  # fmt: skip
     return table
 
 
-def _summary(lines: list[Line]) -> Any:
-    from rig.results.summary import summarize_trial
-
-    return summarize_trial([_nested(line) for line in lines])
-
-
-def _nested(line: Line) -> Line:
-    from rig.results.table import nested_row
-
-    return nested_row(line)
-
-
-def _mark(lines: list[Line]) -> str:
-    return "SIMULATED " if any(line["simulated"] for line in lines) else ""
+def _mark(rows: "list[ReplayRow]") -> str:
+    return "SIMULATED " if any(row.simulated for row in rows) else ""

@@ -53,9 +53,9 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
         table.add_column(heading, justify="right" if heading in ("done", "MB") else "left")
     for entry in entries:
         table.add_row(
-            str(entry.manifest.get("started", ""))[:16].replace("T", " "),
+            _started(entry)[:16].replace("T", " "),
             entry.folder.name,
-            entry.kind,
+            entry.manifest.kind if entry.manifest else "",
             _bench(entry),
             _shortened(entry.objects),
             f"{entry.done}/{entry.wanted}" if entry.wanted else str(entry.done),
@@ -67,24 +67,29 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
 
 
 def _bench(entry: "SessionEntry") -> str:
-    return "SIMULATED" if entry.manifest.get("simulated") else str(entry.manifest.get("bench", ""))
+    on = entry.bench_manifest
+    return "" if on is None else "SIMULATED" if on.simulated else on.bench
 
 
-def _shortened(objects: list[str]) -> str:
+def _started(entry: "SessionEntry") -> str:
+    return entry.manifest.started if entry.manifest else ""
+
+
+def _shortened(objects: tuple[str, ...]) -> str:
     return (
         ", ".join(objects) if len(objects) <= 3 else f"{', '.join(objects[:2])} and {len(objects) - 2} more"
     )
 
 
-def _as_json(entry: "SessionEntry") -> dict[str, Any]:
-    manifest = entry.manifest
+def _as_json(entry: "SessionEntry") -> dict[str, object]:
+    manifest, on = entry.manifest, entry.bench_manifest
     return {
         "session": str(entry.folder),
-        "date": manifest.get("started"),
-        "kind": entry.kind or None,
-        "bench": manifest.get("bench"),
-        "simulated": manifest.get("simulated"),
-        "estimator": manifest.get("estimator"),
+        "date": manifest.started if manifest else None,
+        "kind": manifest.kind if manifest else None,
+        "bench": on.bench if on else None,
+        "simulated": on.simulated if on else None,
+        "estimator": getattr(manifest, "estimator", None),
         "objects": entry.objects,
         "done": entry.done,
         "wanted": entry.wanted,

@@ -8,22 +8,22 @@ its problem, and the rest goes on.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from drivers.errors import InputError, RigError, SessionError
+from drivers.errors import InputError, RigError
 from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import replay_lift, same_as_stored, session_settings
+from rig.experiments.replay import replay_lift, session_settings
 from rig.results.listing import find_sessions
-from rig.results.table import COLUMNS, flat_row
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
-from rig.sessions.session import Session, open_session, read_manifest
+from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
+from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
+from rig.sessions.records import REPLAYS, FinishedLift, ReplayRow
+from rig.sessions.rows import read_finished_lifts
+from rig.sessions.session import Session, open_session
 from rig.sessions.table_files import csv_bytes, has_parquet, parquet_bytes
+from rig.sessions.timing import ReplayTiming
 from rig.tactile.estimators import choose_estimator
 
-KIND = "replay"
 TABLES = ("results.csv", "results.parquet")
-Key = tuple[str, int, int]
+Key = tuple[str, int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,13 @@ class ReplayTask:
 
     folder: Path
     settings: TrialSettings
-    row: dict[str, Any]
+    row: FinishedLift
     started: str
 
     @property
     def key(self) -> Key:
         """What identifies the lift in the table."""
-        return str(self.folder), self.row["number"], self.row["attempt"]
+        return str(self.folder), self.row.number, self.row.attempt
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class CampaignPlan:
     left_out: tuple[tuple[Path, str], ...]
 
 
-Runner = Callable[[Callable[[ReplayTask], dict[str, Any]], list[ReplayTask]], Iterable[dict[str, Any]]]
+Runner = Callable[[Callable[[ReplayTask], ReplayRow], list[ReplayTask]], Iterable[ReplayRow]]
 """Carries out tasks somewhere and yields their lines as they come."""
 
 
@@ -72,11 +72,11 @@ def plan_campaign(folders: list[Path], estimator: str | None, window: int | None
     left_out: list[tuple[Path, str]] = []
     for folder in folders:
         try:
-            kind = read_manifest(folder).get("kind") if folder.is_dir() else "trial"
-            if kind in RESULTS and kind != "trial":
-                left_out.append((folder, f"a '{kind}' session has no lifts to replay"))
-                continue
-            tasks += _tasks_of(folder, estimator, window)
+            manifest = read_manifest(folder)
+            if isinstance(manifest, TrialManifest):
+                tasks += _tasks_of(folder, manifest, estimator, window)
+            else:
+                left_out.append((folder, f"a '{manifest.kind}' session has no lifts to replay"))
         except InputError as error:
             broken.append((folder, str(error)))
     return CampaignPlan(tuple(tasks), tuple(broken), tuple(left_out))
@@ -85,70 +85,62 @@ def plan_campaign(folders: list[Path], estimator: str | None, window: int | None
 def run_campaign(
     out: Path,
     plan: CampaignPlan,
-    request: dict[str, Any],
+    manifest: ReplayManifest,
     run: Runner,
     resume: bool = False,
-    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, line: None,
-) -> list[dict[str, Any]]:
-    """Replay what is left of a plan, and return the lines of the whole table.
+    progress: Callable[[int, int, ReplayRow], None] = lambda done, total, row: None,
+) -> list[ReplayRow]:
+    """Replay what is left of a plan, and return the rows of the whole table.
 
-    request: what identifies the work, the same to continue it. Lines that have a problem are tried
+    manifest: what identifies the work, the same to continue it. Rows that have a problem are tried
     again when resumed. Raises `InputError` or `RecordingError` as `open_session` does.
     """
-    with open_session(out, {"kind": KIND, **request}, RESULTS[KIND], resume) as session:
-        done = {_key(line): line for line in session.rows if not line["problem"]}
+    with open_session(out, manifest, REPLAYS, resume) as session:
+        done = {_key(row): row for row in session.rows if not row.problem}
         todo = [task for task in plan.tasks if task.key not in done]
-        for line in run(replay_task, todo):
-            session.add(line, {"session": line["session"], "number": line["number"]})
-            done[_key(line)] = line
-            progress(len(done), len(plan.tasks), line)
-        lines = [done[key] for key in sorted(done)]
-        lines += [_broken_line(folder, problem) for folder, problem in plan.broken]
-        _write_tables(session, lines)
-        if not any(line["problem"] for line in lines) and not session.complete:
-            session.rows[:] = lines
-            session.finish(order=("session", "number", "attempt"))
-        return lines
+        for row in run(replay_task, todo):
+            session.add(row, ReplayTiming(session=row.session, number=row.number))
+            done[_key(row)] = row
+            progress(len(done), len(plan.tasks), row)
+        rows = sorted(done.values(), key=_key)
+        rows += [broken_row(str(folder), problem) for folder, problem in plan.broken]
+        _write_tables(session, rows)
+        if not any(row.problem for row in rows) and not session.complete:
+            session.rows[:] = rows
+            session.finish(order=_key)
+        return rows
 
 
-def replay_task(task: ReplayTask) -> dict[str, Any]:
-    """Replay one lift; return its line of the table, with the problem where it cannot be read."""
-    choice = task.settings.estimator
-    head = {
-        "session": str(task.folder),
-        "started": task.started,
-        "bench": task.settings.bench.name,
-        "estimator": choice.name,
-        "window": choice.window,
-    }
+def replay_manifest(folders: list[Path], estimator: str | None, window: int | None) -> ReplayManifest:
+    """Return the manifest of a new table: what is asked for, and must be the same to continue it."""
+    sessions = tuple(str(folder) for folder in folders)
+    return ReplayManifest(**vars(begun("replay")), sessions=sessions, estimator=estimator, window=window)
+
+
+def replay_task(task: ReplayTask) -> ReplayRow:
+    """Replay one lift; return its row of the table, with the problem where it cannot be read."""
+    bench, choice = task.settings.bench, task.settings.estimator
+    head = TableHead(str(task.folder), task.started, bench.name, choice.name, choice.window)
     try:
         row = replay_lift(task.folder, task.settings, task.row)
     except RigError as error:
-        named = {
-            key: task.row.get(key) for key in ("number", "attempt", "object", "name", "lift", "simulated")
-        }
-        return flat_row(named, **head, accepted=False, problem=str(error))
-    return flat_row(row, **head, identical=same_as_stored(row, task.row))
+        return unread_row(head, task.row, str(error))
+    return table_row(head, row, identical=row == task.row)
 
 
-def _tasks_of(folder: Path, estimator: str | None, window: int | None) -> list[ReplayTask]:
+def _tasks_of(
+    folder: Path, manifest: TrialManifest, estimator: str | None, window: int | None
+) -> list[ReplayTask]:
     settings = session_settings(folder, estimator, window)
-    rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
-    if not rows:
-        raise SessionError(f"{folder}: no finished lift to replay; run it with --resume first")
-    started = str(read_manifest(folder).get("started", ""))
-    return [ReplayTask(folder, settings, row, started) for row in rows]
+    return [ReplayTask(folder, settings, row, manifest.started) for row in read_finished_lifts(folder)]
 
 
-def _write_tables(session: Session, lines: list[dict[str, Any]]) -> None:
+def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:
+    lines = table_lines(rows)
     session.write(TABLES[0], csv_bytes(COLUMNS, lines))
     if has_parquet():
         session.write(TABLES[1], parquet_bytes(COLUMNS, lines))
 
 
-def _broken_line(folder: Path, problem: str) -> dict[str, Any]:
-    return flat_row({}, session=str(folder), number=0, attempt=0, accepted=False, problem=problem)
-
-
-def _key(line: dict[str, Any]) -> Key:
-    return line["session"], line["number"], line["attempt"]
+def _key(row: ReplayRow) -> Key:
+    return row.session, row.number, row.attempt

@@ -3,7 +3,6 @@
 import io
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,10 +22,12 @@ from rig.experiments.seeds import derived_seed
 from rig.lift.latency import LatencyProbe
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.result import LiftOutcome, lift_result, stage_times
+from rig.lift.result import lift_result, stage_times
 from rig.live.feed import LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.recorder import LiftRecorder
+from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
+from rig.sessions.timing import LatencyTimes, LiftTiming
 from rig.tactile.estimators import EstimatorChoice
 
 LEAST_LIFT = 0.4
@@ -35,8 +36,6 @@ MAX_TRIAL_TURN_DEG = 15.0
 MAX_FAULTS_IN_A_ROW = 3
 """Rig faults in a row that end a trial or a recording: by then a person has to look."""
 
-LIVE_KEYS = ("number", "attempt", "object", "name", "lift")
-"""What of a lift's row tells lookers-on which lift it is."""
 NOBODY = LiveFeed()
 
 
@@ -75,8 +74,8 @@ class TrialSettings:
 class Attempt:
     """What came of it: the row for `lifts.jsonl`, the line for `timing.jsonl`, the recording."""
 
-    row: dict[str, Any]
-    timing: dict[str, Any]
+    row: LiftRow
+    timing: LiftTiming
     recording: bytes
 
 
@@ -128,27 +127,36 @@ def attempt_lift(
     recorder = LiftRecorder(stream)
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
-    shown = LiveObserver(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
+    shown = LiveObserver(watched, live, head) if live.listeners else None
     error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
     if shown:
         shown.close()
-    if error is None:
-        row, series = lift_result(watched)
-        watched.record_results(series)
-    else:
-        row = {"outcome": LiftOutcome.FAULT.value, "fault": fault_text(error)}
-    if row["outcome"] in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
+    row = _row(head, watched, error, round(bench_s, 6))
+    if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()
     recorder.close()
-    row = {**head, **row, "accepted": error is None, "bench_s": round(bench_s, 6)}
-    timing = {
-        "number": task.number,
-        "attempt": task.attempt,
-        "wall_s": time.perf_counter() - began,
-        "stages": stage_times(watched),
-        **({"capture_to_angle": latency} if latency else {}),
-    }
+    timing = LiftTiming(
+        number=task.number,
+        attempt=task.attempt,
+        wall_s=time.perf_counter() - began,
+        stages=stage_times(watched),
+        capture_to_angle=latency or None,
+    )
     return Attempt(row, timing, stream.getvalue())
+
+
+def _row(
+    head: LiftHead, watched: LiftMeasurement, error: DeviceError | CalibrationError | None, bench_s: float
+) -> LiftRow:
+    """Evaluate a lift that reached its end, angles into its recording; else say what ended it."""
+    if error is not None:
+        fault = fault_text(error)
+        return FailedLift(
+            **vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=bench_s
+        )
+    figures, series = lift_result(watched)
+    watched.record_results(series)
+    return FinishedLift(**vars(head), **vars(figures), accepted=True, bench_s=bench_s)
 
 
 def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:
@@ -168,7 +176,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 def _carry_out(
     benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: LiftObserver
-) -> tuple[DeviceError | CalibrationError | None, float, dict[str, dict[str, float]]]:
+) -> tuple[DeviceError | CalibrationError | None, float, dict[str, LatencyTimes]]:
     """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
 
     A simulated clock stands still while angles are worked out, so there nothing is late.
@@ -187,7 +195,7 @@ def _carry_out(
     except (DeviceError, CalibrationError) as error:
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
-    return fault, bench_s, timed.percentiles_ms() if timed else {}
+    return fault, bench_s, timed.times() if timed else {}
 
 
 def fault_text(error: Exception) -> str:
@@ -196,18 +204,18 @@ def fault_text(error: Exception) -> str:
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
 
 
-def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> dict[str, Any]:
-    return {
-        "number": task.number,
-        "attempt": task.attempt,
-        "object": task.object_id,
-        "name": plan.object_name,
-        "lift": task.lift,
-        "position": plan.position,
-        "grip_counts": plan.grip_counts,
-        "lift_height_m": plan.lift_height_m,
-        "force_n": None,
-        "seed": seed,
-        "simulated": simulated,
-        "recording": task.recording,
-    }
+def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> LiftHead:
+    return LiftHead(
+        number=task.number,
+        attempt=task.attempt,
+        object=task.object_id,
+        name=plan.object_name,
+        lift=task.lift,
+        position=plan.position,
+        grip_counts=plan.grip_counts,
+        lift_height_m=plan.lift_height_m,
+        force_n=None,
+        seed=seed,
+        simulated=simulated,
+        recording=task.recording,
+    )

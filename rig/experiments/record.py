@@ -10,9 +10,8 @@ import logging
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -31,8 +30,11 @@ from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_
 from rig.experiments.pose_capture import PoseCapture, ReferenceCapture
 from rig.experiments.seeds import derived_seed
 from rig.sessions.images import png
-from rig.sessions.layout import RESULTS, TRUE_MASKS
-from rig.sessions.session import Session, open_session, session_request
+from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.manifest import RecordManifest, begun_on
+from rig.sessions.records import POSES, PoseImage, PoseRow
+from rig.sessions.session import Session, open_session
+from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 
@@ -70,16 +72,13 @@ class RecordSettings:
         return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
-def record_request(settings: RecordSettings) -> dict[str, Any]:
-    """Return what identifies a recording in its manifest."""
-    return session_request(
-        "record",
-        settings.bench,
-        settings.seed,
-        objects=[settings.grasps.id],
+def record_manifest(settings: RecordSettings) -> RecordManifest:
+    """Return a new recording's manifest: what is asked for, and must be the same to continue it."""
+    return RecordManifest(
+        **vars(begun_on(settings.bench, "record", settings.seed, [settings.grasps.id])),
         poses=settings.poses,
         images=settings.images,
-        **({"randomised": True} if settings.randomise else {}),
+        randomised=settings.randomise,
     )
 
 
@@ -102,8 +101,8 @@ def run_record(
     settings: RecordSettings,
     resume: bool = False,
     benches: BenchSource | None = None,
-    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
-) -> list[dict[str, Any]]:
+    progress: Callable[[int, int, PoseRow], None] = lambda done, total, row: None,
+) -> list[PoseRow]:
     """Record the poses that are still to do; return the rows of all attempts.
 
     benches: where poses get their bench (`session_bench`); simulated ones when None.
@@ -111,14 +110,14 @@ def run_record(
     finished poses stay on disk and `resume` goes on from them.
     """
     quotas = _quotas(settings)
-    with open_session(folder, record_request(settings), RESULTS["record"], resume) as session:
+    with open_session(folder, record_manifest(settings), POSES, resume) as session:
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             finders = _references(session, settings, benches)
             _record_poses(session, settings, finders, quotas, benches, progress)
-            session.finish(order=("pose", "attempt"))
+            session.finish(order=lambda row: (row.pose, row.attempt))
             for row in session.rows:
-                _log.info("pose %s: %d images", row["pose"], len(row["images"]))
+                _log.info("pose %s: %d images", row.pose, len(row.images))
         session.write("images.csv", _manifest_csv(session.rows).encode())
         return session.rows
 
@@ -156,7 +155,9 @@ def _quotas(settings: RecordSettings) -> list[int]:
     return [share + (i < rest) for i in range(settings.poses)]
 
 
-def _references(session: Session, settings: RecordSettings, benches: BenchSource) -> dict[str, ContactFinder]:
+def _references(
+    session: Session[PoseRow], settings: RecordSettings, benches: BenchSource
+) -> dict[str, ContactFinder]:
     """Take the no-contact reference once; a continued session uses the one it has."""
     serials = [tactile.serial for tactile in settings.bench.tactile]
     names = {serial: f"reference/{serial}.png" for serial in serials}
@@ -171,19 +172,19 @@ def _references(session: Session, settings: RecordSettings, benches: BenchSource
 
 
 def _record_poses(
-    session: Session,
+    session: Session[PoseRow],
     settings: RecordSettings,
     finders: dict[str, ContactFinder],
     quotas: list[int],
     benches: BenchSource,
-    progress: Callable[[int, int, dict[str, Any]], None],
+    progress: Callable[[int, int, PoseRow], None],
 ) -> None:
-    done = {row["pose"] for row in session.rows if row["accepted"]}
+    done = {row.pose for row in session.rows if row.accepted}
     faults = 0
     for pose, images in zip(grasp_poses(settings.grasps), quotas, strict=False):
         while pose.number not in done:
             row = _attempt(session, settings, finders, pose, images, benches)
-            if row["accepted"]:
+            if row.accepted:
                 done.add(pose.number)
                 faults = 0
             else:
@@ -191,22 +192,22 @@ def _record_poses(
             progress(len(done), settings.poses, row)
             if faults >= MAX_FAULTS_IN_A_ROW:
                 raise DeviceError(
-                    f"recording: {faults} faults in a row, the last: {row['fault']}; {len(done)} of "
+                    f"recording: {faults} faults in a row, the last: {row.fault}; {len(done)} of "
                     f"{settings.poses} poses are done: mend the fault, then continue with --resume"
                 )
 
 
 def _attempt(
-    session: Session,
+    session: Session[PoseRow],
     settings: RecordSettings,
     finders: dict[str, ContactFinder],
     pose: GraspPose,
     images: int,
     benches: BenchSource,
-) -> dict[str, Any]:
+) -> PoseRow:
     """Record one pose; images first, line last. A device's failure is a row that is not accepted."""
     began = time.perf_counter()
-    attempt = sum(row["pose"] == pose.number for row in session.rows)
+    attempt = sum(row.pose == pose.number for row in session.rows)
     name = f"{settings.grasps.id}/{pose.number}"
     seed = derived_seed(
         settings.seed, settings.grasps.id, "pose", pose.number, *([attempt] if attempt else [])
@@ -216,21 +217,20 @@ def _attempt(
     fault = _carry_out(benches, benches.for_lift(seed, name, attempt), plan, watch)
     if fault:
         benches.displaced()
-    files = [] if fault else _keep_images(session, settings.grasps, pose, watch)
-    row = {
-        "pose": pose.number,
-        "attempt": attempt,
-        "position": pose.position.name,
-        "orientation_deg": pose.orientation_deg,
-        "accepted": fault is None,
-        "fault": fault,
-        "rejected_frames": watch.rejected,
-        "images": files,
-        "seed": seed,
-        "simulated": settings.bench.simulated,
-        "force_n": None,
-    }
-    session.add(row, {"pose": pose.number, "attempt": attempt, "wall_s": time.perf_counter() - began})
+    row = PoseRow(
+        pose=pose.number,
+        attempt=attempt,
+        position=pose.position.name,
+        orientation_deg=pose.orientation_deg,
+        accepted=fault is None,
+        fault=fault,
+        rejected_frames=watch.rejected,
+        images=() if fault else _keep_images(session, settings.grasps, pose, watch),
+        seed=seed,
+        simulated=settings.bench.simulated,
+        force_n=None,
+    )
+    session.add(row, PoseTiming(pose=pose.number, attempt=attempt, wall_s=time.perf_counter() - began))
     return row
 
 
@@ -254,8 +254,8 @@ def _carry_out(
 
 
 def _keep_images(
-    session: Session, grasps: GraspFile, pose: GraspPose, watch: PoseCapture
-) -> list[dict[str, Any]]:
+    session: Session[PoseRow], grasps: GraspFile, pose: GraspPose, watch: PoseCapture
+) -> tuple[PoseImage, ...]:
     files = []
     for number, (frame, grip_counts, area) in enumerate(watch.taken):
         name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
@@ -263,25 +263,25 @@ def _keep_images(
         if frame.serial in watch.true_masks:
             session.write(f"{TRUE_MASKS}/{Path(name).stem}.png", png(watch.masks[number]))
         files.append(
-            {
-                "file": name,
-                "grip_counts": grip_counts,
-                "serial": frame.serial,
-                "time_s": frame.time_ns / 1e9,
-                "contact_area_px": area,
-            }
+            PoseImage(
+                file=name,
+                grip_counts=grip_counts,
+                serial=frame.serial,
+                time_s=frame.time_ns / 1e9,
+                contact_area_px=area,
+            )
         )
-    return files
+    return tuple(files)
 
 
-def _manifest_csv(rows: list[dict[str, Any]]) -> str:
+def _manifest_csv(rows: list[PoseRow]) -> str:
     """Return the manifest of images: pose, grip, sensor and time of each."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(MANIFEST_COLUMNS), lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        pose = {key: row[key] for key in ("pose", "position", "orientation_deg")}
-        writer.writerows({**pose, **image} for image in row["images"])
+        pose = {key: getattr(row, key) for key in ("pose", "position", "orientation_deg")}
+        writer.writerows({**pose, **asdict(image)} for image in row.images)
     return text.getvalue()
 
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from drivers.errors import DeviceError, InputError
 from drivers.types import Pose
@@ -25,19 +24,17 @@ from rig.experiments.lift_attempt import (
 from rig.experiments.process_pool import run_tasks
 from rig.live.feed import LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
-from rig.sessions.layout import RESULTS
-from rig.sessions.session import Session, open_session, session_request
+from rig.sessions.manifest import TrialManifest, begun_on
+from rig.sessions.records import LIFTS, FailedLift, FinishedLift, LiftRow, finished
+from rig.sessions.session import Session, open_session
 
 _log = logging.getLogger("rig.experiments.trial")
 
 
-def trial_request(settings: TrialSettings, objects: list[str], lifts: int) -> dict[str, Any]:
-    """Return what identifies a trial in its manifest, and must be the same to continue it."""
-    return session_request(
-        "trial",
-        settings.bench,
-        settings.seed,
-        objects=objects,
+def trial_manifest(settings: TrialSettings, objects: list[str], lifts: int) -> TrialManifest:
+    """Return a new trial's manifest: what is asked for, and must be the same to continue it."""
+    return TrialManifest(
+        **vars(begun_on(settings.bench, "trial", settings.seed, objects)),
         lifts_per_object=lifts,
         estimator=settings.estimator.name,
         window=settings.estimator.window,
@@ -79,7 +76,7 @@ def run_trial(
     jobs: int = 1,
     resume: bool = False,
     benches: BenchSource | None = None,
-    progress: Callable[[int, int, dict[str, Any]], None] = lambda done, total, row: None,
+    progress: Callable[[int, int, LiftRow], None] = lambda done, total, row: None,
     live: LiveFeed = NOBODY,
 ) -> TrialSummary:
     """Run a trial, or what is left of it, and return its summary.
@@ -90,23 +87,23 @@ def run_trial(
     Raises `InputError` or `RecordingError` as `open_session` does, `DeviceError` after three
     rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
     """
-    with open_session(folder, trial_request(settings, objects, lifts), RESULTS["trial"], resume) as session:
+    with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
         if not session.complete:
             tasks = remaining_tasks(session, objects, lifts)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             _carry_on(session, settings, tasks, jobs, benches, progress, live)
-            session.finish(order=("number", "attempt"))
+            session.finish(order=lambda row: (row.number, row.attempt))
             for row in session.rows:
-                _log.info("lift %s/%s: %s", row["object"], row["lift"], row["outcome"])
+                _log.info("lift %s/%s: %s", row.object, row.lift, row.outcome)
         summary = summarize_trial(session.rows)
         session.write("lifts.csv", lifts_csv(session.rows).encode())
         return summary
 
 
-def remaining_tasks(session: Session, objects: list[str], lifts: int) -> list[LiftTask]:
+def remaining_tasks(session: Session[LiftRow], objects: list[str], lifts: int) -> list[LiftTask]:
     """Return the lifts not yet accepted, each with the number of attempts already made."""
-    accepted = {row["number"] for row in session.rows if row["accepted"]}
-    made = [row["number"] for row in session.rows]
+    accepted = {row.number for row in session.rows if row.accepted}
+    made = [row.number for row in session.rows]
     return [
         replace(t, attempt=made.count(t.number))
         for t in _all_tasks(objects, lifts)
@@ -120,36 +117,37 @@ def _all_tasks(objects: list[str], lifts: int) -> list[LiftTask]:
 
 
 def _carry_on(
-    session: Session,
+    session: Session[LiftRow],
     settings: TrialSettings,
     tasks: list[LiftTask],
     jobs: int,
     benches: BenchSource | None,
-    progress: Callable[[int, int, dict[str, Any]], None],
+    progress: Callable[[int, int, LiftRow], None],
     live: LiveFeed,
 ) -> None:
-    accepted = sum(row["accepted"] for row in session.rows)
+    accepted = len(finished(session.rows))
     total = accepted + len(tasks)
     faults = 0
     work = partial(attempt_lift, settings, benches=benches, live=live)
     for task, attempt in run_tasks(work, tasks, jobs):
         _keep(session, task, attempt)
-        if attempt.row["accepted"]:
+        if isinstance(attempt.row, FinishedLift):
             accepted, faults = accepted + 1, 0
-        else:
-            faults += 1
-            tasks.insert(0, replace(task, attempt=task.attempt + 1))
+            progress(accepted, total, attempt.row)
+            continue
+        faults += 1
+        tasks.insert(0, replace(task, attempt=task.attempt + 1))
         progress(accepted, total, attempt.row)
         if faults >= MAX_FAULTS_IN_A_ROW:
             raise DeviceError(
-                f"trial: {faults} rig faults in a row, the last: {attempt.row['fault']}; "
+                f"trial: {faults} rig faults in a row, the last: {attempt.row.fault}; "
                 f"{accepted} of {total} lifts are done: mend the fault, then continue with --resume"
             )
 
 
-def _keep(session: Session, task: LiftTask, attempt: Attempt) -> None:
+def _keep(session: Session[LiftRow], task: LiftTask, attempt: Attempt) -> None:
     """Recording first, line last: a line in the results says that all of the lift is there."""
     session.write(task.recording, attempt.recording)
     session.add(attempt.row, attempt.timing)
-    if not attempt.row["accepted"]:
-        _log.warning("lift %s attempt %d: %s", task.name, task.attempt, attempt.row["fault"])
+    if isinstance(attempt.row, FailedLift):
+        _log.warning("lift %s attempt %d: %s", task.name, task.attempt, attempt.row.fault)

@@ -8,14 +8,14 @@ B. Quaternions are xyzw, poses `base_T_tcp` in m, forces in N and torques in N m
 import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
 
 from drivers.clock import NS_PER_S
 from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.results.table import COLUMNS as LIFT_COLUMNS
-from rig.results.table import flat_row
+from rig.results.table import TableHead, table_lines, table_row
+from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import phase_times, recorded_messages, recorded_pose
 from rig.sessions.recorder import (
     ANGLE_PREFIX,
@@ -26,6 +26,7 @@ from rig.sessions.recorder import (
     JOINTS_TOPIC,
     TRUTH_TOPIC,
 )
+from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 
 WHEN: Columns = {
@@ -73,7 +74,9 @@ def export_parquet(request: ExportRequest) -> Exported:
 
 def session_tables(request: ExportRequest) -> list[ExportTable]:
     """Return the tables of a session. Raises `SessionError` for a damaged recording."""
-    return _trial_tables(request) if request.kind == "trial" else _recording_tables(request)
+    if isinstance(request.manifest, TrialManifest):
+        return _trial_tables(request, request.manifest)
+    return _recording_tables(request)
 
 
 def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, list[Line]], bytes]) -> Exported:
@@ -84,15 +87,14 @@ def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, lis
     return Exported({table.name: len(table.lines) for table in tables}, (mark,) if mark else ())
 
 
-def _trial_tables(request: ExportRequest) -> list[ExportTable]:
-    manifest = request.manifest
-    head = {key: manifest.get(key) for key in ("started", "bench", "estimator", "window")}
-    lifts = [
-        flat_row(row, session=request.session.name, problem=row.get("fault"), **head) for row in request.rows
-    ]
+def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[ExportTable]:
+    head = TableHead(
+        request.session.name, manifest.started, manifest.bench, manifest.estimator, manifest.window
+    )
+    lifts = [table_row(head, row, problem=getattr(row, "fault", None)) for row in request.lifts]
     angles, arm = ExportTable("angles", ANGLE_COLUMNS), ExportTable("arm", ARM_COLUMNS)
     gripper, frames = ExportTable("gripper", GRIPPER_COLUMNS), ExportTable("frames", FRAME_COLUMNS)
-    for row in request.accepted:
+    for row in request.finished_lifts:
         for topic, line in _lines_of(request, row):
             if topic == JOINTS_TOPIC:
                 arm.lines.append(line)
@@ -102,16 +104,16 @@ def _trial_tables(request: ExportRequest) -> list[ExportTable]:
                 frames.lines.append(line)
             elif topic.startswith(ANGLE_PREFIX):
                 angles.lines.append(line)
-    return [ExportTable("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
+    return [ExportTable("lifts", LIFT_COLUMNS, table_lines(lifts)), angles, arm, gripper, frames]
 
 
-def _lines_of(request: ExportRequest, row: dict[str, Any]) -> Iterator[tuple[str, Line]]:
+def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, Line]]:
     """Yield each message of a lift as a line, with the topic it came from."""
-    path = request.session / row["recording"]
+    path = request.session / row.recording
     phases = sorted((time_ns, phase.value) for phase, time_ns in phase_times(path).items())
     starts = [time_ns for time_ns, _ in phases]
     lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT.value)
-    identity = {key: row[key] for key in ("number", "object", "name", "lift")}
+    identity = {"number": row.number, "object": row.object, "name": row.name, "lift": row.lift}
     pose: tuple[float, ...] = ()
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == ARM_TOPIC:
@@ -144,6 +146,8 @@ def _values(topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> 
 
 
 def _recording_tables(request: ExportRequest) -> list[ExportTable]:
-    poses = [{**row, "images": len(row["images"])} for row in request.rows]
-    images = [{**row, **image} for row in request.accepted for image in row["images"]]
+    poses: list[Line] = [{**asdict(pose), "images": len(pose.images)} for pose in request.poses]
+    images: list[Line] = [
+        {**asdict(pose), **asdict(image)} for pose in request.accepted_poses for image in pose.images
+    ]
     return [ExportTable("poses", POSE_COLUMNS, poses), ExportTable("images", IMAGE_COLUMNS, images)]

@@ -43,32 +43,32 @@ def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
 
     Raises `SessionError` where an image or a recording is missing or damaged.
     """
-    return _of_recording(request) if request.kind == "record" else _of_trial(request)
+    return _of_recording(request) if request.poses else _of_trial(request)
 
 
 def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
-    serials = {image["serial"] for row in request.accepted for image in row["images"]}
+    serials = {image.serial for pose in request.accepted_poses for image in pose.images}
     finders = {s: ContactFinder(_read(request.session / f"reference/{s}.png")) for s in serials}
-    for row in request.accepted:
-        for image in row["images"]:
-            path = request.session / image["file"]
+    for pose in request.accepted_poses:
+        for image in pose.images:
+            path = request.session / image.file
             picture = _read(path)
             truth = request.session / TRUE_MASKS / f"{path.stem}.png"
             if truth.exists():
                 mask, note = _mask(truth, picture), TRUE_NOTE
             else:
-                mask, note = _found(finders[image["serial"]], picture), FOUND_NOTE
-            yield ContactImage(image["file"], path.read_bytes(), mask, note)
+                mask, note = _found(finders[image.serial], picture), FOUND_NOTE
+            yield ContactImage(image.file, path.read_bytes(), mask, note)
 
 
 def _of_trial(request: ExportRequest) -> Iterator[ContactImage]:
-    for row in request.accepted:
-        recording = request.session / row["recording"]
+    for row in request.finished_lifts:
+        recording = request.session / row.recording
         grasp_ns = phase_times(recording)[Phase.GRASP]
-        for serial in request.manifest["signs"]:
+        for serial in request.manifest.signs:
             frames = list(recorded_frames(recording, serial))
             finder = ContactFinder(mean_background([f.image for f in frames if f.time_ns < grasp_ns]))
-            folder = f"{row['object']}_{row['name'].replace(' ', '_')}"
+            folder = f"{row.object}_{row.name.replace(' ', '_')}"
             for frame in [f for f in frames if f.time_ns >= grasp_ns][:: request.every]:
                 mask = _found(finder, frame.image)
                 if mask.any() and frame.jpeg is not None:

@@ -5,18 +5,22 @@ Images stay the stored JPEGs, inside the Parquet files (feature type "image"): a
 change the shades that the estimators live on.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from rig.export.episodes import Episode, read_episode
-from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, write_meta
+from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
 from rig.sessions.images import decoded
-from rig.sessions.table_files import pyarrow_modules
+from rig.sessions.manifest import TrialManifest
+from rig.sessions.records import FinishedLift
+from rig.sessions.table_files import Line, pyarrow_modules
 
 STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "gripper_counts")
 SCALARS = {
@@ -33,73 +37,73 @@ EVERY_IMAGE = 30
 """Of the images, each so-many-th goes into the statistics."""
 
 
+class Picture(TypedDict):
+    """A stored JPEG as the data set holds it, with the name it would have as a file."""
+
+    bytes: bytes
+    path: str
+
+
 def export_lerobot(request: ExportRequest) -> Exported:
     """Write the data set. Raises `InputError` for a recording or without pyarrow, `SessionError`."""
-    if request.kind != "trial":
+    if not isinstance(request.manifest, TrialManifest):
         raise InputError(
             f"{request.session}: a recording has images at rest, no episodes; use --to coco or labelme"
         )
     pyarrow_modules()
-    fps = round(request.manifest["config"]["camera"]["rate_hz"])
-    tasks = sorted({_task(row) for row in request.accepted})
+    camera = request.manifest.config.camera
+    fps, lifts = round(camera.rate_hz), request.finished_lifts
+    tasks = sorted({_task(lift) for lift in lifts})
     statistics = FeatureStatistics()
-    episodes: list[dict[str, Any]] = []
-    features: dict[str, Any] = {}
-    for number, row in enumerate(request.accepted):
-        episode = read_episode(request.session / row["recording"], fps)
-        features = features or _features(request, episode)
-        first = episodes[-1]["dataset_to_index"] if episodes else 0
-        columns = _columns(request, episode, number, first, tasks.index(_task(row)), fps)
-        _write_data(request.out, number, columns, features)
-        _count(statistics, columns, features)
-        episodes.append(_episode_line(number, first, episode.steps, _task(row)))
-    write_meta(request, fps, features, tasks, episodes, statistics)
-    frames = episodes[-1]["dataset_to_index"]
+    episodes: list[Line] = []
+    features: dict[str, Feature] = {}
+    first = 0
+    for number, lift in enumerate(lifts):
+        episode = read_episode(request.session / lift.recording, fps)
+        keys = {serial: _image_key(serial, camera.serial) for serial in episode.images}
+        features = features or _features(episode, keys)
+        columns = _columns(episode, number, first, tasks.index(_task(lift)), fps)
+        pictures = {key: _pictures(episode, serial, number) for serial, key in keys.items()}
+        _write_data(request.out, number, {**pictures, **columns}, features)
+        _count(statistics, pictures, columns)
+        episodes.append(_episode_line(number, first, episode.steps, _task(lift)))
+        first += episode.steps
+    write_meta(request, fps, features, tasks, episodes, first, statistics)
     note = f"{simulated_mark(request.manifest)}LeRobotDataset {FORMAT_VERSION}, {fps} steps a second"
-    return Exported({"episodes": len(episodes), "frames": frames, "tasks": len(tasks)}, (note,))
+    return Exported({"episodes": len(episodes), "frames": first, "tasks": len(tasks)}, (note,))
 
 
-def _task(row: dict[str, Any]) -> str:
-    return f"lift the {row['name']} and feel it turn"
+def _task(lift: FinishedLift) -> str:
+    return f"lift the {lift.name} and feel it turn"
 
 
-def _image_key(request: ExportRequest, serial: str) -> str:
-    camera = request.manifest["config"]["camera"]["serial"]
-    return f"observation.images.{'camera' if serial == camera else serial}"
+def _image_key(serial: str, camera_serial: str) -> str:
+    return f"observation.images.{'camera' if serial == camera_serial else serial}"
 
 
-def _features(request: ExportRequest, episode: Episode) -> dict[str, Any]:
-    """Return the features as `meta/info.json` lists them."""
-    features: dict[str, Any] = {}
+def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:
+    """Return the features as `meta/info.json` lists them. keys: of the images by serial."""
+    features: dict[str, Feature] = {}
     for serial, pictures in episode.images.items():
         height, width = decoded(pictures[0]).shape[:2]
-        names = ["height", "width", "channels"]
-        features[_image_key(request, serial)] = {
-            "dtype": "image",
-            "shape": [height, width, 3],
-            "names": names,
-        }
-    vector = {"dtype": "float32", "shape": [len(STATE_NAMES)], "names": list(STATE_NAMES)}
+        features[keys[serial]] = Feature("image", [height, width, 3], ["height", "width", "channels"])
+    vector = Feature("float32", [len(STATE_NAMES)], list(STATE_NAMES))
     features |= {"observation.state": vector, "action": vector}
-    return features | {
-        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in {**SCALARS, **COUNTERS}.items()
-    }
+    return features | {name: Feature(dtype, [1], None) for name, dtype in {**SCALARS, **COUNTERS}.items()}
 
 
-def _columns(
-    request: ExportRequest, episode: Episode, number: int, first: int, task: int, fps: int
-) -> dict[str, Any]:
-    """Return an episode's columns, each with one value per step."""
+def _pictures(episode: Episode, serial: str, number: int) -> list[Picture]:
+    """Return a source's stored images, one per step."""
+    return [
+        {"bytes": jpeg, "path": f"{serial}-{number:03d}-{step:06d}.jpg"}
+        for step, jpeg in enumerate(episode.images[serial])
+    ]
+
+
+def _columns(episode: Episode, number: int, first: int, task: int, fps: int) -> dict[str, NDArray[Any]]:
+    """Return an episode's numbers, each with one value per step."""
     steps = np.arange(episode.steps)
-    images = {
-        _image_key(request, serial): [
-            {"bytes": jpeg, "path": f"{serial}-{number:03d}-{step:06d}.jpg"}
-            for step, jpeg in enumerate(jpegs)
-        ]
-        for serial, jpegs in episode.images.items()
-    }
     return {
-        **images,
         "observation.state": episode.state,
         "action": np.concatenate([episode.state[1:], episode.state[-1:]]),
         "angle.estimate_deg": episode.estimate_deg,
@@ -114,7 +118,12 @@ def _columns(
     }
 
 
-def _write_data(out: Path, number: int, columns: dict[str, Any], features: dict[str, Any]) -> None:
+def _write_data(
+    out: Path,
+    number: int,
+    columns: Mapping[str, NDArray[Any] | list[Picture]],
+    features: Mapping[str, Feature],
+) -> None:
     arrow, parquet = pyarrow_modules()
     chunk, file = divmod(number, FILES_PER_CHUNK)
     path = out / DATA_PATH.format(chunk_index=chunk, file_index=file)
@@ -126,28 +135,31 @@ def _write_data(out: Path, number: int, columns: dict[str, Any], features: dict[
 
     def column(name: str) -> Any:
         feature = features[name]
-        if feature["dtype"] in kinds:
-            return arrow.array(list(columns[name]), kinds[feature["dtype"]])
-        kind = {"float32": arrow.float32(), "int64": arrow.int64()}[feature["dtype"]]
-        if feature["shape"] == [1]:
+        if feature.dtype in kinds:
+            return arrow.array(list(columns[name]), kinds[feature.dtype])
+        kind = {"float32": arrow.float32(), "int64": arrow.int64()}[feature.dtype]
+        if feature.shape == [1]:
             return arrow.array(columns[name], kind)
-        return arrow.array(columns[name].tolist(), arrow.list_(kind, feature["shape"][0]))
+        return arrow.array(np.asarray(columns[name]).tolist(), arrow.list_(kind, feature.shape[0]))
 
     # JPEGs do not compress; without compression the loader maps them as they are.
     table = arrow.Table.from_arrays([column(name) for name in features], names=list(features))
     parquet.write_table(table, path, compression="none", use_dictionary=False, row_group_size=100)
 
 
-def _count(statistics: FeatureStatistics, columns: dict[str, Any], features: dict[str, Any]) -> None:
-    for name, feature in features.items():
-        if feature["dtype"] == "image":
-            for picture in columns[name][::EVERY_IMAGE]:
-                statistics.add_image(name, decoded(picture["bytes"]))
-        else:
-            statistics.add(name, np.asarray(columns[name], np.float64).reshape(len(columns[name]), -1))
+def _count(
+    statistics: FeatureStatistics,
+    pictures: Mapping[str, list[Picture]],
+    columns: Mapping[str, NDArray[Any]],
+) -> None:
+    for name, shown in pictures.items():
+        for picture in shown[::EVERY_IMAGE]:
+            statistics.add_image(name, decoded(picture["bytes"]))
+    for name, values in columns.items():
+        statistics.add(name, np.asarray(values, np.float64).reshape(len(values), -1))
 
 
-def _episode_line(number: int, first: int, steps: int, task: str) -> dict[str, Any]:
+def _episode_line(number: int, first: int, steps: int, task: str) -> Line:
     chunk, file = divmod(number, FILES_PER_CHUNK)
     return {
         "episode_index": number,

@@ -1,11 +1,13 @@
 """What a LeRobotDataset says of itself: `meta/`, and the card that a person reads."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rig.export.result import ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
-from rig.sessions.table_files import pyarrow_modules
+from rig.sessions.table_files import Line, pyarrow_modules
 
 FORMAT_VERSION = "v3.0"
 FILES_PER_CHUNK = 1000
@@ -24,22 +26,35 @@ CARD = """# {session}
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A column of the data set. names: of the components, None for a single number."""
+
+    dtype: str
+    shape: list[int]
+    names: list[str] | None
+
+
 def write_meta(
     request: ExportRequest,
     fps: int,
-    features: dict[str, Any],
+    features: Mapping[str, Feature],
     tasks: list[str],
-    episodes: list[dict[str, Any]],
+    episodes: list[Line],
+    frames: int,
     statistics: FeatureStatistics,
 ) -> None:
-    """Write `meta/` and the card. features, episodes: as `info.json` and `meta/episodes` list them."""
+    """Write `meta/` and the card. features, episodes: as `info.json` and `meta/episodes` list them.
+
+    frames: steps of all episodes.
+    """
     arrow, parquet = pyarrow_modules()
     out = request.out
     info = {
         "codebase_version": FORMAT_VERSION,
         "robot_type": "ur5e_robotiq_3f_digit",
         "total_episodes": len(episodes),
-        "total_frames": episodes[-1]["dataset_to_index"],
+        "total_frames": frames,
         "total_tasks": len(tasks),
         "chunks_size": FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
@@ -48,7 +63,7 @@ def write_meta(
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": DATA_PATH,
         "video_path": None,
-        "features": features,
+        "features": {name: asdict(feature) for name, feature in features.items()},
     }
     (out / EPISODES_PATH).parent.mkdir(parents=True)
     (out / "meta/info.json").write_text(json.dumps(info, indent=4))

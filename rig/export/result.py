@@ -1,38 +1,39 @@
 """What an export is told, and what it says it did."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from drivers.errors import SessionError
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
+from rig.sessions.records import FinishedLift, LiftRow, PoseRow, finished
+from rig.sessions.rows import read_lifts, read_poses
 
 
 @dataclass(frozen=True, slots=True)
 class ExportRequest:
     """A session and where its export goes: a folder that exists and is empty.
 
-    every: of a trial's frames, each so-many-th becomes a labelled image.
+    lifts, poses: all attempts of a trial, of a recording; the other one has none. every: of a trial's
+    frames, each so-many-th becomes a labelled image.
     """
 
     session: Path
     out: Path
-    manifest: Mapping[str, Any]
-    rows: tuple[dict[str, Any], ...]
+    manifest: TrialManifest | RecordManifest
+    lifts: tuple[LiftRow, ...] = ()
+    poses: tuple[PoseRow, ...] = ()
     every: int = 10
 
     @property
-    def kind(self) -> str:
-        """Return "trial" or "record"."""
-        return str(self.manifest["kind"])
+    def finished_lifts(self) -> list[FinishedLift]:
+        """Lifts that count."""
+        return finished(self.lifts)
 
     @property
-    def accepted(self) -> list[dict[str, Any]]:
-        """Rows of the lifts or poses that count."""
-        return [row for row in self.rows if row["accepted"]]
+    def accepted_poses(self) -> list[PoseRow]:
+        """Poses that count."""
+        return [pose for pose in self.poses if pose.accepted]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +49,17 @@ Exporter = Callable[[ExportRequest], Exported]
 
 def export_request(session: Path, out: Path, every: int) -> ExportRequest:
     """Read what an export starts from. Raises `SessionError` for what is no trial or recording."""
-    manifest = read_manifest(session)
-    kind = manifest.get("kind")
-    if kind not in ("trial", "record"):
-        raise SessionError(f"{session}: is a '{kind}' session; trials and recordings can be exported")
-    rows = tuple(read_lines(session / RESULTS[kind]))
-    if not any(row["accepted"] for row in rows):
+    kinds = (TrialManifest, RecordManifest)
+    manifest = read_manifest_of(session, kinds, "trials and recordings can be exported")
+    if isinstance(manifest, TrialManifest):
+        request = ExportRequest(session, out, manifest, lifts=tuple(read_lifts(session)), every=every)
+    else:
+        request = ExportRequest(session, out, manifest, poses=tuple(read_poses(session)), every=every)
+    if not request.finished_lifts and not request.accepted_poses:
         raise SessionError(f"{session}: nothing is finished yet; continue it with --resume first")
-    return ExportRequest(session, out, manifest, rows, every)
+    return request
 
 
-def simulated_mark(manifest: Mapping[str, Any]) -> str:
+def simulated_mark(manifest: BenchManifest) -> str:
     """Return "SIMULATED " for a simulated session, else nothing."""
-    return "SIMULATED " if manifest.get("simulated") else ""
+    return "SIMULATED " if manifest.simulated else ""

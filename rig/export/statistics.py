@@ -1,7 +1,7 @@
 """Minimum, maximum, mean and standard deviation of features, added up episode by episode."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class FeatureStatistics:
         """Add an (H, W, 3) uint8 image."""
         self._add(name, image.reshape(-1, 3) / 255.0, 1, (3, 1, 1))
 
-    def as_json(self) -> dict[str, dict[str, Any]]:
+    def as_json(self) -> dict[str, dict[str, Sequence[object]]]:
         """Return `min`, `max`, `mean`, `std` and `count` of each feature, as LeRobot lists them."""
         return {name: _as_json(sums) for name, sums in self._sums.items()}
 
@@ -51,7 +51,7 @@ class FeatureStatistics:
         known.rows, known.count = known.rows + len(values), known.count + count
 
 
-def _as_json(sums: _Sums) -> dict[str, Any]:
+def _as_json(sums: _Sums) -> dict[str, Sequence[object]]:
     mean = sums.total / sums.rows
     spread = np.sqrt(np.maximum(sums.squares / sums.rows - mean**2, 0.0))
     figures = {"min": sums.low, "max": sums.high, "mean": mean, "std": spread}

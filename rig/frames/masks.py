@@ -14,13 +14,12 @@ from rig.frames.series import (
     IMAGE_ENDINGS,
     FrameSeries,
     TimedFrame,
-    is_session,
     make_background,
     read_image,
 )
 from rig.frames.times import FrameTime
-from rig.sessions.files import read_lines
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import RecordManifest, is_session, read_manifest_of
+from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import NO_CONTACT, ContactFinder
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.network_input import NetworkInput
@@ -196,15 +195,11 @@ def _classical(background: Image | None, margin: float) -> FrameSegmenter:
 
 
 def _session_groups(session: Path, background: str | None, compare: bool) -> list[ImageGroup]:
-    manifest = read_manifest(session)
-    if manifest.get("kind") != "record":
-        raise InputError(
-            f"{session}: is a '{manifest.get('kind')}' session; give one of rig record, or a folder of images"
-        )
+    read_manifest_of(session, RecordManifest, "give one of rig record, or a folder of images")
     taken: dict[str, list[Path]] = {}
-    for row in read_lines(session / "poses.jsonl"):
-        for image in row["images"] if row["accepted"] else ():
-            taken.setdefault(image["serial"], []).append(session / image["file"])
+    for pose in read_poses(session):
+        for image in pose.images if pose.accepted else ():
+            taken.setdefault(image.serial, []).append(session / image.file)
     if not taken:
         raise InputError(f"{session}: no images yet; continue the recording with --resume")
     groups = []

@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import SessionError
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.recorder import seconds_text
-from rig.sessions.session import manifest_bench, read_manifest
+from rig.sessions.rows import read_finished_lifts
 from rig.tactile.contact.background import mean_background
 
 
@@ -34,17 +32,12 @@ class SessionSeries:
 
 def session_frames(folder: Path) -> list[SessionSeries]:
     """Return the fingertips of all accepted lifts of a trial. Raises `SessionError`."""
-    manifest = read_manifest(folder)
-    if manifest.get("kind") != "trial":
-        raise SessionError(f"{folder}: is a '{manifest.get('kind')}' session without lifts; give its images")
-    rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
-    if not rows:
-        raise SessionError(f"{folder}: no finished lift yet; run the trial with --resume first")
-    aspects = manifest_bench(folder, manifest).pixel_aspects()
+    manifest = read_manifest_of(folder, TrialManifest, "it has no lifts; give its images")
+    aspects = manifest.config.pixel_aspects()
     return [
-        _series(folder / row["recording"], serial, sign, aspects.get(serial))
-        for row in rows
-        for serial, sign in manifest["signs"].items()
+        _series(folder / row.recording, serial, sign, aspects.get(serial))
+        for row in read_finished_lifts(folder)
+        for serial, sign in manifest.signs.items()
     ]
 
 

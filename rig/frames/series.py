@@ -75,11 +75,6 @@ def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = 
     return _video_series(path, timestamps, fps)
 
 
-def is_session(path: Path) -> bool:
-    """Whether a folder is a recorded session; `rig.frames.of_session` reads its frames."""
-    return (path / "session.json").exists()
-
-
 def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on where it is from.
 

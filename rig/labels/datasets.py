@@ -20,9 +20,9 @@ from rig.frames.series import IMAGE_ENDINGS, read_image
 from rig.labels.outline import contact_label
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
-from rig.sessions.files import read_lines
 from rig.sessions.layout import MANIFEST, TRUE_MASKS
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import RecordManifest, read_manifest
+from rig.sessions.rows import read_poses
 
 REFERENCE = "reference"
 _VOC = "voc_format"
@@ -136,19 +136,19 @@ def _named_image(path: Path, document: dict[str, object]) -> Path:
 
 def _session_files(session: Path) -> list[LabelledFile]:
     manifest = read_manifest(session)
-    if manifest.get("kind") != "record" or not (session / TRUE_MASKS).is_dir():
+    if not isinstance(manifest, RecordManifest) or not (session / TRUE_MASKS).is_dir():
         return []
     files = []
-    for row in read_lines(session / "poses.jsonl"):
-        for taken in row["images"] if row["accepted"] else ():
-            image = session / taken["file"]
+    for pose in read_poses(session):
+        for taken in pose.images if pose.accepted else ():
+            image = session / taken.file
             mask = session / TRUE_MASKS / f"{image.stem}.png"
             files.append(
                 LabelledFile(
                     image,
-                    str(manifest["objects"][0]),
-                    f"{session}/{taken['serial']}",
-                    session / REFERENCE / f"{taken['serial']}.png",
+                    manifest.objects[0],
+                    f"{session}/{taken.serial}",
+                    session / REFERENCE / f"{taken.serial}.png",
                     True,
                     lambda shape, path=mask: contact_label(_png_label(path, shape)),
                 )

@@ -5,6 +5,7 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftObserver, Phase
+from rig.sessions.timing import LatencyTimes
 
 
 class LatencyProbe(LiftObserver):
@@ -42,12 +43,9 @@ class LatencyProbe(LiftObserver):
         """Whether a fingertip touches."""
         return self._watch.touching(serial)
 
-    def percentiles_ms(self) -> dict[str, dict[str, float]]:
-        """Return by serial the 50th, 95th and 99th percentile and the largest over phases B and C, ms."""
-        names = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
+    def times(self) -> dict[str, LatencyTimes]:
+        """Return by serial how late angles came over phases B and C."""
         return {
-            serial: dict(
-                zip(names, (np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist(), strict=True)
-            )
+            serial: LatencyTimes(*(np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist())
             for serial, late in self._late_ns.items()
         }

@@ -1,8 +1,6 @@
 """From a watched lift to the row that is kept of it."""
 
-from dataclasses import asdict
-from enum import StrEnum
-from typing import Any
+from collections import Counter
 
 import numpy as np
 
@@ -13,24 +11,17 @@ from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import ZERO_S, LiftMeasurement
 from rig.lift.onset import estimated_onset_ns, slip_onset_ns
 from rig.results.metrics import Floats, hold_last, summarize
+from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome
+from rig.sessions.timing import StageTimes
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
 
 
-class LiftOutcome(StrEnum):
-    """How a lift ended. The first three are results; a fault says nothing of the object."""
-
-    SLIPPED = "slipped"
-    HELD = "held"
-    FALLEN = "fallen"
-    FAULT = "fault"
-
-
-def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
+def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the row's measured part (JSON values, degrees and seconds) and the true angle.
+    Returns the row's measured part and the true angle.
     """
     series = watched.truth.series()
     lift_ns, hold_ns = watched.phases[Phase.LIFT], watched.phases[Phase.HOLD]
@@ -43,27 +34,33 @@ def lift_result(watched: LiftMeasurement) -> tuple[dict[str, Any], TruthSeries]:
     since_zero = watched.truth.series_since_zero()
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     answers = [(s.time_ns, s.angle_deg) for s in watched.fused]
-    row = {
-        "outcome": _outcome(watched, onset, end_ns).value,
-        "re_b": _summary(errors[in_b]),
-        "re": _summary(errors),
-        "re_held": _summary(held_errors),
-        "contact_area_px": _contact_areas(watched, lift_ns),
-        "answered": float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
-        "final_estimate_deg": _final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
-        "final_truth_deg": _final(
+    sources = {**watched.tips, "camera": watched.camera}
+    samples = [s for tip in watched.tips.values() for s in tip.samples]
+    figures = LiftFigures(
+        outcome=_outcome(watched, onset, end_ns),
+        re_b=_summary(errors[in_b]),
+        re=_summary(errors),
+        re_held=_summary(held_errors),
+        contact_area_px=_contact_areas(watched, lift_ns),
+        answered=float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
+        final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
+        final_truth_deg=_final(
             [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], end_ns
         ),
-        "onset_truth_s": _since(onset, lift_ns),
-        "onset_estimate_s": _since(estimated_onset_ns(answers), lift_ns),
-        "onset_alarm_s": _since(watched.alarm.raised_ns, lift_ns),
-        "phases_s": {p.value: t / NS_PER_S for p, t in watched.phases.items()},
-        **_counts(watched),
-    }
-    return row, series
+        onset_truth_s=_since(onset, lift_ns),
+        onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
+        onset_alarm_s=_since(watched.alarm.raised_ns, lift_ns),
+        phases_s={phase: time_ns / NS_PER_S for phase, time_ns in watched.phases.items()},
+        frames={name: source.frames for name, source in sources.items()},
+        dropped={name: source.dropped for name, source in sources.items()},
+        states={state.value: sum(s.state is state for s in samples) for state in State},
+        skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
+        disagreements={why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement},
+    )
+    return figures, series
 
 
-def stage_times(watched: LiftMeasurement) -> dict[str, dict[str, float]]:
+def stage_times(watched: LiftMeasurement) -> dict[str, StageTimes]:
     """Return wall time per stage and tactile frame, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
     for tip in watched.tips.values():
@@ -72,8 +69,7 @@ def stage_times(watched: LiftMeasurement) -> dict[str, dict[str, float]]:
                 stages.setdefault(stage, []).append(spent_s * 1e3)
             stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)
     return {
-        name: dict(zip(("p50_ms", "p95_ms", "p99_ms"), np.percentile(v, [50, 95, 99]).tolist(), strict=True))
-        for name, v in stages.items()
+        name: StageTimes(*np.percentile(spent_ms, [50, 95, 99]).tolist()) for name, spent_ms in stages.items()
     }
 
 
@@ -83,9 +79,8 @@ def _errors(angles_deg: list[float | None] | list[float], true_deg: list[float |
     return np.array([np.nan if a is None or t is None else abs(a - t) for a, t in pairs], float)
 
 
-def _summary(errors_deg: Floats) -> dict[str, float] | None:
-    summary = summarize(errors_deg[np.isfinite(errors_deg)])
-    return asdict(summary) if summary else None
+def _summary(errors_deg: Floats) -> ErrorSummary | None:
+    return summarize(errors_deg[np.isfinite(errors_deg)])
 
 
 def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> LiftOutcome:
@@ -111,22 +106,3 @@ def _contact_areas(watched: LiftMeasurement, lift_ns: int) -> dict[str, float]:
         for serial, tip in watched.tips.items()
     }
     return {serial: float(np.mean(values)) if values else 0.0 for serial, values in areas.items()}
-
-
-def _counts(watched: LiftMeasurement) -> dict[str, Any]:
-    """Frames, drops, states and skipped stages, per source."""
-    sources = {**watched.tips, "camera": watched.camera}
-    samples = [s for tip in watched.tips.values() for s in tip.samples]
-    skipped: dict[str, int] = {}
-    for sample in samples:
-        for stage in sample.skipped:
-            skipped[stage] = skipped.get(stage, 0) + 1
-    return {
-        "frames": {name: source.frames for name, source in sources.items()},
-        "dropped": {name: source.dropped for name, source in sources.items()},
-        "states": {state.value: sum(s.state is state for s in samples) for state in State},
-        "skipped": skipped,
-        "disagreements": {
-            why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement
-        },
-    }

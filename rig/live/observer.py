@@ -13,11 +13,14 @@ from protocols.observer import LiftObserver, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
 from rig.sessions.images import jpeg
+from rig.sessions.records import LiftHead
 
 MOST_PER_S = 10.0
 """Pictures of one source, and sets of figures, in a second of real time."""
 PICTURE_LONG_SIDE_PX = 320
 PICTURE_QUALITY = 80
+LIFT_KEYS = ("number", "attempt", "object", "name", "lift")
+"""What tells lookers-on which lift a message is about."""
 RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""
 
@@ -25,17 +28,17 @@ RATE_FRAMES = 31
 class LiveObserver(LiftObserver):
     """Passes everything to a lift's measurement first, then sends what a viewer shows.
 
-    lift: its number, attempt, object, name and lift, sent with each message. clock: of real time,
-    which limits how much is sent, however fast a simulated bench runs.
+    head: of the lift; what tells it from others goes with each message. clock: of real time, which
+    limits how much is sent, however fast a simulated bench runs.
     """
 
     def __init__(
-        self, watched: LiftMeasurement, feed: LiveFeed, lift: dict[str, Any], clock: Clock | None = None
+        self, watched: LiftMeasurement, feed: LiveFeed, head: LiftHead, clock: Clock | None = None
     ) -> None:
         self._watched = watched
         self._sender = Sender(feed)
         self._pictures = feed.pictures
-        self._lift = {**lift, "sender": os.getpid()}
+        self._lift = {**{key: getattr(head, key) for key in LIFT_KEYS}, "sender": os.getpid()}
         self._clock = clock or SystemClock()
         self._sent_ns: dict[str, int] = {}
         self._times: dict[str, deque[int]] = {}

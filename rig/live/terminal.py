@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -22,6 +22,7 @@ from rich.progress import (
 from rich.table import Table
 
 from rig.live.feed import Inbox, Message
+from rig.sessions.records import LiftRow
 
 REFRESH_PER_S = 4.0
 PLAIN_EVERY_S = 5.0
@@ -67,7 +68,7 @@ class TrialView:
     note: says in a few words what came of a lift.
     """
 
-    def __init__(self, total: int, inbox: Inbox, note: Callable[[dict[str, Any]], str]) -> None:
+    def __init__(self, total: int, inbox: Inbox, note: Callable[[LiftRow], str]) -> None:
         console = Console(stderr=True)
         self._inbox = inbox
         self._note = note
@@ -88,12 +89,12 @@ class TrialView:
     def __exit__(self, *_: object) -> None:
         self._shown.stop()
 
-    def __call__(self, done: int, total: int, row: dict[str, Any]) -> None:
+    def __call__(self, done: int, total: int, row: LiftRow) -> None:
         """Take a finished lift."""
         self._progress.update(self._task, completed=done, total=total)
         self._read()
         with self._lock:
-            over = [sender for sender, lift in self._lifts.items() if lift.number == row["number"]]
+            over = [sender for sender, lift in self._lifts.items() if lift.number == row.number]
             for sender in over:
                 del self._lifts[sender]
         self._shown.line(f"{done}/{total} {self._note(row)}")

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from rig.report.curves import truth_at
 from rig.report.parts import Notice, joined
 from rig.report.session import Lift, Trial, curves_of, lift_name
 from rig.report.trial_charts import FEWEST_FRAMES, sigma_ratios
+from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 
 FEW_LIFTS = 5
 """The paper lifts each object five times."""
@@ -35,27 +35,27 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
 
 
 def _unfinished(trial: Trial) -> list[Notice]:
-    if trial.manifest.get("status") == "complete":
+    if trial.manifest.status == "complete":
         return []
-    wanted = len(trial.manifest.get("objects", [])) * int(trial.manifest.get("lifts_per_object", 0))
     advice = (
         f"Go on with the same command and --resume --out {trial.folder}; what is below counts only these."
     )
-    return [Notice("bad", f"Unfinished: {len(trial.lifts)} of {wanted} lifts are accepted.", advice)]
+    what = f"Unfinished: {len(trial.lifts)} of {trial.manifest.wanted} lifts are accepted."
+    return [Notice("bad", what, advice)]
 
 
 def _faults(trial: Trial) -> list[Notice]:
-    failed = [row for row in trial.rows if not row["accepted"]]
+    failed = [row for row in trial.rows if isinstance(row, FailedLift)]
     if not failed:
         return []
-    often, times = Counter(str(row.get("fault")) for row in failed).most_common(1)[0]
+    often, times = Counter(row.fault for row in failed).most_common(1)[0]
     names = joined([lift_name(row) for row in failed])
     advice = f"They were repeated and count in no figure. The most frequent ({times}): {often}"
     return [Notice("warn", f"{len(failed)} attempts ended in a rig fault: {names}.", advice)]
 
 
 def _fallen(trial: Trial) -> list[Notice]:
-    names = [lift.name for lift in trial.lifts if lift.row["outcome"] == "fallen"]
+    names = [lift.name for lift in trial.lifts if lift.row.outcome is LiftOutcome.FALLEN]
     advice = (
         "Grip firmer (grip_counts in the object's file) or lift less high, so that the whole turn is seen."
     )
@@ -63,7 +63,7 @@ def _fallen(trial: Trial) -> list[Notice]:
 
 
 def _few_lifts(trial: Trial) -> list[Notice]:
-    counts = Counter(str(lift.row["name"]) for lift in trial.lifts)
+    counts = Counter(lift.row.name for lift in trial.lifts)
     few = [f"{name} ({count})" for name, count in counts.items() if count < FEW_LIFTS]
     if not few:
         return []
@@ -72,7 +72,7 @@ def _few_lifts(trial: Trial) -> list[Notice]:
 
 
 def _small_turns(trial: Trial) -> list[Notice]:
-    turns = [abs(t) for lift in trial.lifts if (t := lift.row["final_truth_deg"]) is not None]
+    turns = [abs(t) for lift in trial.lifts if (t := lift.row.final_truth_deg) is not None]
     big = sum(turn >= BIG_TURN_DEG for turn in turns)
     if not turns or big >= FEW_BIG_TURNS * len(turns):
         return []
@@ -81,17 +81,17 @@ def _small_turns(trial: Trial) -> list[Notice]:
 
 
 def _refused(trial: Trial) -> list[Notice]:
-    bad = [lift for lift in trial.lifts if lift.row["answered"] < LEAST_ANSWERED]
+    bad = [lift for lift in trial.lifts if lift.row.answered < LEAST_ANSWERED]
     if not bad:
         return []
     states: Counter[str] = Counter()
     for lift in bad:
-        states.update({s: n for s, n in lift.row["states"].items() if s in _REFUSALS})
+        states.update({s: n for s, n in lift.row.states.items() if s in _REFUSALS})
     why = states.most_common(1)[0][0] if states else "lost"
-    worst = min(bad, key=lambda lift: lift.row["answered"])
+    worst = min(bad, key=lambda lift: lift.row.answered)
     what = (
         f"{len(bad)} lifts have angles for less than {LEAST_ANSWERED:.0%} of their frames, least "
-        f"{worst.name} with {worst.row['answered']:.0%}; most often '{why}'."
+        f"{worst.name} with {worst.row.answered:.0%}; most often '{why}'."
     )
     return [Notice("warn", what, _REFUSALS.get(why, "See the states under each lift."))]
 
@@ -141,8 +141,8 @@ def _drops(trial: Trial) -> list[Notice]:
     frames: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
     for lift in trial.lifts:
-        frames.update(lift.row["frames"])
-        dropped.update(lift.row["dropped"])
+        frames.update(lift.row.frames)
+        dropped.update(lift.row.dropped)
     bad = [
         f"{source} {count} of {count + frames[source]}"
         for source, count in dropped.items()
@@ -155,11 +155,10 @@ def _drops(trial: Trial) -> list[Notice]:
 
 
 def _slow(trial: Trial) -> list[Notice]:
-    rates = [t["rate_hz"] for t in trial.manifest.get("config", {}).get("tactile", []) if "rate_hz" in t]
-    totals = [row["stages"]["total"]["p99_ms"] for row in trial.timing if "total" in row["stages"]]
-    if not rates or not totals:
+    totals = [row.stages["total"].p99_ms for row in trial.timing if "total" in row.stages]
+    if not totals:
         return []
-    period_ms = 1000.0 / sum(rates)
+    period_ms = 1000.0 / sum(tactile.rate_hz for tactile in trial.manifest.config.tactile)
     slow = float(np.median(totals))
     if slow <= period_ms:
         return []
@@ -177,7 +176,7 @@ def _one_sided(trial: Trial) -> list[Notice]:
     many = [
         lift.name
         for lift in trial.lifts
-        if (lift.row.get("disagreements") or {}).get("one pad slips", 0) > 0.2 * _tactile_frames(lift.row)
+        if lift.row.disagreements.get("one pad slips", 0) > 0.2 * _tactile_frames(lift.row)
     ]
     if not many:
         return []
@@ -189,7 +188,7 @@ def _false_alarms(trial: Trial) -> list[Notice]:
     early = [
         lift.name
         for lift in trial.lifts
-        if lift.row.get("onset_alarm_s") is not None and lift.row.get("onset_truth_s") is None
+        if lift.row.onset_alarm_s is not None and lift.row.onset_truth_s is None
     ]
     if not early:
         return []
@@ -197,5 +196,5 @@ def _false_alarms(trial: Trial) -> list[Notice]:
     return [Notice("warn", f"The slip event was raised though nothing slipped in {joined(early)}.", advice)]
 
 
-def _tactile_frames(row: dict[str, Any]) -> int:
-    return sum(count for source, count in row["frames"].items() if source != "camera")
+def _tactile_frames(row: FinishedLift) -> int:
+    return sum(count for source, count in row.frames.items() if source != "camera")

@@ -1,37 +1,32 @@
 """Which calibrations a session used, and how old they are."""
 
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
 
 from calibration.store import age_days, age_text
+from calibration.verdict import Verdict
+from rig.config.in_use import FileInUse
 from rig.report.parts import Notice, Table, joined
+from rig.sessions.manifest import BenchManifest
 
 OLD_DAYS = 30.0
 NEEDED = ("camera", "hand-eye")
 """What the marker angle rests on."""
 
 
-def calibration_table(manifest: Mapping[str, Any], now: datetime) -> Table | None:
+def calibration_table(manifest: BenchManifest, now: datetime) -> Table | None:
     """A row per calibration that the manifest names; None where it names none."""
     rows = [
-        [
-            name,
-            str(about.get("file") or about.get("path") or "-"),
-            str(about.get("verdict") or "-"),
-            _age(about, now),
-        ]
-        for name, about in _named(manifest).items()
+        [name, about.file, about.verdict, _age(about, now)] for name, about in manifest.calibration.items()
     ]
     return Table(("calibration", "file", "verdict", "age"), rows, text=(0, 1, 2, 3)) if rows else None
 
 
-def calibration_notices(manifest: Mapping[str, Any], now: datetime) -> list[Notice]:
+def calibration_notices(manifest: BenchManifest, now: datetime) -> list[Notice]:
     """What to say about them: missing on a real bench, old, or weak."""
-    named = _named(manifest)
+    named = manifest.calibration
     notices = []
     missing = [kind for kind in NEEDED if not any(name.startswith(kind) for name in named)]
-    if missing and not manifest.get("simulated"):
+    if missing and not manifest.simulated:
         advice = (
             "The numbers typed into the bench file are used instead, and the marker angle is no better than "
             f"they are: rig calibrate {missing[0]}."
@@ -45,29 +40,20 @@ def calibration_notices(manifest: Mapping[str, Any], now: datetime) -> list[Noti
     if old:
         advice = "Look whether it still holds: rig calibrate compare, or calibrate again."
         notices.append(Notice("warn", f"Old calibrations: {joined(old)}.", advice))
-    weak = [name for name, about in named.items() if about.get("verdict") == "weak"]
+    weak = [name for name, about in named.items() if about.verdict == Verdict.WEAK]
     if weak:
         advice = "Their pages say what was missing; more or better samples make them good."
         notices.append(Notice("warn", f"Weak calibrations: {joined(weak)}.", advice))
     return notices
 
 
-def _named(manifest: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    found = manifest.get("calibration") or {}
-    return {
-        name: about if isinstance(about, Mapping) else {"file": about}
-        for name, about in found.items()
-        if about
-    }
-
-
-def _days(about: Mapping[str, Any], now: datetime) -> float | None:
+def _days(about: FileInUse, now: datetime) -> float | None:
     try:
-        return age_days(str(about.get("created")), now)
+        return age_days(about.created, now)
     except ValueError:
         return None
 
 
-def _age(about: Mapping[str, Any], now: datetime) -> str:
+def _age(about: FileInUse, now: datetime) -> str:
     days = _days(about, now)
     return "unknown" if days is None else age_text(days)

@@ -2,15 +2,24 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from drivers.errors import InputError
 from rig.report.session import object_label
 from rig.results.metrics import Floats, bootstrap_interval
+from rig.sessions.records import ErrorSummary, FinishedLift
 
-Row = dict[str, Any]
+
+@dataclass(frozen=True, slots=True)
+class ComparedLift:
+    """A lift on one side. frame_ms: median wall time per tactile frame, None where it was not timed."""
+
+    row: FinishedLift
+    frame_ms: float | None = None
+
+
+Pair = tuple[ComparedLift, ComparedLift]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +28,7 @@ class Figure:
 
     name: str
     unit: str
-    value: Callable[[Row], float | None]
+    value: Callable[[ComparedLift], float | None]
     smaller: bool | None = True
 
 
@@ -61,43 +70,49 @@ class Comparison:
     names: tuple[str, str]
     overall: tuple[Paired, ...]
     objects: dict[str, Paired]
-    pairs: tuple[tuple[Row, Row], ...]
+    pairs: tuple[Pair, ...]
     alone: tuple[int, int]
 
 
-def _of(part: str, key: str) -> Callable[[Row], float | None]:
-    return lambda row: (row.get(part) or {}).get(key)
+def _mean(error: ErrorSummary | None) -> float | None:
+    return None if error is None else error.mean_deg
 
 
-def _onset_delay_s(row: Row) -> float | None:
-    seen, true = row.get("onset_estimate_s"), row.get("onset_truth_s")
+def _most(error: ErrorSummary | None) -> float | None:
+    return None if error is None else error.max_deg
+
+
+def _onset_delay_s(row: FinishedLift) -> float | None:
+    seen, true = row.onset_estimate_s, row.onset_truth_s
     return None if seen is None or true is None else abs(seen - true)
 
 
-ERROR = Figure("mean error in B and C", "°", _of("re", "mean_deg"))
+ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re))
 FIGURES = (
     ERROR,
-    Figure("mean error in B", "°", _of("re_b", "mean_deg")),
-    Figure("mean error, refused frames held", "°", _of("re_held", "mean_deg")),
-    Figure("largest error in B and C", "°", _of("re", "max_deg")),
-    Figure("share answered", "", lambda row: row.get("answered"), smaller=False),
-    Figure("onset, off by", "s", _onset_delay_s),
-    Figure("time per tactile frame, median", "ms", lambda row: row.get("frame_ms")),
-    Figure("true turn", "°", lambda row: row.get("final_truth_deg"), smaller=None),
+    Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b)),
+    Figure("mean error, refused frames held", "°", lambda lift: _mean(lift.row.re_held)),
+    Figure("largest error in B and C", "°", lambda lift: _most(lift.row.re)),
+    Figure("share answered", "", lambda lift: lift.row.answered, smaller=False),
+    Figure("onset, off by", "s", lambda lift: _onset_delay_s(lift.row)),
+    Figure("time per tactile frame, median", "ms", lambda lift: lift.frame_ms),
+    Figure("true turn", "°", lambda lift: lift.row.final_truth_deg, smaller=None),
 )
 
 
-def compare_rows(names: tuple[str, str], first: Iterable[Row], second: Iterable[Row]) -> Comparison:
-    """Compare accepted lifts, paired by object and number. Raises `InputError` when none is in both."""
+def compare_lifts(
+    names: tuple[str, str], first: Iterable[ComparedLift], second: Iterable[ComparedLift]
+) -> Comparison:
+    """Compare lifts, paired by object and number. Raises `InputError` when none is in both."""
     left, right = _by_lift(first), _by_lift(second)
     keys = [key for key in left if key in right]
     if not keys:
         raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
     pairs = tuple((left[key], right[key]) for key in keys)
     overall = (paired(figure, pairs) for figure in FIGURES)
-    objects: dict[str, list[tuple[Row, Row]]] = {}
+    objects: dict[str, list[Pair]] = {}
     for pair in pairs:
-        objects.setdefault(object_label(pair[0]), []).append(pair)
+        objects.setdefault(object_label(pair[0].row), []).append(pair)
     found = {name: paired(ERROR, own) for name, own in objects.items()}
     return Comparison(
         names,
@@ -108,7 +123,7 @@ def compare_rows(names: tuple[str, str], first: Iterable[Row], second: Iterable[
     )
 
 
-def differences(figure: Figure, pairs: Iterable[tuple[Row, Row]]) -> tuple[Floats, Floats]:
+def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
     """The figure on both sides, (N,) each, of the pairs that have it on both."""
     both = [
         (a, b) for x, y in pairs if (a := figure.value(x)) is not None and (b := figure.value(y)) is not None
@@ -117,7 +132,7 @@ def differences(figure: Figure, pairs: Iterable[tuple[Row, Row]]) -> tuple[Float
     return values[:, 0], values[:, 1]
 
 
-def paired(figure: Figure, pairs: Iterable[tuple[Row, Row]]) -> Paired | None:
+def paired(figure: Figure, pairs: Iterable[Pair]) -> Paired | None:
     """Compare one figure; None where no pair has it."""
     first, second = differences(figure, pairs)
     if not first.size:
@@ -151,5 +166,5 @@ def verdict(comparison: Comparison) -> str:
     )
 
 
-def _by_lift(rows: Iterable[Row]) -> dict[tuple[str, int], Row]:
-    return {(str(row["object"]), int(row["lift"])): row for row in rows if row["accepted"]}
+def _by_lift(lifts: Iterable[ComparedLift]) -> dict[tuple[str, int], ComparedLift]:
+    return {(lift.row.object, lift.row.lift): lift for lift in lifts}

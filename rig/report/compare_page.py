@@ -112,7 +112,7 @@ def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
 
 
 def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:
-    own = [pair for pair in comparison.pairs if object_label(pair[0]) == name]
+    own = [pair for pair in comparison.pairs if object_label(pair[0].row) == name]
     first, second = differences(ERROR, own)
     away = second - first
     places = row + np.linspace(-_JITTER, _JITTER, len(away)) if len(away) > 1 else np.array([row], float)

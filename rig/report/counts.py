@@ -2,29 +2,31 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from rig.report.parts import Table
+from rig.sessions.records import FinishedLift
+from rig.sessions.timing import LiftTiming, StageTimes
 
 
-def stage_table(timing: Sequence[dict[str, Any]]) -> Table | None:
+def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
     """Wall time per stage and frame: the middle lift's median and 95th, the worst lift's 99th percentile."""
-    stages: dict[str, list[dict[str, float]]] = {}
+    stages: dict[str, list[StageTimes]] = {}
     for row in timing:
-        for name, spent in row["stages"].items():
+        for name, spent in row.stages.items():
             stages.setdefault(name, []).append(spent)
     if not stages:
         return None
-    ordered = sorted(stages, key=lambda name: (name == "total", -_middle(stages[name], "p50_ms")))
+    middle = {name: _middle(spent) for name, spent in stages.items()}
+    ordered = sorted(stages, key=lambda name: (name == "total", -middle[name].p50_ms))
     rows = [
         [
             name,
-            f"{_middle(stages[name], 'p50_ms'):.2f}",
-            f"{_middle(stages[name], 'p95_ms'):.2f}",
-            f"{_middle(stages[name], 'p99_ms'):.2f}",
-            f"{max(spent['p99_ms'] for spent in stages[name]):.2f}",
+            f"{middle[name].p50_ms:.2f}",
+            f"{middle[name].p95_ms:.2f}",
+            f"{middle[name].p99_ms:.2f}",
+            f"{max(spent.p99_ms for spent in stages[name]):.2f}",
         ]
         for name in ordered
     ]
@@ -32,43 +34,49 @@ def stage_table(timing: Sequence[dict[str, Any]]) -> Table | None:
     return Table(columns, rows, total=True)
 
 
-def counts_table(rows: Sequence[dict[str, Any]]) -> Table | None:
+def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
     """Frames received and dropped, per source."""
     frames: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
     for row in rows:
-        frames.update(row["frames"])
-        dropped.update(row["dropped"])
+        frames.update(row.frames)
+        dropped.update(row.dropped)
     if not frames:
         return None
     cells = [[source, f"{frames[source]}", f"{dropped[source]}"] for source in frames]
     return Table(("source", "frames", "dropped"), cells)
 
 
-def onset_table(rows: Sequence[dict[str, Any]]) -> Table | None:
+def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
     """How much later than the markers' onset the estimate's, and the event raised in the lift, came."""
-    slipped = [row for row in rows if row.get("onset_truth_s") is not None]
-    if not slipped:
+    slips = sum(row.onset_truth_s is not None for row in rows)
+    if not slips:
         return None
-    cells = []
-    for name, key in (("estimated curve", "onset_estimate_s"), ("slip event", "onset_alarm_s")):
-        late_ms = [(row[key] - row["onset_truth_s"]) * 1e3 for row in slipped if row.get(key) is not None]
-        spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms else ["-"] * 3
-        unasked = sum(row.get(key) is not None for row in rows if row.get("onset_truth_s") is None)
-        cells.append([name, f"{len(late_ms)} of {len(slipped)}", *spread, str(unasked)])
+    seen = {
+        "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
+        "slip event": [(row.onset_alarm_s, row.onset_truth_s) for row in rows],
+    }
     columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
-    return Table(columns, cells)
+    return Table(columns, [_onset_cells(name, onsets, slips) for name, onsets in seen.items()])
 
 
-def state_table(rows: Sequence[dict[str, Any]]) -> Table | None:
+def _onset_cells(name: str, onsets: list[tuple[float | None, float | None]], slips: int) -> list[str]:
+    """onsets: seen and true, s since the start of phase B, None where there is none."""
+    late_ms = [(seen - true) * 1e3 for seen, true in onsets if seen is not None and true is not None]
+    spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms else ["-"] * 3
+    unasked = sum(seen is not None and true is None for seen, true in onsets)
+    return [name, f"{len(late_ms)} of {slips}", *spread, str(unasked)]
+
+
+def state_table(rows: Sequence[FinishedLift]) -> Table | None:
     """What the estimator claimed, what it had no need to do, and how often the fingertips disagreed."""
     states: Counter[str] = Counter()
     skipped: Counter[str] = Counter()
     apart: Counter[str] = Counter()
     for row in rows:
-        states.update(row["states"])
-        skipped.update(row.get("skipped") or {})
-        apart.update(row.get("disagreements") or {})
+        states.update(row.states)
+        skipped.update(row.skipped)
+        apart.update(row.disagreements)
     frames = sum(states.values())
     if not frames:
         return None
@@ -80,5 +88,5 @@ def state_table(rows: Sequence[dict[str, Any]]) -> Table | None:
     return Table(("of all tactile frames", "frames", "share"), cells)
 
 
-def _middle(spent: list[dict[str, float]], key: str) -> float:
-    return float(np.median([value[key] for value in spent]))
+def _middle(spent: list[StageTimes]) -> StageTimes:
+    return StageTimes(*np.median([(s.p50_ms, s.p95_ms, s.p99_ms) for s in spent], axis=0).tolist())

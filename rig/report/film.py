@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from rig.report.lift_chart import shown_range
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
 from rig.results.metrics import Floats
+from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 
 HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
@@ -51,7 +51,7 @@ class _Scene:
 
 def write_film(
     folder: Path,
-    manifest: dict[str, Any],
+    manifest: TrialManifest,
     lift: Lift,
     out: Path,
     fps: float = DEFAULT_FPS,
@@ -84,24 +84,24 @@ def write_film(
     return Film(out, count, codec, size)
 
 
-def _read(folder: Path, manifest: dict[str, Any], lift: Lift) -> _Scene:
+def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
     if lift.curves is None:
         raise SessionError(
-            f"{folder / lift.row['recording']}: the recording cannot be read; choose another --lift"
+            f"{folder / lift.row.recording}: the recording cannot be read; choose another --lift"
         )
-    path = folder / lift.row["recording"]
+    path = folder / lift.row.recording
     zero_ns = lift.zero_ns
     tips = []
-    for serial, sign in manifest["signs"].items():
+    for serial, sign in manifest.signs.items():
         tip = read_tip(path, lift.curves, zero_ns, serial, sign)
         tips.append((tip, np.array([(f.time_ns - zero_ns) / NS_PER_S for f in tip.frames])))
     camera: list[Image] = []
     times: list[float] = []
-    for serial in (s for s in manifest.get("serials", []) if s not in manifest["signs"]):
+    for serial in (s for s in manifest.serials if s not in manifest.signs):
         for frame in recorded_frames(path, serial):
             camera.append(_scaled(frame.image))
             times.append((frame.time_ns - zero_ns) / NS_PER_S)
-    mark = "SIMULATED, " if manifest.get("simulated") else ""
+    mark = "SIMULATED, " if manifest.simulated else ""
     panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
     return _Scene(f"{mark}{lift.name}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
 

@@ -51,10 +51,10 @@ def surface_chart(lifts: Sequence[Lift]) -> Chart | None:
 def surface(lift: Lift) -> str:
     """What the object file says of the surface at the lift's grasp position; "" where it says nothing."""
     try:
-        grasps = find_grasp_file(str(lift.row["object"]))
+        grasps = find_grasp_file(lift.row.object)
     except InputError:
         return ""
-    place = next((p for p in grasps.position if p.name == lift.row.get("position")), None)
+    place = next((p for p in grasps.position if p.name == lift.row.position), None)
     return (place.surface or "") if place else ""
 
 

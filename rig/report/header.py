@@ -1,21 +1,20 @@
 """What stands above every report of a session."""
 
-from typing import Any
+from rig.sessions.manifest import BenchManifest, TrialManifest
 
 
-def header(manifest: dict[str, Any], what: str) -> dict[str, str]:
+def header(manifest: BenchManifest, what: str) -> dict[str, str]:
     """Say whether it is simulated, which bench, when, and with what."""
-    simulated = bool(manifest.get("simulated"))
-    known = "estimator" in manifest
+    trial = manifest if isinstance(manifest, TrialManifest) else None
     parts = [
-        str(manifest.get("started", "")).replace("T", " ")[:16],
-        f"estimator {manifest['estimator']}, window {manifest.get('window')}" if known else "",
-        f"seed {manifest['seed']}" if simulated and "seed" in manifest else "",
-        f"rig {manifest.get('tool_version', '?')}",
+        manifest.started.replace("T", " ")[:16],
+        f"estimator {trial.estimator}, window {trial.window}" if trial else "",
+        f"seed {manifest.seed}" if manifest.simulated else "",
+        f"rig {manifest.tool_version}",
     ]
     return {
-        "mark": "SIMULATED" if simulated else "",
-        "bench": f"bench '{manifest.get('bench', 'unknown')}'",
+        "mark": "SIMULATED" if manifest.simulated else "",
+        "bench": f"bench '{manifest.bench}'",
         "what": what,
         "details": ", ".join(part for part in parts if part),
     }

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +9,10 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.report.parts import Notice, joined
-from rig.report.session import read_rows, usable_pose
+from rig.report.session import read_usable
+from rig.sessions.layout import RESULTS
+from rig.sessions.manifest import RecordManifest
+from rig.sessions.records import POSES, PoseImage, PoseRow
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
@@ -22,8 +24,8 @@ ROUND = 1.15
 class Taken:
     """One image of a recording. contact: of the classical finder; axis_deg: None where round or none."""
 
-    row: dict[str, Any]
-    about: dict[str, Any]
+    row: PoseRow
+    about: PoseImage
     image: Image
     contact: Contact
     axis_deg: float | None
@@ -42,16 +44,16 @@ class Recording:
     """A recording as far as it can be read. rows: all attempts at poses, in order."""
 
     folder: Path
-    manifest: dict[str, Any]
-    rows: list[dict[str, Any]]
+    manifest: RecordManifest
+    rows: list[PoseRow]
     taken: list[Taken]
     problems: list[Notice]
 
 
-def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
+def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
     """Read the images of a recording; what is missing or damaged is named and left out."""
-    rows, problems = read_rows(folder / "poses.jsonl", usable_pose)
-    rows.sort(key=lambda row: (row["pose"], row["attempt"]))
+    rows, problems = read_usable(folder / RESULTS["record"], POSES)
+    rows.sort(key=lambda row: (row.pose, row.attempt))
     references = {s: _read(folder / "reference" / f"{s}.png") for s in _serials(rows)}
     without = [serial for serial, reference in references.items() if reference is None]
     if without:
@@ -62,11 +64,11 @@ def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
         problems.append(Notice("bad", what, advice))
     taken, missing = [], []
     for row in rows:
-        for about in row["images"]:
-            image = _read(folder / about["file"])
-            reference = references.get(about["serial"])
+        for about in row.images:
+            image = _read(folder / about.file)
+            reference = references.get(about.serial)
             if image is None:
-                missing.append(str(about["file"]))
+                missing.append(about.file)
             elif reference is not None and reference.shape == image.shape:
                 taken.append(_taken(row, about, image, reference))
     if missing:
@@ -75,7 +77,7 @@ def read_recording(folder: Path, manifest: dict[str, Any]) -> Recording:
     return Recording(folder, manifest, rows, taken, problems)
 
 
-def _taken(row: dict[str, Any], about: dict[str, Any], image: Image, reference: Image) -> Taken:
+def _taken(row: PoseRow, about: PoseImage, image: Image, reference: Image) -> Taken:
     # a finder for each image, as one remembers contact from frame to frame, and these are no series
     contact = ContactFinder(reference).find(image)
     axis = ellipse_axis(contact.contour) if contact.mask is not None else None
@@ -83,8 +85,8 @@ def _taken(row: dict[str, Any], about: dict[str, Any], image: Image, reference: 
     return Taken(row, about, image, contact, axis.angle_deg if axis is not None and told else None)
 
 
-def _serials(rows: list[dict[str, Any]]) -> list[str]:
-    return sorted({str(about["serial"]) for row in rows for about in row["images"]})
+def _serials(rows: list[PoseRow]) -> list[str]:
+    return sorted({about.serial for row in rows for about in row.images})
 
 
 def _read(path: Path) -> Image | None:

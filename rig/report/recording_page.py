@@ -55,8 +55,7 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
 
 
 def _object_names(recording: Recording) -> str:
-    ids = [str(i) for i in recording.manifest.get("objects", [])]
-    return ", ".join(f"{i} {_name(i)}".strip() for i in ids) or "an unnamed object"
+    return ", ".join(f"{i} {_name(i)}".strip() for i in recording.manifest.objects)
 
 
 def _name(object_id: str) -> str:
@@ -69,22 +68,19 @@ def _name(object_id: str) -> str:
 def _by_serial(recording: Recording) -> dict[str, list[Taken]]:
     found: dict[str, list[Taken]] = {}
     for image in recording.taken:
-        found.setdefault(str(image.about["serial"]), []).append(image)
+        found.setdefault(image.about.serial, []).append(image)
     return dict(sorted(found.items()))
 
 
 def _tiles(recording: Recording) -> list[tuple[str, str]]:
-    accepted = [row for row in recording.rows if row["accepted"]]
-    wanted = recording.manifest.get("poses", "?")
-    areas = [float(image.about["contact_area_px"]) for image in recording.taken]
+    rows, manifest = recording.rows, recording.manifest
+    accepted = sum(row.accepted for row in rows)
+    areas = [image.about.contact_area_px for image in recording.taken]
     tiles = [
-        (f"{len(accepted)} of {wanted}", "poses accepted"),
-        (
-            str(sum(len(row["images"]) for row in recording.rows)),
-            f"images of {recording.manifest.get('images', '?')}",
-        ),
-        (str(sum(row["rejected_frames"] for row in recording.rows)), "frames rejected: no contact"),
-        (str(sum(not row["accepted"] for row in recording.rows)), "attempts failed"),
+        (f"{accepted} of {manifest.poses}", "poses accepted"),
+        (str(sum(len(row.images) for row in rows)), f"images of {manifest.images}"),
+        (str(sum(row.rejected_frames for row in rows)), "frames rejected: no contact"),
+        (str(len(rows) - accepted), "attempts failed"),
     ]
     if areas:
         tiles.append((f"{np.median(areas):.0f} px", "median contact area"))
@@ -94,12 +90,12 @@ def _tiles(recording: Recording) -> list[tuple[str, str]]:
 def _pose_table(recording: Recording) -> Table:
     rows = [
         [
-            f"{row['pose']}" + (f", attempt {row['attempt'] + 1}" if row["attempt"] else ""),
-            str(row["position"]),
-            f"{row['orientation_deg']:+.0f}",
-            str(len(row["images"])),
-            str(row["rejected_frames"]),
-            "accepted" if row["accepted"] else str(row.get("fault")),
+            f"{row.pose}" + (f", attempt {row.attempt + 1}" if row.attempt else ""),
+            row.position,
+            f"{row.orientation_deg:+.0f}",
+            str(len(row.images)),
+            str(row.rejected_frames),
+            "accepted" if row.accepted else str(row.fault),
         ]
         for row in recording.rows
     ]
@@ -109,10 +105,10 @@ def _pose_table(recording: Recording) -> Table:
 
 def _notices(recording: Recording, by_serial: dict[str, list[Taken]], now: datetime) -> list[Notice]:
     found = [*recording.problems]
-    if recording.manifest.get("status") != "complete":
+    if recording.manifest.status != "complete":
         advice = f"Go on with the same command and --resume --out {recording.folder}."
-        done = sum(row["accepted"] for row in recording.rows)
-        found.append(Notice("bad", f"Unfinished: {done} of {recording.manifest.get('poses')} poses.", advice))
+        done = sum(row.accepted for row in recording.rows)
+        found.append(Notice("bad", f"Unfinished: {done} of {recording.manifest.poses} poses.", advice))
     for serial, taken in by_serial.items():
         found += _gaps(serial, taken)
     found += calibration_notices(recording.manifest, now)
@@ -135,10 +131,10 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
     """A contact sheet per pose: its images small, the contact's outline drawn in."""
     poses: dict[int, list[Taken]] = {}
     for image in recording.taken:
-        poses.setdefault(int(image.row["pose"]), []).append(image)
+        poses.setdefault(image.row.pose, []).append(image)
     return [
         {
-            "title": f"Pose {pose}: {taken[0].row['position']} at {taken[0].row['orientation_deg']:+.0f}°",
+            "title": f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°",
             "caption": f"{len(taken)} images, grips of {_grips(taken)} counts",
             "jpeg": jpeg(_montage(taken), JPEG_QUALITY),
         }
@@ -147,7 +143,7 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
 
 
 def _grips(taken: Sequence[Taken]) -> str:
-    counts = [int(image.about["grip_counts"]) for image in taken]
+    counts = [image.about.grip_counts for image in taken]
     return f"{min(counts)} to {max(counts)}"
 
 
@@ -155,7 +151,7 @@ def _montage(taken: Sequence[Taken]) -> Image:
     """Put the images side by side, each fingertip's on rows of its own."""
     by_serial: dict[str, list[Image]] = {}
     for image in taken:
-        by_serial.setdefault(str(image.about["serial"]), []).append(_thumb(image))
+        by_serial.setdefault(image.about.serial, []).append(_thumb(image))
     rows = [
         thumbs[start : start + ACROSS]
         for _, thumbs in sorted(by_serial.items())

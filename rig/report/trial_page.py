@@ -1,7 +1,6 @@
 """The report of a trial."""
 
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
@@ -101,9 +100,9 @@ def _charts(trial: Trial) -> list[Chart]:
     if not lifts:
         return []
     finals = [
-        (row["final_estimate_deg"], row["final_truth_deg"])
+        (row.final_estimate_deg, row.final_truth_deg)
         for row in (lift.row for lift in trial.lifts)
-        if row.get("final_estimate_deg") is not None and row["final_truth_deg"] is not None
+        if row.final_estimate_deg is not None and row.final_truth_deg is not None
     ]
     charts = [
         object_chart(trial.lifts),
@@ -116,25 +115,25 @@ def _charts(trial: Trial) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-def _worst(trial: Trial) -> list[dict[str, Any]]:
+def _worst(trial: Trial) -> list[dict[str, object]]:
     """The lifts with the largest mean error, with their frames."""
-    ranked = [lift for lift in trial.lifts if lift.curves is not None and lift.row["re"]]
-    ranked.sort(key=lambda lift: -lift.row["re"]["mean_deg"])
-    return [_with_strips(trial, lift, lift.curves) for lift in ranked[:WORST_LIFTS] if lift.curves]
+    known = [(lift.row.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.row.re and lift.curves]
+    ranked = sorted(known, key=lambda entry: -entry[0])
+    return [_with_strips(trial, lift, curves) for _, lift, curves in ranked[:WORST_LIFTS]]
 
 
-def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, Any]:
+def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
     strips: dict[str, list[Still]] = {}
     problem: Notice | None = None
-    for serial, sign in trial.manifest.get("signs", {}).items():
+    for serial, sign in trial.manifest.signs.items():
         try:
-            strips[serial] = strip(trial.folder / lift.row["recording"], curves, lift.zero_ns, serial, sign)
+            strips[serial] = strip(trial.folder / lift.row.recording, curves, lift.zero_ns, serial, sign)
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}
 
 
-def _by_object(trial: Trial) -> list[dict[str, Any]]:
+def _by_object(trial: Trial) -> list[dict[str, object]]:
     groups: dict[str, list[Chart]] = {}
     for lift in trial.lifts:
         if lift.curves is not None:
@@ -144,15 +143,15 @@ def _by_object(trial: Trial) -> list[dict[str, Any]]:
 
 def _lift_caption(lift: Lift) -> str:
     row = lift.row
-    error = row["re"]
+    error = row.re
     parts = [
-        f"{row['outcome']}, {row.get('position', '?')}, grip {row.get('grip_counts', '?')}",
-        f"error {error['mean_deg']:.2f} ± {error['std_deg']:.2f}°, at most {error['max_deg']:.1f}°"
+        f"{row.outcome}, {row.position}, grip {row.grip_counts}",
+        f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
         if error
         else "no answer",
     ]
-    if row["answered"] < 1.0:
-        parts.append(f"{row['answered']:.0%} answered")
+    if row.answered < 1.0:
+        parts.append(f"{row.answered:.0%} answered")
     if (late := _onset_delay(lift.curves)) is not None:
         parts.append(f"onset seen {late * 1e3:+.0f} ms")
     return "; ".join(parts)

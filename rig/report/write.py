@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.errors import InputError, RigError, SessionError
+from drivers.errors import InputError
 from rig.pages.page import render
 from rig.report.parts import Notice
 from rig.report.session import UNREADABLE
 from rig.report.text import made_text
 from rig.sessions.files import write_file
-from rig.sessions.layout import MANIFEST
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import RecordManifest, TrialManifest, is_session, read_manifest_of
 
 REPORT = "report.html"
+WITH_REPORT = (TrialManifest, RecordManifest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
     for source in sources:
         if not source.exists():
             raise InputError(f"{source}: no such session, folder or file")
-    session = next((s for s in sources if (s / MANIFEST).exists()), None)
+    session = next((s for s in sources if is_session(s)), None)
     if session is not None:
         if len(sources) > 1:
             raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
@@ -51,25 +51,18 @@ def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
 
 def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
     try:
-        manifest = read_manifest(folder)
-    except RigError as error:
-        return _broken_page(folder, error), (str(error),)
-    try:
-        if manifest.get("kind") == "trial":
+        manifest = read_manifest_of(folder, WITH_REPORT, "trials and recordings have reports")
+        if isinstance(manifest, TrialManifest):
             from rig.report.session import read_trial
             from rig.report.trial_page import trial_page
 
             trial = read_trial(folder, manifest)
             return trial_page(trial), tuple(notice.what for notice in trial.problems)
-        if manifest.get("kind") == "record":
-            from rig.report.recording import read_recording
-            from rig.report.recording_page import recording_page
+        from rig.report.recording import read_recording
+        from rig.report.recording_page import recording_page
 
-            recording = read_recording(folder, manifest)
-            return recording_page(recording), tuple(notice.what for notice in recording.problems)
-        raise SessionError(
-            f"{folder}: a '{manifest.get('kind')}' session; trials and recordings have reports"
-        )
+        recording = read_recording(folder, manifest)
+        return recording_page(recording), tuple(notice.what for notice in recording.problems)
     except UNREADABLE as error:
         return _broken_page(folder, error), (str(error),)
 

@@ -5,13 +5,20 @@ import os
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from drivers.errors import InputError, SessionError
-from rig.results.metrics import Mare, mare
-from rig.sessions.files import read_lines
+from rig.results.metrics import Mare
+from rig.results.summary import mare_of
 from rig.sessions.layout import MANIFEST, RESULTS
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import (
+    AnyManifest,
+    BenchManifest,
+    RecordManifest,
+    TrialManifest,
+    read_manifest,
+)
+from rig.sessions.records import REPLAYS, finished
+from rig.sessions.rows import read_lifts, read_poses, read_rows
 
 MCAP_END = b"\x89MCAP0\r\n"
 """The last bytes of a complete MCAP file (MCAP specification, "Magic")."""
@@ -28,36 +35,34 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """One session: what its manifest says, and what is on disk.
+    """One session: what its manifest says, None where it cannot be read, and what is on disk.
 
-    done, wanted: accepted lifts of a trial or poses of a recording. mare: over phases B and C,
-    as the session's own estimator measured. problem: why it is broken.
+    done: accepted lifts of a trial or poses of a recording. mare: over phases B and C, as the session's
+    own estimator measured. problem: why it is broken.
     """
 
     folder: Path
     state: SessionState
     problem: str | None
     size_bytes: int
-    manifest: dict[str, Any]
+    manifest: AnyManifest | None
     done: int = 0
     mare: Mare | None = None
 
     @property
-    def kind(self) -> str:
-        """Return "trial", "record" or "replay"; empty where the manifest cannot be read."""
-        return str(self.manifest.get("kind", ""))
+    def bench_manifest(self) -> TrialManifest | RecordManifest | None:
+        """The manifest of a trial or recording; None for replays and where it cannot be read."""
+        return self.manifest if isinstance(self.manifest, BenchManifest) else None
 
     @property
-    def objects(self) -> list[str]:
+    def objects(self) -> tuple[str, ...]:
         """Ids of the objects asked for."""
-        return list(self.manifest.get("objects", []))
+        return self.bench_manifest.objects if self.bench_manifest else ()
 
     @property
     def wanted(self) -> int | None:
         """Lifts or poses asked for; None where that is not known beforehand."""
-        if self.kind == "trial":
-            return len(self.objects) * int(self.manifest.get("lifts_per_object", 0))
-        return self.manifest.get("poses")
+        return self.bench_manifest.wanted if self.bench_manifest else None
 
 
 def find_sessions(folder: Path) -> list[Path]:
@@ -84,37 +89,40 @@ def holds_sessions(folder: Path) -> bool:
 def list_session(folder: Path) -> SessionEntry:
     """Look at one session; whatever is wrong with it is in the entry."""
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    manifest: dict[str, Any] = {}
+    manifest: AnyManifest | None = None
     try:
         manifest = read_manifest(folder)
-        rows = read_lines(folder / RESULTS.get(str(manifest.get("kind")), ""))
-        return _entry(folder, size, manifest, [row for row in rows if row.get("accepted")])
+        return _entry(folder, size, manifest)
     except SessionError as error:
         return SessionEntry(folder, SessionState.BROKEN, str(error), size, manifest)
-    except (KeyError, TypeError, AttributeError, IsADirectoryError) as error:
-        problem = f"{folder}: not what a session of this version holds ({error!r})"
-        return SessionEntry(folder, SessionState.BROKEN, problem, size, manifest)
 
 
-def _entry(folder: Path, size: int, manifest: dict[str, Any], rows: list[dict[str, Any]]) -> SessionEntry:
-    problem = next(filter(None, (_damage(folder, row) for row in rows)), None)
-    errors = [row["re"] for row in rows if row.get("re")]
-    found = mare([e["mean_deg"] for e in errors], [e["std_deg"] for e in errors])
-    state = SessionState.COMPLETE if manifest["status"] == "complete" else SessionState.UNFINISHED
+def _entry(folder: Path, size: int, manifest: AnyManifest) -> SessionEntry:
+    found: Mare | None = None
+    if isinstance(manifest, TrialManifest):
+        lifts = finished(read_lifts(folder))
+        done, found = len(lifts), mare_of(lift.re for lift in lifts)
+        problems = [_recording_damage(folder / lift.recording) for lift in lifts]
+    elif isinstance(manifest, RecordManifest):
+        poses = [pose for pose in read_poses(folder) if pose.accepted]
+        done, problems = len(poses), [_image_damage(folder / i.file) for pose in poses for i in pose.images]
+    else:
+        done = sum(row.accepted for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
+        problems = []
+    problem = next(filter(None, problems), None)
+    state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
     if _in_use(folder):
         state = SessionState.RUNNING
     return SessionEntry(
-        folder, SessionState.BROKEN if problem else state, problem, size, manifest, len(rows), found
+        folder, SessionState.BROKEN if problem else state, problem, size, manifest, done, found
     )
 
 
-def _damage(folder: Path, row: dict[str, Any]) -> str | None:
-    """Say which file of a finished piece of work is missing or cut short."""
-    if "recording" not in row:
-        files = [folder / image["file"] for image in row.get("images", [])]
-        missing = next((file for file in files if not file.exists()), None)
-        return f"{missing}: the image is missing" if missing else None
-    path = folder / row["recording"]
+def _image_damage(path: Path) -> str | None:
+    return None if path.exists() else f"{path}: the image is missing"
+
+
+def _recording_damage(path: Path) -> str | None:
     if not path.exists():
         return f"{path}: the recording is missing"
     with path.open("rb") as stream:

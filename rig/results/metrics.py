@@ -6,18 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.sessions.records import ErrorSummary
+
 Floats = NDArray[np.float64]
 BOOTSTRAP_RESAMPLES = 4000
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorSummary:
-    """Mean, standard deviation and maximum of |RE| in degrees over `frames` answered frames."""
-
-    mean_deg: float
-    std_deg: float
-    max_deg: float
-    frames: int
 
 
 @dataclass(frozen=True, slots=True)

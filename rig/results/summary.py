@@ -2,16 +2,66 @@
 
 import csv
 import io
-from dataclasses import dataclass
-from typing import Any
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Protocol
 
 from rig.results.metrics import Mare, mare
+from rig.sessions.codec import json_value
+from rig.sessions.records import ErrorSummary, LiftRow, finished
 
 CSV_COLUMNS = (
     "number", "attempt", "object", "name", "lift", "position", "accepted", "outcome", "fault",
     "grip_counts", "lift_height_m", "final_estimate_deg", "final_truth_deg", "onset_truth_s",
     "onset_estimate_s", "answered", "bench_s", "recording",
 )  # fmt: skip
+ERRORS = ("re_b", "re", "re_held")
+"""A lift's errors: over phase B, over B and C, over both with refused frames held."""
+
+
+class MeasuredLift(Protocol):
+    """What a summary needs of a lift, from a session or from a table of many; see `LiftFigures`."""
+
+    @property
+    def object(self) -> str:
+        """Its object's id."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Its object's name."""
+        ...
+
+    @property
+    def outcome(self) -> str:
+        """How it ended."""
+        ...
+
+    @property
+    def re_b(self) -> ErrorSummary | None:
+        """Error over phase B."""
+        ...
+
+    @property
+    def re(self) -> ErrorSummary | None:
+        """Error over phases B and C."""
+        ...
+
+    @property
+    def re_held(self) -> ErrorSummary | None:
+        """Error with refused frames held."""
+        ...
+
+    @property
+    def answered(self) -> float:
+        """Share of frames answered."""
+        ...
+
+    @property
+    def final_truth_deg(self) -> float | None:
+        """True turn."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,64 +92,73 @@ class TrialSummary:
     turns_deg: tuple[float, ...]
 
 
-def summarize_trial(rows: list[dict[str, Any]]) -> TrialSummary:
+def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
     """Summarize the accepted lifts of a session's rows; faults count in none of the figures."""
-    accepted = [row for row in rows if row["accepted"]]
-    ids = list(dict.fromkeys(row["object"] for row in accepted))
+    return summarize_lifts(finished(rows), sum(row.bench_s for row in rows))
+
+
+def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
+    """Summarize lifts. bench_s: how long they and failed attempts took by the bench's clock."""
+    ids = list(dict.fromkeys(lift.object for lift in lifts))
     return TrialSummary(
-        objects=tuple(_object_summary([r for r in accepted if r["object"] == i]) for i in ids),
-        lifts_accepted=len(accepted),
-        mare=_mare(accepted, "re"),
-        mare_b=_mare(accepted, "re_b"),
-        mare_held=_mare(accepted, "re_held"),
-        answered=_mean([row["answered"] for row in accepted]),
-        bench_s=sum(row["bench_s"] for row in rows),
-        turns_deg=_turns(accepted),
+        objects=tuple(_object_summary([lift for lift in lifts if lift.object == i]) for i in ids),
+        lifts_accepted=len(lifts),
+        mare=mare_of(lift.re for lift in lifts),
+        mare_b=mare_of(lift.re_b for lift in lifts),
+        mare_held=mare_of(lift.re_held for lift in lifts),
+        answered=_mean([lift.answered for lift in lifts]),
+        bench_s=bench_s,
+        turns_deg=_turns(lifts),
     )
 
 
-def lifts_csv(rows: list[dict[str, Any]]) -> str:
+def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:
+    """Return the MARE over lifts' errors; lifts without an answer do not count."""
+    known = [error for error in errors if error is not None]
+    return mare([error.mean_deg for error in known], [error.std_deg for error in known])
+
+
+def lifts_csv(rows: Sequence[LiftRow]) -> str:
     """Return the lifts as CSV text, one line per attempt, errors in degrees."""
     text = io.StringIO()
-    errors = [
-        f"{part}_{key}" for part in ("re_b", "re", "re_held") for key in ("mean_deg", "std_deg", "max_deg")
-    ]
+    errors = [f"{part}_{key}" for part in ERRORS for key in ("mean_deg", "std_deg", "max_deg")]
     writer = csv.DictWriter(
         text, [*CSV_COLUMNS, *errors], restval="", extrasaction="ignore", lineterminator="\n"
     )
     writer.writeheader()
     for row in rows:
-        parts = {p: row.get(p) or {} for p in ("re_b", "re", "re_held")}
-        flat = {f"{part}_{key}": value for part, values in parts.items() for key, value in values.items()}
-        writer.writerow({**{k: "" if v is None else v for k, v in row.items()}, **flat})
+        writer.writerow({**json_value(row), **flat_errors(row)})
     return text.getvalue()
 
 
-def _object_summary(rows: list[dict[str, Any]]) -> ObjectSummary:
-    outcomes: dict[str, int] = {}
-    for row in rows:
-        outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
-    turns = _turns(rows)
+def flat_errors(row: LiftRow) -> dict[str, float | int]:
+    """Return a lift's errors by part and key, as `re_b_mean_deg`; nothing for parts without an answer."""
+    parts = {part: getattr(row, part, None) for part in ERRORS}
+    return {
+        f"{part}_{key}": value
+        for part, error in parts.items()
+        if error is not None
+        for key, value in asdict(error).items()
+    }
+
+
+def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
+    turns = _turns(lifts)
     return ObjectSummary(
-        object_id=rows[0]["object"],
-        name=rows[0]["name"],
-        lifts=len(rows),
-        outcomes=outcomes,
-        mare_b=_mare(rows, "re_b"),
-        mare=_mare(rows, "re"),
-        answered=_mean([row["answered"] for row in rows]),
+        object_id=lifts[0].object,
+        name=lifts[0].name,
+        lifts=len(lifts),
+        outcomes=dict(Counter(str(lift.outcome) for lift in lifts)),
+        mare_b=mare_of(lift.re_b for lift in lifts),
+        mare=mare_of(lift.re for lift in lifts),
+        answered=_mean([lift.answered for lift in lifts]),
         turn_deg=(min(turns, default=0.0), max(turns, default=0.0)),
     )
 
 
-def _mare(rows: list[dict[str, Any]], part: str) -> Mare | None:
-    known = [row[part] for row in rows if row.get(part)]
-    return mare([k["mean_deg"] for k in known], [k["std_deg"] for k in known])
-
-
-def _turns(rows: list[dict[str, Any]]) -> tuple[float, ...]:
+def _turns(lifts: Sequence[MeasuredLift]) -> tuple[float, ...]:
     """Final true angles of the lifts that have one, deg."""
-    return tuple(row["final_truth_deg"] for row in rows if row["final_truth_deg"] is not None)
+    return tuple(lift.final_truth_deg for lift in lifts if lift.final_truth_deg is not None)
 
 
 def _mean(values: list[float]) -> float:

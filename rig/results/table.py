@@ -1,50 +1,104 @@
 """One table of lifts out of many sessions: a line per lift, as CSV and as Parquet.
 
 A line is a flat copy of a lift's row in `lifts.jsonl`, with its session in front; errors are in
-degrees, times in seconds. `nested_row` makes the row again, so that one code summarizes both.
+degrees, times in seconds.
 """
 
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 from drivers.errors import InputError
-from rig.sessions.table_files import has_parquet, read_csv, read_parquet
+from rig.results.summary import TrialSummary, flat_errors, summarize_lifts
+from rig.sessions.records import REPLAYS, ErrorSummary, LiftRow, ReplayRow
+from rig.sessions.table_files import Line, has_parquet, read_csv, read_parquet
 
-ERRORS = ("re_b", "re", "re_held")
-COLUMNS: dict[str, type] = {
-    "session": str, "started": str, "bench": str, "simulated": bool, "estimator": str, "window": int,
-    "number": int, "attempt": int, "object": str, "name": str, "lift": int, "position": str,
-    "accepted": bool, "outcome": str, "grip_counts": int, "lift_height_m": float,
-    "final_estimate_deg": float, "final_truth_deg": float,
-    "onset_truth_s": float, "onset_estimate_s": float, "onset_alarm_s": float,
-    "answered": float, "bench_s": float, "identical": bool, "problem": str,
-    **{f"{part}_{key}": kind for part in ERRORS
-       for key, kind in (("mean_deg", float), ("std_deg", float), ("max_deg", float), ("frames", int))},
-}  # fmt: skip
-"""Columns in their order. `identical`: the replay gave exactly the stored row. `problem`: what kept
-a lift, or a whole session, from being read; the figures are empty then."""
+
+def _plain(hint: Any) -> type:
+    """Return a column's type without the None that stands for an empty cell."""
+    return next(kind for kind in (get_args(hint) or (hint,)) if kind is not type(None))
+
+
+COLUMNS = {name: _plain(hint) for name, hint in get_type_hints(ReplayRow).items() if name[0] != "_"}
+"""Columns in their order, with their types."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
+_EMPTY = ReplayRow(**{**dict.fromkeys(COLUMNS), "session": "", "accepted": False})
 
 
-def flat_row(row: dict[str, Any], **head: Any) -> dict[str, Any]:
-    """Return a lift's row as a line of the table. head: the columns that the row does not have."""
-    errors = {f"{part}_{key}": value for part in ERRORS for key, value in (row.get(part) or {}).items()}
-    known = {**row, **errors, **head}
-    return {column: known.get(column) for column in COLUMNS}
+@dataclass(frozen=True, slots=True)
+class TableHead:
+    """What stands in front of a lift's row: its session, and what looked at it."""
+
+    session: str
+    started: str
+    bench: str
+    estimator: str
+    window: int
 
 
-def nested_row(line: dict[str, Any]) -> dict[str, Any]:
-    """Return a line of the table as a lift's row, as far as `rig.results.summary` needs it."""
-    parts = {
-        part: {key: line[f"{part}_{key}"] for key in ("mean_deg", "std_deg", "max_deg", "frames")}
-        if line[f"{part}_mean_deg"] is not None
-        else None
-        for part in ERRORS
+@dataclass(frozen=True, slots=True)
+class TableLift:
+    """A lift of a table as far as a summary needs it, see `rig.results.summary.MeasuredLift`."""
+
+    object: str
+    name: str
+    lift: int
+    outcome: str
+    re_b: ErrorSummary | None
+    re: ErrorSummary | None
+    re_held: ErrorSummary | None
+    answered: float
+    final_truth_deg: float | None
+
+
+def table_row(
+    head: TableHead, row: LiftRow, identical: bool | None = None, problem: str | None = None
+) -> ReplayRow:
+    """Return a lift's row as a line of the table. identical, problem: see `ReplayRow`."""
+    known = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
+    return replace(_EMPTY, **asdict(head), **known, **flat_errors(row), identical=identical, problem=problem)
+
+
+def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
+    """Return the line of a lift whose recording cannot be read: which one it is, and why."""
+    named = {
+        name: getattr(row, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
     }
-    return {**line, **parts}
+    return replace(_EMPTY, **asdict(head), **named, problem=problem)
 
 
-def read_results(path: Path) -> list[dict[str, Any]]:
+def broken_row(session: str, problem: str) -> ReplayRow:
+    """Return the line of a session that cannot be read as a whole."""
+    return replace(_EMPTY, session=session, number=0, attempt=0, problem=problem)
+
+
+def table_lines(rows: Sequence[ReplayRow]) -> list[Line]:
+    """Return rows as the lines of a table."""
+    return [asdict(row) for row in rows]
+
+
+def table_lift(row: ReplayRow) -> TableLift:
+    """Return what a summary needs of a line. Raises `InputError` naming the column that is empty."""
+    needed = {key: getattr(row, key) for key in ("object", "name", "lift", "outcome", "answered")}
+    empty = [key for key, value in needed.items() if value is None]
+    if empty:
+        raise InputError(f"session {row.session}, lift {row.number}: no {', '.join(empty)} in the table")
+    return TableLift(
+        **needed,
+        re_b=_error(row, "re_b"),
+        re=_error(row, "re"),
+        re_held=_error(row, "re_held"),
+        final_truth_deg=row.final_truth_deg,
+    )
+
+
+def summarize_table(rows: Sequence[ReplayRow]) -> TrialSummary:
+    """Summarize the lifts of a table. Raises `InputError` as `table_lift` does."""
+    return summarize_lifts([table_lift(row) for row in rows], sum(row.bench_s or 0.0 for row in rows))
+
+
+def read_results(path: Path) -> list[ReplayRow]:
     """Read a results table, `.csv` or `.parquet`, or that of a folder which holds one.
 
     Raises `InputError` for another file, or one without the columns that a summary needs.
@@ -60,7 +114,19 @@ def read_results(path: Path) -> list[dict[str, Any]]:
         raise InputError(
             f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
         )
-    return [{column: line.get(column) for column in COLUMNS} for line in raw]
+    return [_row(line, f"{file}: row {number}") for number, line in enumerate(raw, start=1)]
+
+
+def _row(line: Line, where: str) -> ReplayRow:
+    try:
+        return REPLAYS.checked({column: line.get(column) for column in COLUMNS})
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _error(row: ReplayRow, part: str) -> ErrorSummary | None:
+    values = [getattr(row, f"{part}_{field.name}") for field in fields(ErrorSummary)]
+    return None if None in values else ErrorSummary(*values)
 
 
 def _table_in(folder: Path) -> Path:

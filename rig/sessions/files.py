@@ -27,9 +27,8 @@ def write_json(path: Path, value: Any) -> None:
     write_file(path, (json.dumps(value, indent=2, sort_keys=True) + "\n").encode())
 
 
-def append_line(path: Path, row: dict[str, Any]) -> None:
-    """Append one JSON line and sync it. Raises `RecordingError`; no torn line is left behind."""
-    line = (json.dumps(row, sort_keys=True) + "\n").encode()
+def append_line(path: Path, line: bytes) -> None:
+    """Append a line and sync it. Raises `RecordingError`; no torn line is left behind."""
     try:
         with path.open("ab") as stream:
             end = stream.tell()
@@ -44,23 +43,17 @@ def append_line(path: Path, row: dict[str, Any]) -> None:
         raise _not_written(path, error) from error
 
 
-def read_lines(path: Path) -> list[dict[str, Any]]:
-    """Read JSON lines; a line cut short by a crash at the very end is left out.
+def complete_lines(path: Path) -> list[bytes]:
+    """Return a file's lines, without one at the end that has none: a write in progress, or a crash.
 
-    Raises `SessionError` naming the line when one before the end is damaged.
+    A file that is not there has no lines. Raises `SessionError` when it cannot be read.
     """
-    if not path.exists():
+    try:
+        return path.read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
         return []
-    lines = path.read_bytes().split(b"\n")
-    rows = []
-    for number, line in enumerate(lines[:-1], start=1):
-        try:
-            rows.append(json.loads(line))
-        except ValueError as error:
-            raise SessionError(
-                f"{path}: line {number} is damaged; move the session aside or remove that line"
-            ) from error
-    return rows
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def drop_torn_line(path: Path) -> None:
@@ -71,13 +64,21 @@ def drop_torn_line(path: Path) -> None:
             write_file(path, data[: data.rfind(b"\n") + 1])
 
 
+def read_whole(path: Path) -> bytes:
+    """Read one of a session's whole files. Raises `SessionError`."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?") from error
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be read ({error.strerror}); the session is damaged") from error
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object. Raises `SessionError` saying what is wrong with the file."""
     try:
-        value = json.loads(path.read_text())
-    except FileNotFoundError as error:
-        raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?") from error
-    except (OSError, ValueError) as error:
+        value = json.loads(read_whole(path))
+    except ValueError as error:
         raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
     if not isinstance(value, dict):
         raise SessionError(f"{path}: holds no JSON object; the session is damaged")

@@ -1,40 +1,40 @@
 """The session folder: manifest, results as they come, and resuming after anything."""
 
 import fcntl
-import json
 import logging
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from pydantic import ValidationError
+from drivers.errors import InputError, RecordingError
+from rig.sessions.codec import Codec, json_line, json_value
+from rig.sessions.files import append_line, drop_torn_line, write_file, write_json
+from rig.sessions.layout import LOG, MANIFEST, RESULTS, TIMING
+from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest
+from rig.sessions.rows import read_rows
+from rig.sessions.timing import TimingLine
 
-from drivers.errors import InputError, RecordingError, SessionError
-from rig.config import BenchConfig, validation_text
-from rig.sessions.files import append_line, drop_torn_line, read_json, read_lines, write_file, write_json
-from rig.sessions.layout import LOG, MANIFEST, TIMING
-
-SCHEMA_VERSION = 1
-DISTRIBUTION = "visuotactile-slip-rig"
+Row = TypeVar("Row")
 
 
-class Session:
+class Session(Generic[Row]):
     """A folder that one process writes; every finished piece of work is on disk at once.
 
     Layout (contract): `session.json` manifest, `RESULTS` one line per finished piece of work,
     `timing.jsonl` everything measured in time, `log.txt`.
     """
 
-    def __init__(self, folder: Path, manifest: dict[str, Any], results_name: str) -> None:
+    def __init__(self, folder: Path, manifest: Manifest, codec: Codec[Row]) -> None:
         self.folder = folder
         self.manifest = manifest
-        self._results = folder / results_name
+        self._results = folder / RESULTS[manifest.kind]
         self._lock = _locked(folder)
         drop_torn_line(self._results)
         drop_torn_line(folder / TIMING)
-        self.rows = read_lines(self._results)
+        self.rows = read_rows(self._results, codec)
         self._log = logging.FileHandler(folder / LOG)
         self._log.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         logger = logging.getLogger("rig")
@@ -44,12 +44,12 @@ class Session:
     @property
     def complete(self) -> bool:
         """Whether the session has reached its target."""
-        return self.manifest["status"] == "complete"
+        return self.manifest.status == "complete"
 
-    def add(self, row: dict[str, Any], timing: dict[str, Any]) -> None:
+    def add(self, row: Row, timing: TimingLine) -> None:
         """Keep the result of one piece of work. Raises `RecordingError`."""
-        append_line(self._results, row)
-        append_line(self.folder / TIMING, timing)
+        append_line(self._results, json_line(row))
+        append_line(self.folder / TIMING, json_line(timing))
         self.rows.append(row)
 
     def write(self, name: str, data: bytes) -> None:
@@ -58,13 +58,12 @@ class Session:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, data)
 
-    def finish(self, order: tuple[str, ...]) -> None:
+    def finish(self, order: Callable[[Row], Any]) -> None:
         """Put the results in order (they may have come side by side) and mark the target reached."""
-        self.rows.sort(key=lambda row: tuple(row[key] for key in order))
-        lines = "".join(json.dumps(row, sort_keys=True) + "\n" for row in self.rows)
-        write_file(self._results, lines.encode())
-        self.manifest = {**self.manifest, "status": "complete", "completed": _now()}
-        write_json(self.folder / MANIFEST, self.manifest)
+        self.rows.sort(key=order)
+        write_file(self._results, b"".join(map(json_line, self.rows)))
+        self.manifest = replace(self.manifest, status="complete", completed=now_text())
+        write_json(self.folder / MANIFEST, json_value(self.manifest))
 
     def close(self) -> None:
         """Let another process use the folder. Safe to call twice."""
@@ -74,7 +73,7 @@ class Session:
             os.close(self._lock)
             self._lock = -1
 
-    def __enter__(self) -> "Session":
+    def __enter__(self) -> "Session[Row]":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -88,82 +87,36 @@ def default_folder(kind: str, object_id: str | None = None) -> Path:
     return Path("sessions") / f"{stamp}{middle}_{kind}"
 
 
-def session_request(kind: str, bench: BenchConfig, seed: int, **more: Any) -> dict[str, Any]:
-    """Return what identifies a session in its manifest, and must be the same to continue it."""
-    return {
-        "kind": kind,
-        "bench": bench.name,
-        "simulated": bench.simulated,
-        "seed": seed,
-        "serials": [*(t.serial for t in bench.tactile), bench.camera.serial],
-        "signs": {t.serial: t.sign for t in bench.tactile},
-        "calibration": {name: file.model_dump() for name, file in bench.calibrations.files.items()},
-        "config": bench.model_dump(mode="json"),
-        **more,
-    }
-
-
-def open_session(folder: Path, request: dict[str, Any], results_name: str, resume: bool) -> Session:
+def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool) -> Session[Row]:
     """Start a session, or continue one.
 
-    request: what was asked for (kind, seed, objects ...); a session is continued only for the
-    same request. Raises `InputError` when the folder is taken or the request differs,
-    `RecordingError` when it cannot be written or another process uses it.
+    wanted: a new manifest with what is asked for (kind, seed, objects ...); a session is continued only
+    for the same. codec: of its results. Raises `InputError` when the folder is taken or something else
+    was asked for, `RecordingError` when it cannot be written or another process uses it.
     """
-    manifest_path = folder / MANIFEST
-    if manifest_path.exists():
+    if (folder / MANIFEST).exists():
         if not resume:
             raise InputError(
                 f"{folder} already holds a session: add --resume to continue it, or give another --out"
             )
         manifest = read_manifest(folder)
-        _require_same(folder, manifest, request)
-        return Session(folder, manifest, results_name)
+        _require_same(folder, manifest, wanted)
+        return Session(folder, manifest, codec)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
     if folder.exists() and any(folder.iterdir()) and not _left_by_a_crash(folder):
         raise InputError(f"{folder} is not empty and holds no session: give another --out")
     _make_folder(folder)
-    manifest = {
-        "schema_version": SCHEMA_VERSION,
-        "tool_version": version(DISTRIBUTION),
-        "status": "running",
-        "started": _now(),
-        **request,
-    }
-    write_json(manifest_path, manifest)
-    return Session(folder, manifest, results_name)
+    write_json(folder / MANIFEST, json_value(wanted))
+    return Session(folder, wanted, codec)
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read and check a session's manifest. Raises `SessionError`."""
-    manifest = read_json(folder / MANIFEST)
-    found = manifest.get("schema_version")
-    if found != SCHEMA_VERSION:
-        raise SessionError(
-            f"{folder / MANIFEST}: schema version {found!r}, this version reads {SCHEMA_VERSION}; "
-            "use the version of the rig that wrote it"
+def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
+    key = first_difference(manifest, wanted)
+    if key is not None:
+        raise InputError(
+            f"{folder} was started with another {key}; continue with the same options, or give another --out"
         )
-    return manifest
-
-
-def manifest_bench(folder: Path, manifest: dict[str, Any]) -> BenchConfig:
-    """Return the bench a session was made on, calibrations included. Raises `SessionError`."""
-    try:
-        return BenchConfig.model_validate(manifest["config"])
-    except KeyError as error:
-        raise SessionError(f"{folder / MANIFEST}: {error} is missing; the session is damaged") from error
-    except ValidationError as error:
-        raise SessionError(f"{folder / MANIFEST}: config: {validation_text(error)}") from error
-
-
-def _require_same(folder: Path, manifest: dict[str, Any], request: dict[str, Any]) -> None:
-    for key, wanted in request.items():
-        if manifest.get(key) != wanted:
-            raise InputError(
-                f"{folder} was started with another {key}; continue with the same options, "
-                "or give another --out"
-            )
 
 
 def _left_by_a_crash(folder: Path) -> bool:
@@ -192,7 +145,3 @@ def _locked(folder: Path) -> int:
         os.close(handle)
         raise RecordingError(f"{folder}: another rig process is writing here; wait for it to end") from error
     return handle
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -11,10 +11,10 @@ from drivers.errors import InputError
 
 Columns = Mapping[str, type]
 """Names in their order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
-Line = dict[str, Any]
+Line = dict[str, object]
 
 
-def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, Any]]) -> bytes:
+def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> bytes:
     """Return a table as CSV; unknown values are empty, truth values are true and false."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(columns), lineterminator="\n")
@@ -23,7 +23,7 @@ def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, Any]]) -> bytes:
     return text.getvalue().encode()
 
 
-def parquet_bytes(columns: Columns, lines: Iterable[Mapping[str, Any]]) -> bytes:
+def parquet_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> bytes:
     """Return a table as Parquet. Raises `InputError` where pyarrow is not installed."""
     arrow, parquet = pyarrow_modules()
     kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_()}
@@ -64,13 +64,13 @@ def pyarrow_modules() -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def _value(kind: type, text: str | None) -> Any:
+def _value(kind: type, text: str | None) -> object:
     if not text:
         return None
     return text == "true" if kind is bool else kind(text)
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: object) -> object:
     if isinstance(value, bool):
         return "true" if value else "false"
     return "" if value is None else value

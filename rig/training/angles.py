@@ -11,7 +11,7 @@ import torch
 from drivers.errors import InputError
 from protocols.grasps import TRIAL_OBJECTS, load_grasp_files
 from rig.sessions.files import write_json
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
@@ -74,7 +74,7 @@ def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
         "name": settings.name,
         "title": TITLES[settings.name],
         "data": [str(s) for s in settings.sessions] or "simulated lifts",
-        "simulated": all(read_manifest(s).get("simulated", False) for s in settings.sessions),
+        "simulated": all(_is_simulated(s) for s in settings.sessions),
         "trained_on_test_lifts": settings.on_test_lifts,
         "seed": settings.seed,
         "epochs": settings.epochs,
@@ -83,6 +83,10 @@ def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
     }
     write_json(out / CARD, card)
     return card
+
+
+def _is_simulated(session: Path) -> bool:
+    return read_manifest_of(session, TrialManifest, "angles are learnt from lifts").simulated
 
 
 def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Split:

@@ -14,11 +14,11 @@ from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import Phase
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import ZERO_S
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames, recorded_values
 from rig.sessions.recorder import TRUTH_TOPIC
-from rig.sessions.session import read_manifest
+from rig.sessions.records import finished
+from rig.sessions.rows import read_lifts
 from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
@@ -138,14 +138,10 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
     """Open the accepted lifts of trial sessions. Raises `InputError` or `SessionError`."""
     lifts = []
     for folder in folders:
-        manifest = read_manifest(folder)
-        if manifest.get("kind") != "trial":
-            raise InputError(
-                f"{folder}: is a '{manifest.get('kind')}' session: angles are learnt from lifts, so give "
-                "sessions of rig trial"
-            )
-        rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
-        lifts += [_opened(folder / r["recording"], r["object"], manifest["signs"]) for r in rows]
+        why = "angles are learnt from lifts, so give sessions of rig trial"
+        manifest = read_manifest_of(folder, TrialManifest, why)
+        rows = finished(read_lifts(folder))
+        lifts += [_opened(folder / row.recording, row.object, manifest.signs) for row in rows]
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts

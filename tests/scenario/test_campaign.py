@@ -12,10 +12,11 @@ import pytest
 
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.trial import run_trial
+from rig.experiments.trial import run_trial, trial_manifest
 from rig.results.listing import SessionState, find_sessions, list_session
 from rig.results.table import read_results
-from rig.sessions.files import read_lines
+from rig.sessions.records import LIFTS, REPLAYS, ReplayRow
+from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
 from rig.tactile.estimators import choose_estimator
 
@@ -46,7 +47,7 @@ def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
         SessionState.COMPLETE, SessionState.COMPLETE, SessionState.BROKEN, SessionState.BROKEN,
     ]  # fmt: skip
     good = entries["a"]
-    assert (good.objects, good.done, good.wanted) == (["t2"], 2, 2)
+    assert (good.objects, good.done, good.wanted) == (("t2",), 2, 2)
     assert good.mare is not None
     assert good.size_bytes > 1_000_000
     assert "001.mcap: the recording is cut short" in str(entries["c"].problem)
@@ -57,9 +58,11 @@ def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
     assert listed[0]["mare_deg"] == good.mare.mean_deg
 
 
-def test_a_session_in_use_is_running_and_one_left_is_unfinished(tmp_path: Path) -> None:
-    request = {"kind": "trial", "objects": ["t1"], "lifts_per_object": 3}
-    with open_session(tmp_path / "s", request, "lifts.jsonl", resume=False):
+def test_a_session_in_use_is_running_and_one_left_is_unfinished(
+    tmp_path: Path, light_bench: BenchConfig
+) -> None:
+    manifest = trial_manifest(TrialSettings(light_bench, 0, choose_estimator("pca")), ["t1"], 3)
+    with open_session(tmp_path / "s", manifest, LIFTS, resume=False):
         assert list_session(tmp_path / "s").state is SessionState.RUNNING
     entry = list_session(tmp_path / "s")
     assert (entry.state, entry.done, entry.wanted) == (SessionState.UNFINISHED, 0, 3)
@@ -76,11 +79,15 @@ def test_many_sessions_give_one_table_and_the_broken_ones_their_problem(
     assert [Path(b["session"]).name for b in figures["broken"]] == ["c", "d"]
     lines = read_results(out / "results.csv")
     assert read_results(out / "results.parquet") == lines
-    good = [line for line in lines if not line["problem"]]
-    stored = read_lines(sessions / "a" / "lifts.jsonl")
-    assert [line["re_mean_deg"] for line in good[:2]] == [row["re"]["mean_deg"] for row in stored]
+    good = [line for line in lines if not line.problem]
+    stored = read_finished_lifts(sessions / "a")
+    assert [line.re_mean_deg for line in good[:2]] == [row.re.mean_deg for row in stored if row.re]
     summed = json.loads(rig("results", str(out), "--json").stdout)
     assert summed["mare_deg"] == figures["mare_deg"]
+
+
+def kept_rows(out: Path) -> list[ReplayRow]:
+    return read_rows(out / "replays.jsonl", REPLAYS)
 
 
 @pytest.mark.timeout(300)
@@ -100,19 +107,19 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
         [sys.executable, "-m", "rig", *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     deadline = time.monotonic() + 60.0
-    while not read_lines(out / "replays.jsonl") and time.monotonic() < deadline:
+    while not kept_rows(out) and time.monotonic() < deadline:
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait(timeout=30)
-    kept = read_lines(out / "replays.jsonl")
+    kept = kept_rows(out)
     assert 1 <= len(kept) < 4
     done = rig(*command, "--json")
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
     assert (figures["lifts_accepted"], figures["identical"]) == (4, 4)
-    lines = read_lines(out / "replays.jsonl")
+    lines = kept_rows(out)
     assert [line for line in lines if line in kept] == kept
-    assert len({(line["session"], line["number"]) for line in lines}) == len(lines) == 4
+    assert len({(line.session, line.number) for line in lines}) == len(lines) == 4
     other = rig(*command, "--estimator", "ellipse")
     assert other.returncode == 2
     assert "another estimator" in other.stderr

@@ -12,14 +12,15 @@ from typer.testing import CliRunner
 
 from drivers.errors import InputError, SessionError
 from protocols.grasps import find_grasp_file
+from protocols.observer import Phase
 from rig.cli.main import app
 from rig.config import load_bench
 from rig.experiments.record import RecordSettings, run_record
 from rig.export.formats import export_session
-from rig.sessions.files import read_lines
 from rig.sessions.layout import TRUE_MASKS
 from rig.sessions.reading import recorded_frames, recorded_values
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
+from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
 
 
@@ -42,9 +43,9 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
         kinds = {"string": str, "int64": int, "double": float, "bool": bool}
         columns = {column.name: kinds[str(column.type)] for column in table.schema}
         assert read_csv(tmp_path / "csv" / f"{name}.csv", columns) == table.to_pylist()
-    row = read_lines(one_lift / "lifts.jsonl")[0]
+    row = read_finished_lifts(one_lift)[0]
     lift = parquet.read_table(tmp_path / "parquet/lifts.parquet").to_pylist()[0]
-    assert (lift["re_mean_deg"], lift["object"]) == (row["re"]["mean_deg"], "t2")
+    assert (lift["re_mean_deg"], lift["object"]) == (row.re.mean_deg if row.re else None, "t2")
     angles = parquet.read_table(tmp_path / "parquet/angles.parquet").to_pylist()
     for source, topic in (("fused", FUSED_TOPIC), ("markers", TRUTH_TOPIC)):
         stored = recorded_values(one_lift / "lifts/001.mcap", topic)
@@ -52,9 +53,9 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
         assert [line["angle_deg"] for line in lines] == [value["angle_deg"] for value in stored]
         assert {line["phase"] for line in lines} <= {"A", "B", "C", "lower"}
     in_b = [line["t_lift_s"] for line in angles if line["phase"] == "B"]
-    assert 0.0 <= min(in_b) < max(in_b) <= row["phases_s"]["C"] - row["phases_s"]["B"]
+    assert 0.0 <= min(in_b) < max(in_b) <= row.phases_s[Phase.HOLD] - row.phases_s[Phase.LIFT]
     frames = parquet.read_table(tmp_path / "parquet/frames.parquet").to_pylist()
-    assert len(frames) == sum(row["frames"].values())
+    assert len(frames) == sum(row.frames.values())
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
@@ -81,7 +82,7 @@ def test_coco_is_read_by_pycocotools_and_says_where_its_masks_come_from(
 def test_true_masks_are_taken_where_they_are_kept(recording: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(recording, session)
-    first = read_lines(session / "poses.jsonl")[0]["images"][0]["file"]
+    first = read_poses(session)[0].images[0].file
     truth = np.zeros((320, 240), np.uint8)
     truth[100:200, 50:150] = 255
     (session / TRUE_MASKS).mkdir(parents=True)
@@ -146,8 +147,8 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     kept = [image["bytes"] for image in data["observation.images.SIM-D0001"].to_pylist()]
     assert set(kept) <= stored
     assert len(set(kept)) == len(kept)
-    row = read_lines(one_lift / "lifts.jsonl")[0]
-    assert data["angle.truth_deg"][-1].as_py() == pytest.approx(row["final_truth_deg"], abs=1.0)
+    row = read_finished_lifts(one_lift)[0]
+    assert data["angle.truth_deg"][-1].as_py() == pytest.approx(row.final_truth_deg, abs=1.0)
     episode = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()[0]
     assert (episode["dataset_from_index"], episode["dataset_to_index"]) == (0, len(data))
     stats = json.loads((out / "meta/stats.json").read_text())

@@ -20,6 +20,7 @@ from rig.experiments.lift_attempt import (
     plan_lift,
 )
 from rig.lift.measurement import LiftMeasurement
+from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 from rig.tactile.estimators import choose_estimator
 
 TASK = LiftTask(1, "t1", 2)
@@ -43,18 +44,22 @@ def good() -> Attempt:
 
 def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt) -> None:
     row = good.row
-    assert row["accepted"]
-    assert row["outcome"] == "slipped"
-    assert row["simulated"] is True
-    assert row["force_n"] is None
-    assert abs(row["final_truth_deg"]) > 5.0
-    assert np.sign(row["final_estimate_deg"]) == np.sign(row["final_truth_deg"])
-    assert row["re_b"]["mean_deg"] < 2.0
-    assert row["onset_truth_s"] > 0.0
-    assert set(row["dropped"].values()) == {0}
-    phases = row["phases_s"]
-    assert phases["B"] - phases["A"] == pytest.approx(3.0, abs=0.3)
-    assert phases["C"] - phases["B"] == pytest.approx(1.5, abs=0.2)
+    assert isinstance(row, FinishedLift)
+    assert row.outcome is LiftOutcome.SLIPPED
+    assert row.simulated is True
+    assert row.force_n is None
+    assert row.final_truth_deg is not None
+    assert row.final_estimate_deg is not None
+    assert abs(row.final_truth_deg) > 5.0
+    assert np.sign(row.final_estimate_deg) == np.sign(row.final_truth_deg)
+    assert row.re_b is not None
+    assert row.re_b.mean_deg < 2.0
+    assert row.onset_truth_s is not None
+    assert row.onset_truth_s > 0.0
+    assert set(row.dropped.values()) == {0}
+    phases = row.phases_s
+    assert phases[Phase.LIFT] - phases[Phase.GRASP] == pytest.approx(3.0, abs=0.3)
+    assert phases[Phase.HOLD] - phases[Phase.LIFT] == pytest.approx(1.5, abs=0.2)
 
 
 def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt) -> None:
@@ -74,7 +79,10 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: 
     assert again.row == good.row
     assert again.recording == good.recording
     other = TrialSettings(settings().bench, 1, choose_estimator())
-    assert attempt_lift(other, TASK).row["final_truth_deg"] != good.row["final_truth_deg"]
+    other_row = attempt_lift(other, TASK).row
+    assert isinstance(other_row, FinishedLift)
+    assert isinstance(good.row, FinishedLift)
+    assert other_row.final_truth_deg != good.row.final_truth_deg
 
 
 @pytest.mark.parametrize(
@@ -93,23 +101,23 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: 
 def test_a_fault_in_mid_lift_is_named_and_no_result(device: str, kind: str, text: str) -> None:
     at_s = {"gripper": 5.5}.get(device, 9.5)
     row = attempt_lift(fault(device, kind, at_s), TASK).row
-    assert not row["accepted"]
-    assert row["outcome"] == "fault"
-    assert text in row["fault"]
-    assert "[" in row["fault"]  # how the bench was left
+    assert isinstance(row, FailedLift)
+    assert row.outcome is LiftOutcome.FAULT
+    assert text in row.fault
+    assert "[" in row.fault  # how the bench was left
 
 
 def test_a_few_dropped_frames_cost_information_only() -> None:
     row = attempt_lift(fault("SIM-D0001", "drop", 9.0, duration_s=0.2), TASK).row
-    assert row["accepted"]
-    assert row["dropped"]["SIM-D0001"] == 6
+    assert isinstance(row, FinishedLift)
+    assert row.dropped["SIM-D0001"] == 6
 
 
 def test_a_fault_belongs_to_its_lift_and_attempt() -> None:
     other_lift = fault("arm", "protective_stop", lift="t1/3")
-    assert attempt_lift(other_lift, TASK).row["accepted"]
+    assert attempt_lift(other_lift, TASK).row.accepted
     second = LiftTask(1, "t1", 2, attempt=1)
-    assert attempt_lift(fault("arm", "protective_stop"), second).row["accepted"]
+    assert attempt_lift(fault("arm", "protective_stop"), second).row.accepted
 
 
 def test_an_operators_stop_sets_the_object_down_first() -> None:
@@ -161,6 +169,6 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> Non
     watched.__class__ = Noise
     show_again(path, watched)
     row, _ = lift_result(watched)
-    assert row["answered"] == 0.0
-    assert row["re"] is None
-    assert row["final_estimate_deg"] is None
+    assert row.answered == 0.0
+    assert row.re is None
+    assert row.final_estimate_deg is None

@@ -11,9 +11,9 @@ from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer, viewer_feed
-from rig.sessions.files import read_lines
 from rig.sessions.reading import recorded_values
 from rig.sessions.recorder import FUSED_TOPIC
+from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
@@ -48,8 +48,8 @@ def test_the_file_opens_in_rerun_with_pictures_markers_arm_and_the_whole_curves(
     answered = sum(value["angle_deg"] is not None for value in stored)
     # one row more says how the curve is drawn; a message may be lost, ten figures at a time
     assert answered // 2 < rows["/angle/estimate"] <= answered + 1
-    row = read_lines(one_lift / "lifts.jsonl")[0]
-    assert rows["/camera"] <= row["frames"]["camera"]
+    row = read_finished_lifts(one_lift)[0]
+    assert rows["/camera"] <= row.frames["camera"]
 
 
 def test_a_killed_viewer_changes_nothing(

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.types import Frame
 from rig.experiments.pose_capture import FRAMES_APART, PoseCapture
-from rig.sessions.files import read_lines
+from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import ContactFinder
 
 COMMAND = [sys.executable, "-m", "rig", "record", "--object", "mug", "--poses", "3", "--images", "12"]
@@ -46,9 +46,9 @@ def test_killed_recordings_are_completed_without_doing_anything_twice(tmp_path: 
         time.sleep(chance.uniform(1.0, 3.0))
         process.send_signal(signal.SIGKILL)
         process.wait()
-        rows = read_lines(tmp_path / "s" / "poses.jsonl")
-        assert [row["pose"] for row in rows][: len(done)] == done
-        done = [row["pose"] for row in rows]
+        rows = read_poses(tmp_path / "s")
+        assert [row.pose for row in rows][: len(done)] == done
+        done = [row.pose for row in rows]
     finished = subprocess.run([*COMMAND, *out, "--json"], capture_output=True, text=True, check=True)
     figures = json.loads(finished.stdout)
     assert (figures["poses_accepted"], figures["images_accepted"]) == (3, 12)

@@ -15,7 +15,7 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
-from rig.sessions.files import read_lines
+from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
 
 
@@ -73,28 +73,28 @@ def test_swapping_the_frames_of_two_lifts_swaps_their_estimates(session: Path, t
     first.rename(tmp_path / "x")
     second.rename(first)
     (tmp_path / "x").rename(second)
-    stored = read_lines(session / "lifts.jsonl")
+    stored = read_finished_lifts(session)
     replayed = run_replay(swapped, None, None, jobs=1).rows
-    assert replayed[0]["final_estimate_deg"] == stored[1]["final_estimate_deg"]
-    assert replayed[1]["final_estimate_deg"] == stored[0]["final_estimate_deg"]
+    assert replayed[0].final_estimate_deg == stored[1].final_estimate_deg
+    assert replayed[1].final_estimate_deg == stored[0].final_estimate_deg
 
 
 def test_a_faulty_lift_is_kept_and_repeated_until_accepted(tmp_path: Path) -> None:
     fault = {"device": "arm", "kind": "protective_stop", "at_s": 8.0, "lift": "t1/1"}
     summary = trial(tmp_path / "s", lifts=1, faults=[fault])
-    rows = read_lines(tmp_path / "s" / "lifts.jsonl")
-    assert [(row["attempt"], row["accepted"]) for row in rows] == [(0, False), (1, True)]
+    rows = read_lifts(tmp_path / "s")
+    assert [(row.attempt, row.accepted) for row in rows] == [(0, False), (1, True)]
     assert summary.lifts_accepted == 1  # type: ignore[attr-defined]
-    assert (tmp_path / "s" / rows[0]["recording"]).exists()
-    assert (tmp_path / "s" / rows[1]["recording"]).exists()
+    assert (tmp_path / "s" / rows[0].recording).exists()
+    assert (tmp_path / "s" / rows[1].recording).exists()
 
 
 def test_three_faults_in_a_row_end_the_trial_and_keep_what_was_done(tmp_path: Path) -> None:
     fault = {"device": "camera", "kind": "disconnect", "at_s": 0.0, "lift": "t1/2", "attempt": None}
     with pytest.raises(DeviceError, match="3 rig faults in a row"):
         trial(tmp_path / "s", faults=[fault])
-    rows = read_lines(tmp_path / "s" / "lifts.jsonl")
-    assert [row["accepted"] for row in rows] == [True, False, False, False]
+    rows = read_lifts(tmp_path / "s")
+    assert [row.accepted for row in rows] == [True, False, False, False]
 
 
 COMMAND = [sys.executable, "-m", "rig", "trial", "--object", "t2", "--lifts", "3"]
@@ -120,10 +120,10 @@ def test_killed_at_random_moments_it_loses_only_what_was_in_progress(tmp_path: P
     kept: list[int] = []
     for _ in range(5):
         _run_until(folder, chance.uniform(0.3, 5.0), signal.SIGKILL, jobs=chance.choice("12"))
-        rows = read_lines(folder / "lifts.jsonl")
-        numbers = [row["number"] for row in rows]
+        rows = read_lifts(folder)
+        numbers = [row.number for row in rows]
         assert numbers[: len(kept)] == kept or sorted(numbers)[: len(kept)] == sorted(kept)
-        assert all((folder / row["recording"]).stat().st_size > 0 for row in rows)
+        assert all((folder / row.recording).stat().st_size > 0 for row in rows)
         kept = numbers
     done = subprocess.run(
         [*COMMAND, "--jobs", "1", "--out", str(folder), "--resume", "--json"],
@@ -132,8 +132,8 @@ def test_killed_at_random_moments_it_loses_only_what_was_in_progress(tmp_path: P
         check=True,
     )
     assert json.loads(done.stdout)["lifts_accepted"] == 3
-    rows = read_lines(folder / "lifts.jsonl")
-    assert [row["number"] for row in rows] == [1, 2, 3]
+    rows = read_lifts(folder)
+    assert [row.number for row in rows] == [1, 2, 3]
     again = subprocess.run(
         [*COMMAND, "--out", str(folder), "--resume", "--json"], capture_output=True, text=True, check=True
     )

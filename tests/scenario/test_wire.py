@@ -15,7 +15,8 @@ from rig.benchmark.wire.lift import measure_wire
 from rig.config import BenchConfig
 from rig.experiments.replay import run_replay
 from rig.live.session import viewer_feed
-from rig.sessions.files import read_json, read_lines
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.rows import read_finished_lifts
 
 SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
 """One fault of each kind of device; `rig benchmark faults` runs all of them."""
@@ -33,13 +34,14 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert report.complete, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     assert min(stream.recorded for stream in report.streams) > 100
-    assert report.row["simulated"] is True
+    assert report.row.simulated is True
     # the same seed's lift, by the object's true turn; and about as exact (`rig benchmark wire` is stricter)
-    assert report.row["outcome"] == report.seeds[0]["outcome"]
-    assert report.row["final_truth_deg"] == pytest.approx(report.seeds[0]["final_truth_deg"], abs=1.5)
-    assert report.row["re_b"]["mean_deg"] < max(report.errors_deg) + 0.5
-    manifest = read_json(tmp_path / "s" / "session.json")
-    assert (manifest["bench"], manifest["simulated"]) == ("wire", True)
+    assert report.row.outcome == report.seeds[0].outcome
+    assert report.row.final_truth_deg == pytest.approx(report.seeds[0].final_truth_deg, abs=1.5)
+    assert report.row.re_b is not None
+    assert report.row.re_b.mean_deg < max(report.errors_deg) + 0.5
+    manifest = read_manifest_of(tmp_path / "s", TrialManifest, "no trial")
+    assert (manifest.bench, manifest.simulated) == ("wire", True)
     assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
 
 
@@ -52,8 +54,7 @@ def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
     assert [result.case.name for result in results] == list(SOME)
     for result in results:
         assert result.passed, (result.case.name, result.faults, result.detected_s, result.safe_s)
-    rows = read_lines(tmp_path / "s" / "lifts.jsonl")
-    assert sum(row["accepted"] for row in rows) == len(SOME)
+    assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)
 
 
 def test_without_the_arms_library_everything_else_runs() -> None:

@@ -1,8 +1,7 @@
 """Drawn sessions: small folders as a trial or a recording leaves them, with curves that are known."""
 
-import json
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.types import Frame
+from protocols.observer import Phase
+from rig.config import BenchConfig, load_bench
 from rig.results.metrics import summarize
+from rig.sessions.codec import json_line, json_value
+from rig.sessions.files import write_json
 from rig.sessions.images import stored
+from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, PoseImage, PoseRow
+from rig.sessions.timing import LiftTiming, StageTimes
 
 Press = Callable[..., NDArray[np.uint8]]
 Drawn = Callable[..., Path]
@@ -22,10 +28,9 @@ TIPS = {"T1": 1, "T2": -1}
 PHASES_S = {"reference": 10.0, "A": 10.2, "B": 11.2, "C": 12.7, "lower": 13.7}
 SMALL: dict[str, Any] = {"size": (120, 160), "half_axes": (42.0, 18.0), "center": (60.0, 80.0)}
 MANIFEST = {
-    "schema_version": 1, "tool_version": "0.1.0", "kind": "trial", "status": "complete", "bench": "fake",
-    "started": "2026-11-21T09:30:00+00:00", "simulated": True, "seed": 0, "estimator": "slip", "window": 1,
-    "serials": [*TIPS, "CAM"], "signs": TIPS, "calibration": {}, "objects": ["t1"],
-    "config": {"tactile": [{"rate_hz": 60.0}, {"rate_hz": 60.0}]},
+    "schema_version": 1, "tool_version": "0.1.0", "status": "complete", "bench": "fake",
+    "started": "2026-11-21T09:30:00+00:00", "simulated": True, "seed": 0,
+    "serials": (*TIPS, "CAM"), "signs": TIPS, "calibration": {}, "objects": ("t1",),
 }  # fmt: skip
 
 
@@ -34,7 +39,7 @@ def true_angle(time_s: NDArray[np.float64], turn_deg: float) -> NDArray[np.float
     return turn_deg * np.clip((time_s - PHASES_S["B"] - 0.3) / 0.9, 0.0, 1.0)
 
 
-def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[dict[str, Any], bytes]:
+def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[FinishedLift, bytes]:
     import io
 
     stream = io.BytesIO()
@@ -58,19 +63,34 @@ def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple
     _values(recorder, TRUTH_TOPIC, all_times, true_angle(all_times, turn_deg))
     recorder.close()
     errors = np.abs(estimate - true_angle(times, turn_deg))
-    in_b = times < PHASES_S["C"]
-    row = {
-        "number": number, "attempt": 0, "object": "t1", "name": "wrench", "lift": number, "position": "left",
-        "accepted": True, "outcome": "slipped", "bench_s": 4.0, "recording": f"lifts/{number:03d}.mcap",
-        "re": asdict(summarize(errors)), "re_b": asdict(summarize(errors[in_b])),
-        "re_held": asdict(summarize(errors)), "answered": 1.0, "grip_counts": 4, "lift_height_m": 0.05,
-        "final_estimate_deg": float(estimate[-18:].mean()), "final_truth_deg": turn_deg,
-        "onset_truth_s": 0.34, "onset_estimate_s": 0.38, "onset_alarm_s": 0.40, "phases_s": PHASES_S,
-        "frames": {**dict.fromkeys(TIPS, 150), "camera": 75}, "dropped": dict.fromkeys((*TIPS, "camera"), 0),
-        "states": {"tracking": 300, "lost": 0}, "skipped": {"alignment": 10}, "disagreements": {"tilt": 0},
-        "seed": number, "simulated": True, "force_n": None,
+    measured = {
+        "re": summarize(errors), "re_b": summarize(errors[times < PHASES_S["C"]]),
+        "re_held": summarize(errors), "final_estimate_deg": float(estimate[-18:].mean()),
     }  # fmt: skip
-    return row, stream.getvalue()
+    return a_lift(number, final_truth_deg=turn_deg, **measured), stream.getvalue()
+
+
+def a_lift(number: int = 1, **changes: Any) -> FinishedLift:
+    """A lift's row as a trial writes it."""
+    error = ErrorSummary(0.5, 0.1, 1.0, 150)
+    row = FinishedLift(
+        number=number, attempt=0, object="t1", name="wrench", lift=number, position="left", accepted=True,
+        outcome=LiftOutcome.SLIPPED, bench_s=4.0, recording=f"lifts/{number:03d}.mcap",
+        re=error, re_b=error, re_held=error, answered=1.0, grip_counts=4, lift_height_m=0.05,
+        contact_area_px=dict.fromkeys(TIPS, 9000.0), final_estimate_deg=12.0, final_truth_deg=12.0,
+        onset_truth_s=0.34, onset_estimate_s=0.38, onset_alarm_s=0.40,
+        phases_s={Phase(phase): begins for phase, begins in PHASES_S.items()},
+        frames={**dict.fromkeys(TIPS, 150), "camera": 75}, dropped=dict.fromkeys((*TIPS, "camera"), 0),
+        states={"tracking": 300, "lost": 0}, skipped={"alignment": 10}, disagreements={"tilt": 0},
+        seed=number, simulated=True, force_n=None,
+    )  # fmt: skip
+    return replace(row, **changes)
+
+
+@pytest.fixture(scope="session")
+def lift_row() -> Callable[..., FinishedLift]:
+    """Makes a lift's row: `lift_row(number, **changes)`."""
+    return a_lift
 
 
 def _values(recorder: LiftRecorder, topic: str, times: Any, angles: Any) -> None:
@@ -94,15 +114,15 @@ def drawn_trial(press: Press) -> Drawn:
         rows = []
         for number, (turn, error) in enumerate(zip(turns_deg, errors, strict=True), start=1):
             row, recording = _lift(number, turn, error, press)
-            (folder / row["recording"]).write_bytes(recording)
+            (folder / row.recording).write_bytes(recording)
             rows.append(row)
-        timing = {"p50_ms": 1.2, "p95_ms": 2.0, "p99_ms": 3.0}
-        stages = {"contact": timing, "total": timing}
-        took = [{"number": row["number"], "attempt": 0, "stages": stages} for row in rows]
+        stages = dict.fromkeys(("contact", "total"), StageTimes(1.2, 2.0, 3.0))
+        took = [LiftTiming(number=row.number, attempt=0, wall_s=4.0, stages=stages) for row in rows]
         _lines(folder / "lifts.jsonl", rows)
         _lines(folder / "timing.jsonl", took)
-        manifest = {**MANIFEST, "lifts_per_object": len(rows), **more}
-        (folder / "session.json").write_text(json.dumps(manifest))
+        asked = {"lifts_per_object": len(rows), "estimator": "slip", "window": 1, "skip": True}
+        values = {**MANIFEST, "config": _bench(), "kind": "trial", **asked, **more}
+        _manifest(folder, TrialManifest(**values))
         return folder
 
     return write
@@ -118,45 +138,56 @@ def drawn_recording(press: Press) -> Drawn:
         (folder / "reference").mkdir()
         for serial in TIPS:
             _png(folder / "reference" / f"{serial}.png", press(None, **SMALL))
-        fault = {**_pose(2, []), "accepted": False, "fault": "GraspError: the fingers closed on nothing"}
+        fault = replace(_pose(2, ()), accepted=False, fault="GraspError: the fingers closed on nothing")
         done = [_pose(1, _images(images, 1, press)), fault, _pose(2, _images(images, 2, press), 1)]
         _lines(folder / "poses.jsonl", done)
-        manifest = {**MANIFEST, "kind": "record", "poses": 2, "images": 12, **more}
-        (folder / "session.json").write_text(json.dumps(manifest))
+        values = {**MANIFEST, "config": _bench(), "kind": "record", "poses": 2, "images": 12, **more}
+        _manifest(folder, RecordManifest(**values))
         return folder
 
     return write
 
 
-def _pose(pose: int, images: list[dict[str, Any]], attempt: int = 0) -> dict[str, Any]:
-    return {
-        "pose": pose, "attempt": attempt, "position": "left", "orientation_deg": 15.0 * pose,
-        "accepted": True, "fault": None, "rejected_frames": 3, "images": images,
-        "seed": 0, "simulated": True, "force_n": None,
-    }  # fmt: skip
+def _pose(pose: int, images: tuple[PoseImage, ...], attempt: int = 0) -> PoseRow:
+    return PoseRow(
+        pose=pose, attempt=attempt, position="left", orientation_deg=15.0 * pose, accepted=True, fault=None,
+        rejected_frames=3, images=images, seed=0, simulated=True, force_n=None,
+    )  # fmt: skip
 
 
-def _images(folder: Path, pose: int, press: Press) -> list[dict[str, Any]]:
+def _images(folder: Path, pose: int, press: Press) -> tuple[PoseImage, ...]:
     found = []
     for number in range(6):
         serial = "T1" if number % 2 else "T2"
         file = folder / f"p{pose:02d}_{number + 1:02d}_{serial}.png"
         _png(file, press(25.0 * pose + number, seed=number, **SMALL))
         found.append(
-            {
-                "file": str(file.relative_to(folder.parents[1])),
-                "grip_counts": number,
-                "serial": serial,
-                "time_s": float(number),
-                "contact_area_px": 9000.0,
-            }
+            PoseImage(
+                file=str(file.relative_to(folder.parents[1])),
+                grip_counts=number,
+                serial=serial,
+                time_s=float(number),
+                contact_area_px=9000.0,
+            )
         )
-    return found
+    return tuple(found)
+
+
+def _bench() -> BenchConfig:
+    """The simulated bench with this file's sensors."""
+    bench = load_bench("fake")
+    tactile = [t.model_copy(update={"serial": s}) for t, s in zip(bench.tactile, TIPS, strict=True)]
+    camera = bench.camera.model_copy(update={"serial": "CAM"})
+    return bench.model_copy(update={"tactile": tuple(tactile), "camera": camera})
 
 
 def _png(path: Path, image: NDArray[np.uint8]) -> None:
     cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
 
-def _lines(path: Path, rows: list[dict[str, Any]]) -> None:
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+def _lines(path: Path, records: Sequence[Any]) -> None:
+    path.write_bytes(b"".join(map(json_line, records)))
+
+
+def _manifest(folder: Path, manifest: Manifest) -> None:
+    write_json(folder / "session.json", json_value(manifest))

@@ -3,11 +3,10 @@
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 
@@ -30,9 +29,10 @@ from rig.benchmark.measured import Measured
 from rig.config import load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.process_pool import run_tasks
+from rig.experiments.replay import session_settings
 from rig.experiments.trial import run_trial
-from rig.sessions.layout import MANIFEST
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import is_session
+from rig.sessions.records import FinishedLift, LiftRow
 from rig.tactile.estimators import choose_estimator
 
 SCHEMA = 1
@@ -107,7 +107,7 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
     gap, apart = max(lift.skip_gap_deg for lift in lifts), sum(lift.skip_apart for lift in lifts)
     return BenchmarkResult(
         session=folder,
-        simulated=bool(read_manifest(folder).get("simulated")),
+        simulated=session_settings(folder, None, None).bench.simulated,
         settings=settings,
         lifts=len(lifts),
         scores=scores,
@@ -130,7 +130,7 @@ def _endurance(seed: int, progress: Progress) -> Endurance:
     )
 
 
-def as_json(result: BenchmarkResult) -> dict[str, Any]:
+def as_json(result: BenchmarkResult) -> dict[str, object]:
     """Return the result as JSON values, with what it was measured on."""
     best = result.closest_of_paper
     return {
@@ -161,7 +161,7 @@ def as_json(result: BenchmarkResult) -> dict[str, Any]:
     }
 
 
-def machine() -> dict[str, Any]:
+def machine() -> dict[str, object]:
     """Say what it ran on: processor, cores, Python and OpenCV."""
     info = Path("/proc/cpuinfo")
     names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
@@ -179,22 +179,22 @@ def _recorded(settings: BenchmarkSettings, progress: Progress) -> Path:
     lifts = settings.lifts or (FULL_LIFTS if settings.full else LIFTS)
     trial = TrialSettings(load_bench("fake"), settings.seed, choose_estimator())
 
-    def show(done: int, total: int, row: Mapping[str, Any]) -> None:
-        progress("lifts", done, total, f"{row['object']}/{row['lift']} {row['outcome']}")
+    def show(done: int, total: int, row: LiftRow) -> None:
+        progress("lifts", done, total, f"{row.object}/{row.lift} {row.outcome}")
 
-    resume = (folder / MANIFEST).exists()
+    resume = is_session(folder)
     run_trial(folder, trial, list(settings.objects), lifts, settings.jobs, resume, progress=show)
     return folder
 
 
 def _lifts(
-    folder: Path, tips: Tips, rows: list[dict[str, Any]], jobs: int, progress: Progress
+    folder: Path, tips: Tips, rows: list[FinishedLift], jobs: int, progress: Progress
 ) -> list[LiftScores]:
     found: dict[int, LiftScores] = {}
     for row, scores in run_tasks(partial(score_lift, folder, tips), list(rows), jobs):
-        found[row["number"]] = scores
-        progress("estimators", len(found), len(rows), f"{row['object']}/{row['lift']}")
-    return [found[row["number"]] for row in rows]
+        found[row.number] = scores
+        progress("estimators", len(found), len(rows), f"{row.object}/{row.lift}")
+    return [found[row.number] for row in rows]
 
 
 def _stress(settings: BenchmarkSettings, progress: Progress) -> list[StressRow]:
@@ -208,7 +208,7 @@ def _stress(settings: BenchmarkSettings, progress: Progress) -> list[StressRow]:
     return stress_rows([score for place in sorted(done) for score in done[place]], settings.full)
 
 
-def _spread_out(rows: Sequence[dict[str, Any]], wanted: int) -> list[dict[str, Any]]:
+def _spread_out(rows: Sequence[FinishedLift], wanted: int) -> list[FinishedLift]:
     """Return some of the lifts, evenly spread, so that all kinds of objects are among them."""
     wanted = min(wanted, len(rows))
     return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]
@@ -235,7 +235,7 @@ def _skipped(lifts: Sequence[LiftScores]) -> dict[str, float]:
     return {stage: sum(lift.skipped.get(stage, 0) for lift in lifts) / frames for stage in stages}
 
 
-def _row(result: BenchmarkResult, name: str, window: int) -> dict[str, Any]:
+def _row(result: BenchmarkResult, name: str, window: int) -> dict[str, object]:
     timing = result.timing.contenders[name].contact
     return {
         "estimator": name,

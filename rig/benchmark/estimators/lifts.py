@@ -6,13 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import SessionError
 from drivers.types import Frame, Image
 from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unfiltered
@@ -23,10 +21,10 @@ from rig.lift.fusion import FusedSample, fuse
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import TipTrack
 from rig.lift.onset import OnsetAlarm, estimated_onset_ns
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
 from rig.sessions.reading import phase_times, recorded_frames, recorded_values
 from rig.sessions.recorder import TRUTH_TOPIC
+from rig.sessions.records import FinishedLift
+from rig.sessions.rows import read_finished_lifts
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.sample import SlipSample
@@ -43,7 +41,7 @@ class RecordedLift:
     tips: the bench's tactile sensors by serial. backgrounds: their frames without contact.
     """
 
-    row: Mapping[str, Any]
+    row: FinishedLift
     recording: Path
     tips: Tips
     phases: Mapping[Phase, int]
@@ -71,19 +69,17 @@ class LiftScores:
     skipped: dict[str, int] = field(default_factory=dict)
 
 
-def session_lifts(folder: Path) -> tuple[Tips, list[dict[str, Any]]]:
+def session_lifts(folder: Path) -> tuple[Tips, list[FinishedLift]]:
     """Return the fingertips and the rows of a session's accepted lifts. Raises `SessionError`."""
     bench = session_settings(folder, None, None).bench
-    rows = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
-    if not rows:
-        raise SessionError(f"{folder}: no finished lift; run the trial with --resume first")
+    rows = read_finished_lifts(folder)
     aspects = bench.pixel_aspects()
     return {t.serial: t.model_copy(update={"pixel_aspect": aspects[t.serial]}) for t in bench.tactile}, rows
 
 
-def open_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> RecordedLift:
+def open_lift(folder: Path, tips: Tips, row: FinishedLift) -> RecordedLift:
     """Read what comes before the grasp. Raises `SessionError` for a missing or damaged recording."""
-    recording = folder / row["recording"]
+    recording = folder / row.recording
     phases = phase_times(recording)
     backgrounds = {}
     for serial in tips:
@@ -92,7 +88,7 @@ def open_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> RecordedLift:
     return RecordedLift(row, recording, tips, phases, backgrounds)
 
 
-def score_lift(folder: Path, tips: Tips, row: Mapping[str, Any]) -> LiftScores:
+def score_lift(folder: Path, tips: Tips, row: FinishedLift) -> LiftScores:
     """Run every contender over one lift's frames; what a worker process does."""
     cv2.setNumThreads(1)
     lift = open_lift(folder, tips, row)
@@ -135,12 +131,12 @@ def _scored(
     for sample in fused:
         alarm.update(sample.time_ns, sample.angle_deg, sample.rate_deg_s)
     return score_series(
-        f"{lift.row['object']}/{lift.row['lift']}",
+        f"{lift.row.object}/{lift.row.lift}",
         [s.angle_deg for s in fused],
         [s.sigma_deg for s in fused],
         [truth[s.time_ns] for s in fused],
         np.array([s.time_ns < hold_ns for s in fused], bool),
-        (lift.row["onset_truth_s"], _since(onset_ns, lift_ns), _since(alarm.raised_ns, lift_ns)),
+        (lift.row.onset_truth_s, _since(onset_ns, lift_ns), _since(alarm.raised_ns, lift_ns)),
         any(sample.rate_deg_s is not None for sample in fused),
     )
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from drivers.types import Image
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, complete
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift
+from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import largest_contour
@@ -90,7 +90,7 @@ class TimingReport:
 def time_lifts(
     folder: Path,
     tips: Tips,
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[FinishedLift],
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
 ) -> TimingReport:
     """Time every contender on one fingertip's frames of some lifts, in this process, single-threaded.
@@ -108,7 +108,7 @@ def time_lifts(
             lift = open_lift(folder, tips, row)
             serial = list(tips)[number % len(tips)]
             _time_tip(lift, serial, samples, stage)
-            progress(number + 1, len(rows), f"timed on lift {row['object']}/{row['lift']}")
+            progress(number + 1, len(rows), f"timed on lift {row.object}/{row.lift}")
         height, width = next(iter(lift.backgrounds.values())).shape[:2]
         contenders = {name: _timing(timed) for name, timed in samples.items()}
         published = PublishedStage(**{name: spread(values) for name, values in stage.items()})

@@ -1,11 +1,10 @@
 """`rig benchmark trials`: the paper's Tables III and IV on the same simulated lifts in one run."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,8 @@ from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.sessions.layout import MANIFEST
+from rig.sessions.manifest import is_session
+from rig.sessions.records import LiftRow
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
 
 SCHEMA = 1
@@ -117,7 +117,7 @@ def with_markers(bench: BenchConfig) -> BenchConfig:
     return bench.model_copy(update={"tactile": tactile})
 
 
-def as_json(result: TrialsResult) -> dict[str, Any]:
+def as_json(result: TrialsResult) -> dict[str, object]:
     """Return the result as JSON values, with what it was measured on."""
     return {
         "schema": SCHEMA,
@@ -141,10 +141,10 @@ def _recorded(
     folder = settings.out / name
     trial = TrialSettings(bench, settings.seed, choose_estimator(estimator))
 
-    def show(done: int, total: int, row: Mapping[str, Any]) -> None:
-        progress(f"lifts, {name}", done, total, f"{row['object']}/{row['lift']} {row['outcome']}")
+    def show(done: int, total: int, row: LiftRow) -> None:
+        progress(f"lifts, {name}", done, total, f"{row.object}/{row.lift} {row.outcome}")
 
-    resume = (folder / MANIFEST).exists()
+    resume = is_session(folder)
     run_trial(folder, trial, list(settings.objects), settings.lifts, settings.jobs, resume, progress=show)
     return folder
 
@@ -154,14 +154,14 @@ def _passes(
     settings: TrialsSettings,
     networks: Mapping[str, str],
     systems: Sequence[str],
-    show: Any,
+    show: Callable[[int, int, str], None],
 ) -> list[TrialPass]:
     tips, rows = session_lifts(folder)
     files = {name: file for name, file in settings.models.items() if name in PEER_FILES}
     passes = []
     for row in rows:
         passes.append(pass_lift(folder, tips, networks, systems, files, row))
-        show(len(passes), len(rows), f"{row['object']}/{row['lift']}")
+        show(len(passes), len(rows), f"{row.object}/{row.lift}")
     return passes
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import cv2
 
@@ -21,6 +20,7 @@ from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.benchmark.trials.systems import make_system
 from rig.lift.measurement import ZERO_S, TipTrack
 from rig.sessions.reading import recorded_arm_states
+from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import Contact
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
@@ -74,7 +74,7 @@ def pass_lift(
     networks: Mapping[str, str],
     systems: Sequence[str],
     files: Mapping[str, Path],
-    row: Mapping[str, Any],
+    row: FinishedLift,
 ) -> TrialPass:
     """Run networks and systems over one stored lift of the first fingertip.
 
@@ -154,7 +154,7 @@ def _scored(
     tip.set_zero(samples, lift_ns)
     answers = [tip.answer(s) for s in samples if s.time_ns >= lift_ns]
     return score_series(
-        f"{lift.row['object']}/{lift.row['lift']}",
+        f"{lift.row.object}/{lift.row.lift}",
         [a.angle_deg for a in answers],
         [a.sigma_deg for a in answers],
         [truth[s.time_ns] for s in samples if s.time_ns >= lift_ns],

@@ -12,7 +12,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
@@ -27,8 +26,8 @@ from rig.benchmark.wire.fault_cases import CASES, FaultCase
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS
+from rig.sessions.records import FinishedLift, LiftRow, finished
+from rig.sessions.rows import read_lifts
 from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
@@ -182,14 +181,14 @@ def run_faults(
     results = [FaultResult(case) for case in cases]
     attempts: list[FaultResult] = []
 
-    def note(done: int, total: int, row: dict[str, Any]) -> None:
-        result = results[row["lift"] - 1]
+    def note(done: int, total: int, row: LiftRow) -> None:
+        result = results[row.lift - 1]
         attempts.append(result)
-        if row["accepted"]:
+        if isinstance(row, FinishedLift):
             result.recovered = bool(result.injected_ns) and not result.given_up
             progress(result)
         elif result.injected_ns:
-            result.faults.append(row["fault"])
+            result.faults.append(row.fault)
 
     with (
         started_fakes(bench or load_bench("wire")) as config,
@@ -198,7 +197,7 @@ def run_faults(
         settings = TrialSettings(config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         _run_to_the_end(run, attempts)
-    kept = [row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"]]
+    kept = finished(read_lifts(folder))
     if len(kept) != len(cases):
         raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
     return results

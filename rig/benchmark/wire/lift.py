@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +22,11 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift
 from rig.experiments.trial import run_trial
 from rig.live.feed import LiveFeed
-from rig.sessions.files import read_lines
-from rig.sessions.layout import RESULTS, TIMING
+from rig.sessions.layout import TIMING
 from rig.sessions.reading import recorded_frames
+from rig.sessions.records import FinishedLift, finished
+from rig.sessions.rows import read_finished_lifts, read_rows
+from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes
 from rig.tactile.estimators import choose_estimator
 
 TRUTHS_APART_DEG = 1.5
@@ -57,15 +58,15 @@ class WireReport:
     state_hz: float
     controller_core: float
     wall_s: float
-    latency: dict[str, dict[str, float]]
+    latency: dict[str, LatencyTimes]
     period_ms: float
-    row: dict[str, Any]
-    seeds: tuple[dict[str, Any], ...]
+    row: FinishedLift
+    seeds: tuple[FinishedLift, ...]
 
     @property
     def errors_deg(self) -> list[float]:
         """Mean error over phase B of each seed's lift in this process."""
-        return [row["re_b"]["mean_deg"] for row in self.seeds if row.get("re_b")]
+        return [row.re_b.mean_deg for row in self.seeds if row.re_b]
 
     @property
     def agrees(self) -> bool:
@@ -73,12 +74,14 @@ class WireReport:
 
         The first seed's lift is the same lift: its outcome has to be the same, its true turn nearly so.
         """
-        same, own = self.seeds[0], self.row.get("re_b")
-        if self.row["outcome"] != same["outcome"] or not own or not self.errors_deg:
+        same, own = self.seeds[0], self.row
+        if own.outcome is not same.outcome or own.re_b is None or not self.errors_deg:
             return False
-        apart = abs(self.row["final_truth_deg"] - same["final_truth_deg"])
+        if own.final_truth_deg is None or same.final_truth_deg is None:
+            return False
         mean, spread = self.spread_deg
-        return apart <= TRUTHS_APART_DEG and abs(own["mean_deg"] - mean) <= SPREADS * spread
+        near = abs(own.final_truth_deg - same.final_truth_deg) <= TRUTHS_APART_DEG
+        return near and abs(own.re_b.mean_deg - mean) <= SPREADS * spread
 
     @property
     def spread_deg(self) -> tuple[float, float]:
@@ -88,7 +91,7 @@ class WireReport:
     @property
     def latest_ms(self) -> float:
         """The worse fingertip's 99th percentile from capture to logged angle, ms."""
-        return max((self.latency[serial]["p99_ms"] for serial in self.row["contact_area_px"]), default=np.inf)
+        return max((self.latency[serial].p99_ms for serial in self.row.contact_area_px), default=np.inf)
 
     @property
     def complete(self) -> bool:
@@ -118,19 +121,19 @@ def measure_wire(
             benches.close()
         wall_s = time.perf_counter() - began
         status = fakes_control(config).call("status")
-    row = next(row for row in read_lines(folder / RESULTS["trial"]) if row["accepted"])
-    recording = folder / row["recording"]
-    timing = next(t for t in read_lines(folder / TIMING) if t["number"] == row["number"])
+    row = read_finished_lifts(folder)[0]
+    recording = folder / row.recording
+    timing = next(t for t in read_rows(folder / TIMING, LIFT_TIMINGS) if t.number == row.number)
     streams = tuple(
         _counted(recording, serial, status["devices"][serial]["ranges"]) for serial in _serials(config)
     )
     controller_core = status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S)
-    task = LiftTask(1, row["object"], row["lift"], row["attempt"])
+    task = LiftTask(1, row.object, row.lift, row.attempt)
     fake = load_bench("fake")
-    again = tuple(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
+    again = finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
     period_ms = 1e3 / max(tactile.rate_hz for tactile in config.tactile)
-    late = timing["capture_to_angle"]
-    return WireReport(streams, benches.state_hz, controller_core, wall_s, late, period_ms, row, again)
+    late = timing.capture_to_angle or {}
+    return WireReport(streams, benches.state_hz, controller_core, wall_s, late, period_ms, row, tuple(again))
 
 
 class _Counted(StandingBench):

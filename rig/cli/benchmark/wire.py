@@ -81,13 +81,13 @@ def _plain(report: "WireReport") -> dict[str, object]:
         "state_hz": report.state_hz,
         "controller_core": report.controller_core,
         "wall_s": report.wall_s,
-        "capture_to_angle": report.latency,
-        "outcome": report.row["outcome"],
-        "re_b_deg": report.row["re_b"]["mean_deg"] if report.row.get("re_b") else None,
-        "final_truth_deg": report.row.get("final_truth_deg"),
+        "capture_to_angle": {serial: asdict(late) for serial, late in report.latency.items()},
+        "outcome": report.row.outcome,
+        "re_b_deg": report.row.re_b.mean_deg if report.row.re_b else None,
+        "final_truth_deg": report.row.final_truth_deg,
         "agrees": report.agrees,
         "seeds_re_b_deg": report.errors_deg,
-        "seeds_outcomes": [row["outcome"] for row in report.seeds],
+        "seeds_outcomes": [row.outcome for row in report.seeds],
     }
 
 
@@ -103,7 +103,7 @@ def _print_table(report: "WireReport") -> None:
     for stream in report.streams:
         late = report.latency[stream.serial]
         counts = map(str, (stream.served, stream.recorded, stream.missing))
-        table.add_row(stream.serial, *counts, f"{late['p50_ms']:.1f}", f"{late['p99_ms']:.1f}")
+        table.add_row(stream.serial, *counts, f"{late.p50_ms:.1f}", f"{late.p99_ms:.1f}")
     console = table_console(width=200)
     console.print(table)
     console.print(
@@ -111,12 +111,11 @@ def _print_table(report: "WireReport") -> None:
         f"{report.wall_s:.1f} s",
         highlight=False,
     )
-    own, (mean, spread) = report.row.get("re_b"), report.spread_deg
-    truths = [f"{row.get('final_truth_deg') or 0.0:.1f}" for row in (report.row, report.seeds[0])]
-    found = f"{own['mean_deg']:.2f} deg" if own else "none"
+    row, same, (mean, spread) = report.row, report.seeds[0], report.spread_deg
+    found = f"{row.re_b.mean_deg:.2f} deg" if row.re_b else "none"
     console.print(
-        f"{report.row['outcome']}, true turn {truths[0]} deg; in this process {report.seeds[0]['outcome']}, "
-        f"{truths[1]} deg\nmean error over phase B {found}; in this process {mean:.2f} +- {spread:.2f} deg "
-        f"over {len(report.errors_deg)} seeds",
+        f"{row.outcome}, true turn {row.final_truth_deg or 0.0:.1f} deg; in this process {same.outcome}, "
+        f"{same.final_truth_deg or 0.0:.1f} deg\nmean error over phase B {found}; in this process "
+        f"{mean:.2f} +- {spread:.2f} deg over {len(report.errors_deg)} seeds",
         highlight=False,
     )

@@ -2,8 +2,8 @@
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -12,6 +12,7 @@ from rig.cli.printing import lift_note
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.session import check_viewer
 from rig.live.terminal import LiftInView, TrialView
+from rig.sessions.records import FinishedLift
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
@@ -99,14 +100,15 @@ def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
 
 
 def test_away_from_a_terminal_there_are_plain_lines(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    lift_row: Callable[..., FinishedLift],
 ) -> None:
     monkeypatch.setattr("rig.live.terminal.PLAIN_EVERY_S", 0.02)
     inbox = Inbox(str(tmp_path / "a"))
     sender = Sender(LiveFeed((Listener(inbox.address, False),)))
-    row: dict[str, Any] = {
-        **LIFT, "outcome": "slipped", "accepted": True, "re": {"mean_deg": 0.5}, "final_truth_deg": -8.0,
-    }  # fmt: skip
+    row = lift_row(3, lift=2, final_truth_deg=-8.0)
     text = ""
     with TrialView(5, inbox, lift_note) as view:
         sender.send("figures", {**LIFT, **FIGURES})

@@ -28,7 +28,7 @@ from rig.benchmark.estimators.tables import (
     stress_table,
 )
 from rig.experiments.replay import replay_lift, session_settings
-from rig.sessions.files import read_lines
+from rig.sessions.rows import read_finished_lifts
 
 README = Path(__file__).resolve().parents[4] / "README.md"
 
@@ -62,16 +62,18 @@ def test_progress_names_the_part_and_how_far_it_is(run: tuple[BenchmarkResult, T
 
 
 def test_the_benchmark_scores_a_lift_as_the_trial_does(result: BenchmarkResult) -> None:
-    rows = read_lines(result.session / "lifts.jsonl")
+    rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
         row = replay_lift(result.session, session_settings(result.session, name, window), rows[0])
         score = result.scores[name, window]
         assert score.mare is not None
         assert score.mare_b is not None
-        assert score.mare.mean_deg == pytest.approx(row["re"]["mean_deg"], abs=1e-9)
-        assert score.mare.std_deg == pytest.approx(row["re"]["std_deg"], abs=1e-9)
-        assert score.mare_b.mean_deg == pytest.approx(row["re_b"]["mean_deg"], abs=1e-9)
-        assert score.answered == row["answered"]
+        assert row.re is not None
+        assert row.re_b is not None
+        assert score.mare.mean_deg == pytest.approx(row.re.mean_deg, abs=1e-9)
+        assert score.mare.std_deg == pytest.approx(row.re.std_deg, abs=1e-9)
+        assert score.mare_b.mean_deg == pytest.approx(row.re_b.mean_deg, abs=1e-9)
+        assert score.answered == row.answered
 
 
 def test_every_estimator_has_every_window_from_one_pass(result: BenchmarkResult) -> None:

@@ -18,7 +18,7 @@ from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.estimators import choose_estimator
 
 CAMERA = CameraModel(
@@ -120,5 +120,6 @@ def test_a_lift_with_calibrations_replays_bit_for_bit(tmp_path: Path) -> None:
     calibrated = run_trial(tmp_path / "calibrated", settings, ["t1"], 1)
     # a camera said to be 20 ms late is another truth to compare with
     assert calibrated.mare != plain.mare
-    assert read_manifest(tmp_path / "calibrated")["calibration"]["camera-SIM-C0001"]["sha256"] == "ab" * 32
+    kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
+    assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
     assert run_replay(tmp_path / "calibrated", None, None, jobs=1).identical == 1

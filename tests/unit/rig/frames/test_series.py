@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.frames.series import is_session, make_background, read_frames, read_image
+from rig.frames.series import make_background, read_frames, read_image
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -129,12 +129,6 @@ def test_mixed_sizes_are_an_input_error_naming_the_frame(folder: Path) -> None:
 def test_an_impossible_rate_is_an_input_error(folder: Path, fps: float) -> None:
     with pytest.raises(InputError, match="no frame rate"):
         read_frames(folder, fps=fps)
-
-
-def test_a_session_is_known_by_its_manifest(folder: Path) -> None:
-    assert not is_session(folder)
-    (folder / "session.json").write_text("{}")
-    assert is_session(folder)
 
 
 def test_the_background_is_an_image_or_made_from_frames(tmp_path: Path, folder: Path) -> None:

@@ -16,8 +16,10 @@ from rig.labels.folds import FOLDS, check_objects, find_fold
 from rig.labels.outline import contact_label
 from rig.labels.scores import agreement
 from rig.labels.shapes import labelme_mask
+from rig.sessions.codec import json_value
+from rig.sessions.files import write_json
 from rig.sessions.layout import MANIFEST
-from rig.sessions.session import SCHEMA_VERSION
+from rig.sessions.manifest import ReplayManifest, begun
 
 Image = NDArray[np.uint8]
 SHAPE = (60, 40)
@@ -103,7 +105,8 @@ def test_damaged_labels_are_named(damage, said: str, tmp_path: Path) -> None:
 
 def test_a_folder_beside_a_session_is_not_inside_it(tmp_path: Path) -> None:
     (tmp_path / "run1").mkdir()
-    (tmp_path / "run1" / MANIFEST).write_text(json.dumps({"schema_version": SCHEMA_VERSION, "kind": "trial"}))
+    manifest = ReplayManifest(**vars(begun("replay")), sessions=(), estimator=None, window=None)
+    write_json(tmp_path / "run1" / MANIFEST, json_value(manifest))
     write_image(tmp_path / "run1_labels" / "a.png")
     write_label(tmp_path / "run1_labels" / "a.json", SQUARE, image="a.png")
     assert [file.image.name for file in read_dataset(tmp_path)] == ["a.png"]

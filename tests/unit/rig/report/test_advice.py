@@ -1,7 +1,7 @@
 """Warnings: each is given where it is due, says what to do, and is silent elsewhere."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
 from rig.report.curves import Curve
 from rig.report.session import Lift, Trial, read_trial
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
+from rig.sessions.timing import LiftTiming, StageTimes
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -24,7 +27,7 @@ def sound(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Trial:
     folder: Path = drawn_trial(
         tmp_path_factory.mktemp("advice") / "s", (12.0, -20.0, 9.0, 15.0, -11.0), (0.2,) * 5
     )
-    return read_trial(folder, read_manifest(folder))
+    return read_trial(folder, read_manifest_of(folder, TrialManifest, "no trial"))
 
 
 def texts(trial: Trial) -> str:
@@ -32,12 +35,12 @@ def texts(trial: Trial) -> str:
 
 
 def rows_with(trial: Trial, **changes: Any) -> Trial:
-    lifts = [Lift({**lift.row, **changes}, lift.curves) for lift in trial.lifts]
+    lifts = [Lift(replace(lift.row, **changes), lift.curves) for lift in trial.lifts]
     return replace(trial, lifts=lifts, rows=[lift.row for lift in lifts])
 
 
 def manifest_with(trial: Trial, **changes: Any) -> Trial:
-    return replace(trial, manifest={**trial.manifest, **changes})
+    return replace(trial, manifest=replace(trial.manifest, **changes))
 
 
 def sigma_divided(trial: Trial, by: float) -> Trial:
@@ -62,12 +65,14 @@ def markers_hidden(trial: Trial) -> Trial:
 
 
 def slow(trial: Trial) -> Trial:
-    total = {"p50_ms": 5.0, "p95_ms": 15.0, "p99_ms": 40.0}
-    return replace(trial, timing=[{"stages": {"total": total}}])
+    timing = LiftTiming(number=1, attempt=0, wall_s=9.0, stages={"total": StageTimes(5.0, 15.0, 40.0)})
+    return replace(trial, timing=[timing])
 
 
 def with_a_fault(trial: Trial) -> Trial:
-    failed = {**trial.rows[0], "accepted": False, "fault": "DeviceTimeoutError: gripper: no answer"}
+    head = {field.name: getattr(trial.rows[0], field.name) for field in fields(LiftHead)}
+    fault = "DeviceTimeoutError: gripper: no answer"
+    failed = FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=1.0)
     return replace(trial, rows=[*trial.rows, failed])
 
 
@@ -81,7 +86,7 @@ def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
         (lambda t: manifest_with(t, status="running", lifts_per_object=9), "5 of 9 lifts", "--resume"),
         (lambda t: replace(t, lifts=t.lifts[:2]), "Few lifts of wrench (2)", "--lifts 5"),
         (with_a_fault, "1 attempts ended in a rig fault", "gripper: no answer"),
-        (lambda t: rows_with(t, outcome="fallen"), "fell in wrench, lift 1", "Grip firmer"),
+        (lambda t: rows_with(t, outcome=LiftOutcome.FALLEN), "fell in wrench, lift 1", "Grip firmer"),
         (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip lighter"),
         (
             lambda t: rows_with(t, answered=0.6, states={"tracking": 180, "unobservable": 120}),
@@ -107,16 +112,12 @@ def test_each_finding_says_what_was_seen_and_what_to_do(
 
 def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:
     used = {
-        "hand-eye SIM-C0001": {
-            "file": "hand-eye.yaml",
-            "created": "2026-09-01T00:00:00+00:00",
-            "verdict": "good",
-        },
-        "camera SIM-C0001": {
-            "file": "camera.yaml",
-            "created": "2026-11-20T00:00:00+00:00",
-            "verdict": "weak",
-        },
+        "hand-eye SIM-C0001": FileInUse(
+            file="hand-eye.yaml", sha256="a", created="2026-09-01T00:00:00+00:00", verdict="good"
+        ),
+        "camera SIM-C0001": FileInUse(
+            file="camera.yaml", sha256="b", created="2026-11-20T00:00:00+00:00", verdict="weak"
+        ),
     }
     said = texts(manifest_with(sound, calibration=used))
     assert "Old calibrations: hand-eye SIM-C0001 (82 days)." in said

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.report.compare import compare_rows
+from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
 from rig.report.sides import session_side
 from rig.report.write import write_report
@@ -157,7 +157,7 @@ def pages(
     table.write_text("t_s,estimate_deg,truth_deg\n" + "\n".join(rows) + "\n")
     sides = session_side(trial), session_side(other)
     comparison = folder / "compare.html"
-    found = compare_rows(("trial", "2026-11-21T093000_obj07_trial"), sides[0].rows, sides[1].rows)
+    found = compare_lifts(("trial", "2026-11-21T093000_obj07_trial"), sides[0].lifts, sides[1].lifts)
     comparison.write_text(compare_page(found, simulated=True, about="Two sessions."))
     broken = drawn_trial(folder / "broken", (12.0,))
     (broken / "session.json").write_text("{}")

@@ -9,25 +9,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from rig.report.compare import ERROR, compare_rows, paired, verdict
+from rig.report.compare import ERROR, ComparedLift, compare_lifts, paired, verdict
 from rig.report.compare_page import compare_page
 from rig.report.sides import session_side
+from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome
 
 NAMES = ("old", "new")
 
 
-def row(lift: int, error: float | None, name: str = "wrench", answered: float = 1.0) -> dict[str, Any]:
-    part = None if error is None else {"mean_deg": error, "max_deg": 2 * error}
-    return {
-        "object": f"id {name}", "name": name, "lift": lift, "accepted": True, "re": part, "re_b": part,
-        "re_held": part, "answered": answered, "final_truth_deg": 10.0,
-    }  # fmt: skip
+def row(lift: int, error: float | None, name: str = "wrench", answered: float = 1.0) -> ComparedLift:
+    part = None if error is None else ErrorSummary(error, 0.1, 2 * error, 100)
+    return ComparedLift(
+        FinishedLift(
+            number=lift, attempt=0, object=f"id {name}", name=name, lift=lift, position="left",
+            grip_counts=3, lift_height_m=0.05, force_n=None, seed=0, simulated=True, recording="",
+            outcome=LiftOutcome.SLIPPED, re=part, re_b=part, re_held=part, contact_area_px={},
+            answered=answered, final_estimate_deg=None, final_truth_deg=10.0, onset_truth_s=None,
+            onset_estimate_s=None, onset_alarm_s=None, phases_s={}, frames={}, dropped={}, states={},
+            skipped={}, disagreements={}, accepted=True, bench_s=1.0,
+        )
+    )  # fmt: skip
 
 
 def test_a_side_that_is_always_closer_wins_by_the_mean_difference() -> None:
     old = [row(i, 1.0 + 0.1 * i) for i in range(10)]
     new = [row(i, 0.6 + 0.1 * i) for i in range(10)]
-    found = compare_rows(NAMES, old, new)
+    found = compare_lifts(NAMES, old, new)
     error = found.overall[0]
     assert error.difference == pytest.approx(-0.4)
     assert error.wins == (0, 10, 0)
@@ -40,14 +47,14 @@ def test_pairing_finds_what_the_spread_over_lifts_would_hide() -> None:
     spread = rng.uniform(0.2, 8.0, 30)
     old = [row(i, float(error)) for i, error in enumerate(spread)]
     new = [row(i, float(error) + 0.05 + float(rng.normal(0, 0.02))) for i, error in enumerate(spread)]
-    assert compare_rows(NAMES, old, new).overall[0].winner == 0
+    assert compare_lifts(NAMES, old, new).overall[0].winner == 0
 
 
 def test_chance_is_no_winner() -> None:
     rng = np.random.default_rng(4)
     old = [row(i, float(rng.uniform(0.5, 1.5))) for i in range(20)]
     new = [row(i, float(rng.uniform(0.5, 1.5))) for i in range(20)]
-    found = compare_rows(NAMES, old, new)
+    found = compare_lifts(NAMES, old, new)
     assert found.overall[0].winner is None
     assert verdict(found).startswith("No difference is shown")
 
@@ -55,20 +62,20 @@ def test_chance_is_no_winner() -> None:
 def test_more_answers_are_better_though_they_are_more() -> None:
     old = [row(i, 1.0, answered=0.7 + 0.01 * i) for i in range(8)]
     new = [row(i, 1.0, answered=0.9 + 0.01 * i) for i in range(8)]
-    share = next(p for p in compare_rows(NAMES, old, new).overall if p.figure.name == "share answered")
+    share = next(p for p in compare_lifts(NAMES, old, new).overall if p.figure.name == "share answered")
     assert share.winner == 1
     assert share.wins == (0, 8, 0)
 
 
 def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None:
     old = [row(1, 1.0), row(2, None), row(3, 1.0)]
-    new = [row(1, 2.0), row(2, 2.0), row(4, 1.0), {**row(5, 1.0), "accepted": False}]
-    found = compare_rows(NAMES, old, new)
+    new = [row(1, 2.0), row(2, 2.0), row(4, 1.0)]
+    found = compare_lifts(NAMES, old, new)
     assert found.alone == (1, 1)
     assert found.overall[0].lifts == 1
     assert found.overall[0].winner is None  # one lift has no interval
     with pytest.raises(InputError, match="no lift in common"):
-        compare_rows(NAMES, old, [row(1, 1.0, "knife")])
+        compare_lifts(NAMES, old, [row(1, 1.0, "knife")])
 
 
 @given(st.lists(st.tuples(st.floats(0, 50), st.floats(0, 50)), min_size=2, max_size=8))
@@ -84,7 +91,7 @@ def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> N
 def test_two_sessions_make_a_page_with_one_picture(drawn_trial: Any, tmp_path: Path) -> None:
     first = session_side(drawn_trial(tmp_path / "first", (12.0, -20.0), (0.5, 0.5)))
     second = session_side(drawn_trial(tmp_path / "second", (12.0, -20.0), (2.0, 2.0)))
-    found = compare_rows((first.name, second.name), first.rows, second.rows)
+    found = compare_lifts((first.name, second.name), first.lifts, second.lifts)
     page = compare_page(found, simulated=True, about="two sessions")
     assert page.count("<svg") == 1
     assert "first is better by" in page

@@ -10,7 +10,7 @@ import pytest
 from drivers.errors import InputError, SessionError
 from rig.report.film import HEIGHT_PX, Film, write_film
 from rig.report.session import find_lift
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def film(session: Path, out: Path, speed: float = 1.0) -> Film:
-    manifest = read_manifest(session)
+    manifest = read_manifest_of(session, TrialManifest, "no trial")
     return write_film(session, manifest, find_lift(session, manifest, "1"), out, fps=10.0, speed=speed)
 
 
@@ -50,8 +50,8 @@ def test_slow_motion_is_longer(trial: Path, tmp_path: Path) -> None:
 
 
 def test_lifts_are_found_by_number_object_and_name(trial: Path) -> None:
-    manifest = read_manifest(trial)
-    numbers = {find_lift(trial, manifest, name).row["number"] for name in ("1", "t1/1", "wrench/1")}
+    manifest = read_manifest_of(trial, TrialManifest, "no trial")
+    numbers = {find_lift(trial, manifest, name).row.number for name in ("1", "t1/1", "wrench/1")}
     assert numbers == {1}
     with pytest.raises(InputError, match=r"there are 1 \(t1/1 wrench\)"):
         find_lift(trial, manifest, "7")
@@ -69,5 +69,5 @@ def test_films_that_cannot_be_are_refused(trial: Path, drawn_trial: Any, tmp_pat
 
 
 def test_a_missing_camera_leaves_its_place_empty(drawn_trial: Any, tmp_path: Path) -> None:
-    folder = drawn_trial(tmp_path / "s", (12.0,), serials=["T1", "T2", "ANOTHER"])
+    folder = drawn_trial(tmp_path / "s", (12.0,), serials=("T1", "T2", "ANOTHER"))
     assert film(folder, tmp_path / "lift.avi").frames > 10

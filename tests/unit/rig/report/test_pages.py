@@ -15,7 +15,8 @@ from rig.report.session import read_trial
 from rig.report.trial_page import object_table
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
-from rig.sessions.session import read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.rows import read_finished_lifts
 
 
 class Page(HTMLParser):
@@ -93,7 +94,7 @@ def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, tri
 
 
 def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
-    rows = [json.loads(line) for line in (trial / "lifts.jsonl").read_text().splitlines()]
+    rows = read_finished_lifts(trial)
     table = object_table(summarize_trial(rows))
     first = dict(zip(table.columns, table.rows[0], strict=True))
     assert first["object"] == "t1 wrench"
@@ -102,15 +103,15 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
     assert first["true turn, °"] == "-20 to +12"
     assert first["answered"] == "100.0%"
     for heading, part in (("MARE in B, °", "re_b"), ("MARE in B and C, °", "re")):
-        assert first[heading].startswith(f"{np.mean([row[part]['mean_deg'] for row in rows]):.2f} ±")
+        assert first[heading].startswith(f"{np.mean([getattr(row, part).mean_deg for row in rows]):.2f} ±")
     assert len(table.rows[-1]) == len(table.columns)
 
 
 def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
-    for lift in read_trial(trial, read_manifest(trial)).lifts:
+    for lift in read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts:
         assert lift.curves is not None
         errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
-        assert np.nanmean(errors) == pytest.approx(lift.row["re"]["mean_deg"], abs=0.01)
+        assert np.nanmean(errors) == pytest.approx(lift.row.re.mean_deg, abs=0.01)
 
 
 def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:
@@ -155,9 +156,10 @@ def test_any_byte_of_a_recording_may_be_wrong(drawn_trial: Any, tmp_path: Path) 
 def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s")
     lines = (folder / "lifts.jsonl").read_text().splitlines()
-    (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n")
+    (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n" + "null\n")
     found = page_of(folder)
-    assert "lifts.jsonl: 1 of 2 lines are damaged (line 1)" in found.text
+    assert "lifts.jsonl: 2 of 3 lines are damaged (line 1: Invalid JSON" in found.text
+    assert "line 3: Input should be an object, found None" in found.text
     assert any("wrench, lift 2" in name for name in found.figures)
 
 

@@ -1,55 +1,66 @@
 """The table of many lifts: the same from CSV and Parquet, back to rows, and quick to summarize."""
 
 import random
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.errors import InputError
 from rig.results.summary import summarize_trial
-from rig.results.table import COLUMNS, flat_row, nested_row, read_results
+from rig.results.table import (
+    COLUMNS,
+    TableHead,
+    broken_row,
+    read_results,
+    summarize_table,
+    table_lines,
+    table_row,
+)
+from rig.sessions.records import ErrorSummary, FinishedLift, ReplayRow
 from rig.sessions.table_files import csv_bytes, parquet_bytes
 
-
-def row(number: int, error_deg: float | None) -> dict[str, Any]:
-    errors = None
-    if error_deg is not None:
-        errors = {"mean_deg": error_deg, "std_deg": 0.1, "max_deg": 2 * error_deg, "frames": 300}
-    return {
-        "number": number, "attempt": 0, "object": f"t{number % 3}", "name": "tool, long", "lift": number,
-        "position": "left", "accepted": True, "outcome": "slipped", "grip_counts": 4, "lift_height_m": 0.03,
-        "final_estimate_deg": -7.25, "final_truth_deg": -7.5, "onset_truth_s": 0.5, "onset_estimate_s": None,
-        "onset_alarm_s": None, "answered": 1.0, "bench_s": 13.5, "simulated": True,
-        "re": errors, "re_b": errors, "re_held": errors,
-    }  # fmt: skip
+HEAD = TableHead("/s/one", "2026-11-21", "fake", "slip", 1)
+MakeRow = Callable[..., FinishedLift]
 
 
-def table(count: int) -> list[dict[str, Any]]:
+def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
+    error = None if error_deg is None else ErrorSummary(error_deg, 0.1, 2 * error_deg, 300)
+    return make(number, object=f"t{number % 3}", name="tool, long", re=error, re_b=error, re_held=error)
+
+
+def table(make: MakeRow, count: int) -> list[ReplayRow]:
     chance = random.Random(0)
-    rows = [row(n, chance.uniform(0.1, 3.0) if n % 7 else None) for n in range(count)]
-    head = {"session": "/s/one", "started": "2026-11-21", "bench": "fake", "estimator": "slip", "window": 1}
-    return [flat_row(r, **head, identical=bool(r["number"] % 2)) for r in rows]
+    rows = [row(make, n, chance.uniform(0.1, 3.0) if n % 7 else None) for n in range(count)]
+    return [table_row(HEAD, r, identical=bool(r.number % 2)) for r in rows]
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_a_table_is_read_back_as_it_was_written(kind: str, tmp_path: Path) -> None:
+def test_a_table_is_read_back_as_it_was_written(kind: str, tmp_path: Path, lift_row: MakeRow) -> None:
     if kind == "parquet":
         pytest.importorskip("pyarrow")
-    lines = [
-        *table(20),
-        flat_row({}, session="/s/two", number=0, attempt=0, accepted=False, problem='no, "x"'),
-    ]
+    rows = [*table(lift_row, 20), broken_row("/s/two", 'no, "x"')]
+    lines = table_lines(rows)
     path = tmp_path / f"results.{kind}"
     path.write_bytes(csv_bytes(COLUMNS, lines) if kind == "csv" else parquet_bytes(COLUMNS, lines))
-    assert read_results(path) == lines
-    assert read_results(tmp_path) == lines
+    assert read_results(path) == rows
+    assert read_results(tmp_path) == rows
 
 
-def test_the_summary_of_a_table_is_that_of_its_rows() -> None:
-    rows = [row(n, 0.5 + 0.1 * n if n % 7 else None) for n in range(20)]
-    again = [nested_row(flat_row(r, session="s")) for r in rows]
-    assert summarize_trial(again) == summarize_trial(rows)
+def test_the_summary_of_a_table_is_that_of_its_rows(lift_row: MakeRow) -> None:
+    rows = [row(lift_row, n, 0.5 + 0.1 * n if n % 7 else None) for n in range(20)]
+    assert summarize_table([table_row(HEAD, r) for r in rows]) == summarize_trial(rows)
+
+
+def test_an_empty_or_strange_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
+    lines = table_lines(table(lift_row, 3))
+    path = tmp_path / "results.csv"
+    path.write_bytes(csv_bytes(COLUMNS, [lines[0], {**lines[1], "session": None}]))
+    with pytest.raises(InputError, match=r"results\.csv: row 2: 'session'"):
+        read_results(path)
+    path.write_bytes(csv_bytes(COLUMNS, [{**lines[0], "answered": None}]))
+    with pytest.raises(InputError, match="lift 0: no answered"):
+        summarize_table(read_results(path))
 
 
 def test_a_file_that_is_no_results_table_is_refused(tmp_path: Path) -> None:

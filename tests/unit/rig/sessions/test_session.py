@@ -2,45 +2,56 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import InputError, RecordingError, SessionError
-from rig.sessions.files import append_line, read_lines, write_file
+from rig.config import load_bench
+from rig.sessions.codec import json_line
+from rig.sessions.files import append_line, write_file
 from rig.sessions.layout import MANIFEST
-from rig.sessions.session import Session, open_session, read_manifest
+from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
+from rig.sessions.records import LIFTS, FinishedLift, LiftRow
+from rig.sessions.rows import read_lifts
+from rig.sessions.session import Session, open_session
+from rig.sessions.timing import LiftTiming
 
-REQUEST = {"kind": "trial", "seed": 0}
+MakeRow = Callable[..., FinishedLift]
+TIMING = LiftTiming(number=1, attempt=0, wall_s=0.1, stages={})
 
 
-def start(folder: Path, resume: bool = False, **changes: object) -> Session:
-    return open_session(folder, {**REQUEST, **changes}, "lifts.jsonl", resume)
+def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[LiftRow]:
+    asked = begun_on(load_bench("fake"), "trial", seed, ["t1"])
+    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    return open_session(folder, manifest, LIFTS, resume)
 
 
-def test_results_are_on_disk_as_they_come_and_found_again(tmp_path: Path) -> None:
+def test_results_are_on_disk_as_they_come_and_found_again(tmp_path: Path, lift_row: MakeRow) -> None:
     with start(tmp_path / "s") as session:
-        session.add({"number": 1}, {"wall_s": 0.1})
-        assert read_lines(tmp_path / "s" / "lifts.jsonl") == [{"number": 1}]
+        session.add(lift_row(1), TIMING)
+        assert read_lifts(tmp_path / "s") == [lift_row(1)]
     with start(tmp_path / "s", resume=True) as again:
-        assert again.rows == [{"number": 1}]
+        assert again.rows == [lift_row(1)]
         assert not again.complete
 
 
-def test_a_line_torn_by_a_crash_is_dropped_and_appending_goes_on(tmp_path: Path) -> None:
+def test_a_line_torn_by_a_crash_is_dropped_and_appending_goes_on(tmp_path: Path, lift_row: MakeRow) -> None:
     with start(tmp_path / "s") as session:
-        session.add({"number": 1}, {})
+        session.add(lift_row(1), TIMING)
     with (tmp_path / "s" / "lifts.jsonl").open("ab") as stream:
         stream.write(b'{"number": 2, "na')
     with start(tmp_path / "s", resume=True) as again:
-        again.add({"number": 3}, {})
-    assert [row["number"] for row in read_lines(tmp_path / "s" / "lifts.jsonl")] == [1, 3]
+        again.add(lift_row(3), TIMING)
+    assert [row.number for row in read_lifts(tmp_path / "s")] == [1, 3]
 
 
-def test_a_damaged_line_before_the_end_is_named(tmp_path: Path) -> None:
+def test_a_damaged_line_before_the_end_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
+    lines = [json_line(lift_row(1)), b"rubbish\n", json_line(lift_row(3))]
     with start(tmp_path / "s"):
-        (tmp_path / "s" / "lifts.jsonl").write_text('{"number": 1}\nrubbish\n{"number": 3}\n')
-    with pytest.raises(SessionError, match="line 2"):
+        (tmp_path / "s" / "lifts.jsonl").write_bytes(b"".join(lines))
+    with pytest.raises(SessionError, match=r"lifts\.jsonl: line 2"):
         start(tmp_path / "s", resume=True)
 
 
@@ -65,13 +76,13 @@ def test_two_writers_at_once_are_refused_and_a_lock_left_behind_is_not_in_the_wa
     start(tmp_path / "s", resume=True).close()
 
 
-def test_finishing_puts_results_in_order_and_marks_the_target(tmp_path: Path) -> None:
+def test_finishing_puts_results_in_order_and_marks_the_target(tmp_path: Path, lift_row: MakeRow) -> None:
     with start(tmp_path / "s") as session:
         for number in (2, 1, 3):
-            session.add({"number": number, "attempt": 0}, {})
-        session.finish(order=("number", "attempt"))
-    assert [row["number"] for row in read_lines(tmp_path / "s" / "lifts.jsonl")] == [1, 2, 3]
-    assert read_manifest(tmp_path / "s")["status"] == "complete"
+            session.add(lift_row(number), TIMING)
+        session.finish(order=lambda row: row.number)
+    assert [row.number for row in read_lifts(tmp_path / "s")] == [1, 2, 3]
+    assert read_manifest(tmp_path / "s").status == "complete"
 
 
 def test_another_schema_is_refused(tmp_path: Path) -> None:
@@ -87,7 +98,7 @@ def test_a_full_disk_is_a_typed_error(tmp_path: Path) -> None:
     full = tmp_path / "full.jsonl"
     full.symlink_to("/dev/full")
     with pytest.raises(RecordingError, match="free space"):
-        append_line(full, {"number": 1})
+        append_line(full, b"a line\n")
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,3 +113,9 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.M
         write_file(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_session_is_known_by_its_manifest(tmp_path: Path) -> None:
+    assert not is_session(tmp_path)
+    (tmp_path / MANIFEST).write_text("{}")
+    assert is_session(tmp_path)

@@ -1,0 +1,77 @@
+"""Records as JSON and back: the one place where stored text becomes typed values.
+
+A record is a frozen dataclass; its keys on disk are its fields. What is read is checked as strictly as
+it was written: an unknown key, a missing one or a value of another type is an error that names it.
+"""
+
+import json
+from dataclasses import fields
+from functools import cache, cached_property
+from typing import Any, Generic, TypeVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+Record = TypeVar("Record")
+STRICT = ConfigDict(extra="forbid", strict=True)
+"""For `__pydantic_config__` of a record: no unknown key, and true is no 1."""
+MEMBERS = ("finished", "failed", "trial", "record", "replay")
+"""Names of the members of unions: parts of an error's place that are no keys."""
+_REASONS = {
+    "missing": "is missing",
+    "unexpected_keyword_argument": "is a key that this version does not know",
+    "extra_forbidden": "is a key that this version does not know",
+}
+_LONGEST_VALUE = 60
+
+
+class Codec(Generic[Record]):
+    """Reads one kind of record. kind: a dataclass, or an annotated union of some."""
+
+    def __init__(self, kind: Any) -> None:
+        self._kind = kind
+
+    def parsed(self, text: bytes) -> Record:
+        """Return the record of a JSON text. Raises `ValueError` naming the key that is wrong."""
+        try:
+            return self._adapter.validate_json(text)
+        except ValidationError as error:
+            raise ValueError(_problem(error)) from error
+
+    def checked(self, values: dict[str, object]) -> Record:
+        """Return the record of values that a table gave. Raises `ValueError` as `parsed` does."""
+        return self.parsed(json.dumps(values, default=str).encode())
+
+    @cached_property
+    def _adapter(self) -> TypeAdapter[Record]:
+        # made when it is needed: that takes longer than most commands need to begin
+        return TypeAdapter(self._kind)
+
+
+def json_line(record: Any) -> bytes:
+    """Return a record as a line of JSON, keys sorted."""
+    return (json.dumps(json_value(record), sort_keys=True) + "\n").encode()
+
+
+def json_value(record: Any) -> dict[str, Any]:
+    """Return a record as JSON values. A field that has a default is there only where it differs from it."""
+    values = _adapter_of(type(record)).dump_python(record, mode="json")
+    same = {field.name for field in fields(record) if getattr(record, field.name) == field.default}
+    return {key: value for key, value in values.items() if key not in same}
+
+
+@cache
+def _adapter_of(kind: type) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def _problem(error: ValidationError) -> str:
+    """Say in one line which key is wrong and why; of several the first one."""
+    first, *more = error.errors(include_url=False)
+    place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
+    why = _REASONS.get(first["type"])
+    if why is None:
+        found = repr(first["input"])
+        shown = found if len(found) <= _LONGEST_VALUE else found[:_LONGEST_VALUE] + "..."
+        why = f"{first['msg']}, found {shown}"
+    others = f" (and {len(more)} more)" if more else ""
+    return f"'{place}' {why}{others}" if place else f"{why}{others}"

@@ -1,0 +1,205 @@
+"""A session's manifest: what was asked for, on which bench, and how far it is."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
+
+from pydantic import ConfigDict, Discriminator, Tag
+
+from drivers.errors import SessionError
+from rig.config import BenchConfig
+from rig.config.in_use import FileInUse
+from rig.sessions.codec import STRICT, Codec
+from rig.sessions.files import read_whole
+from rig.sessions.layout import MANIFEST, RESULTS
+
+SCHEMA_VERSION = 1
+"""Of everything in a session folder."""
+DISTRIBUTION = "visuotactile-slip-rig"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """What every session says of itself. started, completed: UTC, to the second."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    schema_version: int
+    tool_version: str
+    kind: str
+    status: Literal["running", "complete"]
+    started: str
+    completed: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchManifest(Manifest):
+    """What trials and recordings have in common: the bench, and what is drawn on it.
+
+    signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
+    bench with all that is in use. objects: ids.
+    """
+
+    bench: str
+    simulated: bool
+    seed: int
+    serials: tuple[str, ...]
+    signs: dict[str, int]
+    calibration: dict[str, FileInUse]
+    config: BenchConfig
+    objects: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialManifest(BenchManifest):
+    """A trial. skip: whether the estimator leaves out stages it has no need of."""
+
+    kind: Literal["trial"]
+    lifts_per_object: int
+    estimator: str
+    window: int
+    skip: bool
+
+    @property
+    def wanted(self) -> int:
+        """How many lifts were asked for."""
+        return len(self.objects) * self.lifts_per_object
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordManifest(BenchManifest):
+    """A recording. images: over all poses and both fingertips. randomised: sensors drawn from the seed."""
+
+    kind: Literal["record"]
+    poses: int
+    images: int
+    randomised: bool = False
+
+    @property
+    def wanted(self) -> int:
+        """How many poses were asked for."""
+        return self.poses
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayManifest(Manifest):
+    """Many sessions replayed. estimator, window: those of each session when None."""
+
+    kind: Literal["replay"]
+    sessions: tuple[str, ...]
+    estimator: str | None
+    window: int | None
+
+
+AnyManifest = TrialManifest | RecordManifest | ReplayManifest
+Wanted = TypeVar("Wanted", bound=Manifest)
+
+
+def begun(kind: str) -> Manifest:
+    """Return what a new manifest says before anything is asked for."""
+    return Manifest(
+        schema_version=SCHEMA_VERSION,
+        tool_version=version(DISTRIBUTION),
+        kind=kind,
+        status="running",
+        started=now_text(),
+    )
+
+
+def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -> BenchManifest:
+    """Return what a new manifest says of the bench and of what is drawn on it."""
+    return BenchManifest(
+        **vars(begun(kind)),
+        bench=bench.name,
+        simulated=bench.simulated,
+        seed=seed,
+        serials=(*(t.serial for t in bench.tactile), bench.camera.serial),
+        signs={t.serial: t.sign for t in bench.tactile},
+        calibration=bench.calibrations.files,
+        config=bench,
+        objects=tuple(objects),
+    )
+
+
+def now_text() -> str:
+    """Return the time now, UTC to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def is_session(folder: Path) -> bool:
+    """Whether a folder holds a session's manifest."""
+    return (folder / MANIFEST).is_file()
+
+
+def read_manifest(folder: Path) -> AnyManifest:
+    """Read and check a session's manifest. Raises `SessionError`."""
+    if not folder.is_dir():
+        raise SessionError(f"{folder}: no such session folder")
+    path = folder / MANIFEST
+    text = read_whole(path)
+    try:
+        head = _HEAD.parsed(text)
+    except ValueError as error:
+        raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
+    if head.schema_version != SCHEMA_VERSION:
+        raise SessionError(
+            f"{path}: schema version {head.schema_version!r}, this version reads {SCHEMA_VERSION}; "
+            "use the version of the rig that wrote it"
+        )
+    if head.kind not in RESULTS:
+        raise SessionError(f"{path}: a '{head.kind}' session, this version knows {', '.join(RESULTS)}")
+    try:
+        return _MANIFESTS.parsed(text)
+    except ValueError as error:
+        raise SessionError(f"{path}: {error}; the session is damaged") from error
+
+
+def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:
+    """Read the manifest of a session of one kind, or of some, as `TrialManifest`.
+
+    why: what is wrong with another kind, as "only trials have lifts to replay". Raises `SessionError`.
+    """
+    manifest = read_manifest(folder)
+    if not isinstance(manifest, kind):
+        raise SessionError(f"{folder}: is a '{manifest.kind}' session; {why}")
+    return manifest
+
+
+def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
+    """Return the first key in which a session is not what is asked for; None where it is the same."""
+    if type(manifest) is not type(wanted):
+        return "kind"
+    keys = (field.name for field in fields(wanted) if field.name not in _OWN)
+    return next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
+
+
+_OWN = {"schema_version", "tool_version", "status", "started", "completed"}
+"""What a session says of its own course, not of what was asked for."""
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What says how the rest is to be read."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore")
+
+    schema_version: object = None
+    kind: object = None
+
+
+def _kind(values: Any) -> str:
+    return str(values["kind"])
+
+
+_HEAD: Codec[_Head] = Codec(_Head)
+_MANIFESTS: Codec[AnyManifest] = Codec(
+    Annotated[
+        Annotated[TrialManifest, Tag("trial")]
+        | Annotated[RecordManifest, Tag("record")]
+        | Annotated[ReplayManifest, Tag("replay")],
+        Discriminator(_kind),
+    ]
+)

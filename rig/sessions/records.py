@@ -1,0 +1,210 @@
+"""What a session keeps, line by line: lifts, poses, replayed lifts.
+
+Degrees, seconds, metres and pixels as the names say; angles are positive counter-clockwise as the
+external camera sees them. The version of all this stands in the session's manifest (`manifest.py`): a
+new key comes with a default, so that sessions without it are read; any other change is a new version.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import ConfigDict, Discriminator, Tag
+
+from protocols.observer import Phase
+from rig.sessions.codec import STRICT, Codec
+
+
+class LiftOutcome(StrEnum):
+    """How a lift ended. The first three are results; a fault says nothing of the object."""
+
+    SLIPPED = "slipped"
+    HELD = "held"
+    FALLEN = "fallen"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSummary:
+    """Mean, standard deviation and maximum of |RE| in degrees over `frames` answered frames."""
+
+    mean_deg: float
+    std_deg: float
+    max_deg: float
+    frames: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiftHead:
+    """Which lift it was, and how it was told to go.
+
+    number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: as the object's
+    file names it. grip_counts: beyond first contact. force_n: no gripper of this bench measures it.
+    recording: file in the session.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    number: int
+    attempt: int
+    object: str
+    name: str
+    lift: int
+    position: str
+    grip_counts: int
+    lift_height_m: float
+    force_n: float | None
+    seed: int
+    simulated: bool
+    recording: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiftFigures:
+    """What was measured in a lift that reached its end (contract, metrics).
+
+    re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held; None
+    without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s, onset_alarm_s: since the
+    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
+    dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
+    the estimator said, by the stage it left out, by how the fingertips disagreed.
+    """
+
+    outcome: LiftOutcome
+    re_b: ErrorSummary | None
+    re: ErrorSummary | None
+    re_held: ErrorSummary | None
+    contact_area_px: dict[str, float]
+    answered: float
+    final_estimate_deg: float | None
+    final_truth_deg: float | None
+    onset_truth_s: float | None
+    onset_estimate_s: float | None
+    onset_alarm_s: float | None
+    phases_s: dict[Phase, float]
+    frames: dict[str, int]
+    dropped: dict[str, int]
+    states: dict[str, int]
+    skipped: dict[str, int]
+    disagreements: dict[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishedLift(LiftHead, LiftFigures):
+    """A lift that counts. bench_s: how long it took by the bench's clock."""
+
+    accepted: Literal[True]
+    bench_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailedLift(LiftHead):
+    """An attempt that a rig fault ended. fault: the error's text, and how the bench was left."""
+
+    accepted: Literal[False]
+    outcome: Literal[LiftOutcome.FAULT]
+    fault: str
+    bench_s: float
+
+
+LiftRow = FinishedLift | FailedLift
+"""A line of `lifts.jsonl`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseImage:
+    """An image of a recording. file: in the session. contact_area_px: as the classical finder saw it."""
+
+    file: str
+    grip_counts: int
+    serial: str
+    time_s: float
+    contact_area_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseRow:
+    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, else None."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    pose: int
+    attempt: int
+    position: str
+    orientation_deg: float
+    accepted: bool
+    fault: str | None
+    rejected_frames: int
+    images: tuple[PoseImage, ...]
+    seed: int
+    simulated: bool
+    force_n: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRow:
+    """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
+
+    identical: whether the replay gave exactly the stored row. problem: what kept a lift, or a whole
+    session (then of number 0), from being read; the figures are None then.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    session: str
+    started: str | None
+    bench: str | None
+    simulated: bool | None
+    estimator: str | None
+    window: int | None
+    number: int | None
+    attempt: int | None
+    object: str | None
+    name: str | None
+    lift: int | None
+    position: str | None
+    accepted: bool
+    outcome: str | None
+    grip_counts: int | None
+    lift_height_m: float | None
+    final_estimate_deg: float | None
+    final_truth_deg: float | None
+    onset_truth_s: float | None
+    onset_estimate_s: float | None
+    onset_alarm_s: float | None
+    answered: float | None
+    bench_s: float | None
+    identical: bool | None
+    problem: str | None
+    re_b_mean_deg: float | None
+    re_b_std_deg: float | None
+    re_b_max_deg: float | None
+    re_b_frames: int | None
+    re_mean_deg: float | None
+    re_std_deg: float | None
+    re_max_deg: float | None
+    re_frames: int | None
+    re_held_mean_deg: float | None
+    re_held_std_deg: float | None
+    re_held_max_deg: float | None
+    re_held_frames: int | None
+
+
+def _member(values: object) -> str:
+    """Tell what a line is to be read as; one that does not say it is read as a finished lift."""
+    accepted = values.get("accepted", True) if isinstance(values, dict) else True
+    return "finished" if accepted is True else "failed"
+
+
+_LIFT = Annotated[
+    Annotated[FinishedLift, Tag("finished")] | Annotated[FailedLift, Tag("failed")], Discriminator(_member)
+]
+LIFTS: Codec[LiftRow] = Codec(_LIFT)
+POSES: Codec[PoseRow] = Codec(PoseRow)
+REPLAYS: Codec[ReplayRow] = Codec(ReplayRow)
+
+
+def finished(rows: Iterable[LiftRow]) -> list[FinishedLift]:
+    """Return the lifts that count."""
+    return [row for row in rows if isinstance(row, FinishedLift)]

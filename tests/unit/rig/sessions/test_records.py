@@ -1,0 +1,152 @@
+"""Stored rows: written as they are, read as strictly, and what is wrong with one named by its key."""
+
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import SessionError
+from rig.config import load_bench
+from rig.experiments.batch_replay import plan_campaign
+from rig.results.listing import SessionState, list_session
+from rig.sessions.codec import json_line, json_value
+from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
+from rig.sessions.records import LIFTS, POSES, FailedLift, FinishedLift, LiftHead, LiftOutcome, PoseRow
+from rig.sessions.rows import read_lifts, readable_rows
+from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
+
+MakeRow = Callable[..., FinishedLift]
+POSE = PoseRow(
+    pose=1, attempt=0, position="left", orientation_deg=-30.0, accepted=True, fault=None, rejected_frames=0,
+    images=(), seed=0, simulated=True, force_n=None,
+)  # fmt: skip
+
+
+def failed(row: FinishedLift) -> FailedLift:
+    head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
+    return FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault="lost", bench_s=1.5)
+
+
+def test_rows_are_read_back_as_they_were_written(lift_row: MakeRow) -> None:
+    whole = lift_row(3, re=None, onset_truth_s=None)
+    for row in (whole, failed(whole)):
+        assert LIFTS.parsed(json_line(row)) == row
+    assert POSES.parsed(json_line(POSE)) == POSE
+    timing = LiftTiming(number=1, attempt=0, wall_s=2.0, stages={"total": StageTimes(1.0, 2.0, 3.0)})
+    late = replace(timing, capture_to_angle={"D1": LatencyTimes(1.0, 2.0, 3.0, 4.0)})
+    assert [LIFT_TIMINGS.parsed(json_line(t)) for t in (timing, late)] == [timing, late]
+
+
+@given(st.floats(allow_nan=False), st.floats(allow_nan=False, allow_infinity=False))
+def test_every_number_comes_back_to_the_last_bit(one: float, other: float) -> None:
+    row = replace(POSE, orientation_deg=other)
+    assert POSES.parsed(json_line(row)) == row
+    timing = LiftTiming(number=1, attempt=0, wall_s=one, stages={})
+    assert LIFT_TIMINGS.parsed(json_line(timing)) == timing
+
+
+def test_what_is_written_only_where_it_is_so_is_absent_elsewhere(lift_row: MakeRow) -> None:
+    assert "fault" not in json_value(lift_row(1))
+    assert json_value(POSE)["fault"] is None
+    assert "capture_to_angle" not in json_value(LiftTiming(number=1, attempt=0, wall_s=1.0, stages={}))
+    asked = RecordManifest(**vars(begun_on(load_bench("fake"), "record", 0, ["7"])), poses=3, images=9)
+    assert not {"randomised", "completed"} & json_value(asked).keys()
+    assert json_value(replace(asked, randomised=True))["randomised"] is True
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda row: row.pop("accepted"), "'accepted' is missing"),
+        (lambda row: row.pop("re_held"), "'re_held' is missing"),
+        (lambda row: row["re"].pop("std_deg"), "'re.std_deg' is missing"),
+        (lambda row: row.update(reason="?"), "'reason' is a key that this version does not know"),
+        (lambda row: row["re"].update(p99_deg=1.0), "'re.p99_deg' is a key that"),
+        (lambda row: row.update(number="3"), "'number' Input should be a valid integer, found '3'"),
+        (lambda row: row.update(simulated=1), "'simulated' Input should be a valid boolean, found 1"),
+        (lambda row: row.update(outcome="flown"), "'outcome' Input should be 'slipped'"),
+        (lambda row: row.update(frames={"D1": 3.5}), "'frames.D1' Input should be a valid integer"),
+        (lambda row: row.update(phases_s={"D": 1.0}), "'phases_s.D.[key]' Input should be 'reference'"),
+        (lambda row: row.update(accepted=False), "'outcome' Input should be <LiftOutcome.FAULT"),
+        (lambda row: row.update(accepted=1), "'accepted' Input should be False, found 1"),
+    ],
+)
+def test_a_wrong_row_is_named_by_file_line_and_key(
+    lift_row: MakeRow, tmp_path: Path, spoil: Callable[[dict[str, Any]], object], said: str
+) -> None:
+    row = json_value(lift_row(2))
+    spoil(row)
+    (tmp_path / "lifts.jsonl").write_bytes(json_line(lift_row(1)) + json.dumps(row).encode() + b"\n")
+    with pytest.raises(SessionError) as raised:
+        read_lifts(tmp_path)
+    assert f"{tmp_path}/lifts.jsonl: line 2 is damaged: " in str(raised.value)
+    assert said in str(raised.value)
+    rows, damaged = readable_rows(tmp_path / "lifts.jsonl", LIFTS)
+    assert (rows, [line.number for line in damaged]) == ([lift_row(1)], [2])
+
+
+@pytest.mark.parametrize(
+    "text", [b"null", b"[]", b"7", b'"row"', b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 6000]
+)
+def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "lifts.jsonl").write_bytes(text + b"\n")
+    with pytest.raises(SessionError, match="line 1 is damaged"):
+        read_lifts(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda m: m.pop("seed"), "'seed' is missing"),
+        (lambda m: m.update(colour="red"), "'colour' is a key that this version does not know"),
+        (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
+        (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be a valid integer"),
+        (lambda m: m.update(kind="dream"), "a 'dream' session, this version knows trial, record, replay"),
+        (lambda m: m.pop("kind"), "a 'None' session"),
+        (lambda m: m.pop("schema_version"), "schema version None, this version reads 1"),
+    ],
+)
+def test_a_wrong_manifest_is_named_by_its_key(
+    drawn_trial: Any, tmp_path: Path, spoil: Callable[[dict[str, Any]], object], said: str
+) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,))
+    manifest = json.loads((folder / "session.json").read_text())
+    spoil(manifest)
+    (folder / "session.json").write_text(json.dumps(manifest))
+    with pytest.raises(SessionError, match=r"session\.json: ") as raised:
+        read_manifest(folder)
+    assert said in str(raised.value)
+
+
+def test_another_kind_of_session_is_refused_in_one_sentence(drawn_recording: Any, tmp_path: Path) -> None:
+    folder = drawn_recording(tmp_path / "s")
+    with pytest.raises(SessionError, match=r"is a 'record' session; only trials have wings"):
+        read_manifest_of(folder, TrialManifest, "only trials have wings")
+    with pytest.raises(SessionError, match="no such session folder"):
+        read_manifest_of(tmp_path / "none", TrialManifest, "")
+
+
+@pytest.mark.parametrize("line", ["null", '{"number": 1}', None])
+def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
+    drawn_trial: Any, tmp_path: Path, line: str | None
+) -> None:
+    good, broken = drawn_trial(tmp_path / "a"), drawn_trial(tmp_path / "b")
+    rows = (broken / "lifts.jsonl").read_text().splitlines()
+    if line is None:
+        row = json.loads(rows[1])
+        del row["accepted"]
+        line = json.dumps(row)
+    (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
+    plan = plan_campaign([broken, good], None, None)
+    assert [task.folder for task in plan.tasks] == [good, good]
+    [(folder, problem)] = plan.broken
+    assert folder == broken
+    assert "lifts.jsonl: line 2 is damaged" in problem
+    assert list_session(good).state is SessionState.COMPLETE
+    assert list_session(broken).state is SessionState.BROKEN
+    assert "lifts.jsonl: line 2 is damaged" in str(list_session(broken).problem)

@@ -2,6 +2,7 @@
 
 import io
 import time
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,9 +130,8 @@ def attempt_lift(
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
     shown = LiveObserver(watched, live, {key: head[key] for key in LIVE_KEYS}) if live.listeners else None
-    error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
-    if shown:
-        shown.close()
+    with closing(shown) if shown else nullcontext():
+        error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
     if error is None:
         row, series = lift_result(watched)
         watched.record_results(series)

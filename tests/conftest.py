@@ -16,8 +16,14 @@ import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
 
+from rig.config import BenchConfig
+from rig.config.write import write_bench
+from support.benches import with_half_the_frames
+
 Image = NDArray[np.uint8]
 Press = Callable[..., Image]
+
+pytest_plugins = ("support.side_by_side", "support.in_real_time")
 
 # How long an example takes says nothing about it: machines are shared.
 settings.register_profile("rig", deadline=None)
@@ -33,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what collecting made out of every later garbage collection.
+    """Leave what collecting made out of every later garbage collection, in each worker.
 
     All threads of this process, simulated devices among them, stand still while it runs: for 0.15 s
     and more with the whole suite collected, long enough to miss what a device promises.
@@ -49,6 +55,20 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}: set RIG_TEST_DATA")
     return folder
+
+
+@pytest.fixture(scope="session")
+def light_bench() -> BenchConfig:
+    """The simulated bench with its fingertips at half their rate: nothing but precision needs the others."""
+    return with_half_the_frames()
+
+
+@pytest.fixture(scope="session")
+def light_bench_file(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
+    """Its file, for `--bench`."""
+    file = tmp_path_factory.mktemp("bench") / "light.toml"
+    write_bench(file, light_bench)
+    return file
 
 
 def ellipse_mask(

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from drivers.errors import OperatorStopError
 from protocols.observer import Phase
 from rig.bench.assembly import build_bench
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 from rig.experiments.lift_attempt import (
     Attempt,
     LiftTask,
@@ -21,14 +21,13 @@ from rig.experiments.lift_attempt import (
 )
 from rig.lift.measurement import LiftMeasurement
 from rig.tactile.estimators import choose_estimator
+from support.benches import with_half_the_frames
 
 TASK = LiftTask(1, "t1", 2)
 
 
 def settings(**changes: object) -> TrialSettings:
-    config = load_bench("fake").model_dump()
-    for tactile in config["tactile"]:
-        tactile["rate_hz"] = 30.0  # half the frames, half the time; nothing here needs the other half
+    config = with_half_the_frames().model_dump()
     return TrialSettings(BenchConfig.model_validate({**config, **changes}), 0, choose_estimator())
 
 

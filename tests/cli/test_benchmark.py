@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import rig.benchmark.estimators.benchmark as estimators
+import rig.benchmark.estimators.lifts as lifts
 import rig.benchmark.estimators.timing as timing
 from support.command_line import rig
 
@@ -40,7 +41,9 @@ def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
 ) -> None:
     out = tmp_path / "out"
     monkeypatch.setattr(estimators, "stress_tasks", lambda full, seed: [])  # a minute less
-    monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 120)
+    monkeypatch.setattr(estimators, "CONTACTS", estimators.CONTACTS[:1])
+    monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 60)
+    monkeypatch.setattr(lifts, "WINDOWS", lifts.WINDOWS[:2])
     done = rig("benchmark", "--session", one_lift, "--out", out, "--jobs", "1", "--json")
     assert done.returncode == 4, done.stderr
     figures = json.loads(done.stdout)

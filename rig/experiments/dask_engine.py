@@ -3,6 +3,7 @@
 The cluster's workers need this product installed and see the sessions under the same paths.
 """
 
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -51,6 +52,7 @@ def _connected(address: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
+        _check_listening(address)
         client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=True)
     except (OSError, TimeoutError) as error:
         raise InputError(
@@ -62,6 +64,12 @@ def _connected(address: str) -> Iterator[Any]:
                 f"--engine: the cluster at {address} has no workers; start some with `dask worker`"
             )
         yield client
+
+
+def _check_listening(address: str) -> None:
+    """Refuse at once where nobody listens, which dask would try again and again until its time is up."""
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
 
 
 def _libraries() -> Any:

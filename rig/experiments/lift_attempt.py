@@ -2,6 +2,7 @@
 
 import io
 import time
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 
 import cv2
@@ -128,9 +129,8 @@ def attempt_lift(
     watched = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
     shown = LiveObserver(watched, live, head) if live.listeners else None
-    error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
-    if shown:
-        shown.close()
+    with closing(shown) if shown else nullcontext():
+        error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
     row = _row(head, watched, error, round(bench_s, 6))
     if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()

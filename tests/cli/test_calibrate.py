@@ -3,7 +3,6 @@
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -15,15 +14,15 @@ from fakes.studio.marker_pictures import MarkerPictures
 from fakes.studio.presses import SimulatedGel
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
+from support.command_line import rig
 
 
-def rig(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rig", "calibrate", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=110)
+def calibrate(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    return rig("calibrate", *arguments)
 
 
 def figures(*arguments: object) -> dict:
-    done = rig(*arguments, "--json")
+    done = calibrate(*arguments, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -65,7 +64,7 @@ def test_a_refused_camera_leaves_a_page_and_code_2(photos: Path, tmp_path: Path)
     few.mkdir()
     for name in ("00.png", "01.png"):
         (few / name).write_bytes((photos / name).read_bytes())
-    done = rig("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
+    done = calibrate("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr
     assert "Traceback" not in done.stderr
@@ -118,7 +117,7 @@ def test_references_of_the_simulated_fingertips_are_compared_with_the_last(tmp_p
     serials = ("SIM-D0001", "SIM-D0002")
     pictures = [tmp_path / f"tactile-reference-{serial}.png" for serial in serials]
     pictures[0].write_bytes(pictures[1].read_bytes())
-    swapped = rig("tactile", "--bench", "fake", "--out", tmp_path)
+    swapped = calibrate("tactile", "--bench", "fake", "--out", tmp_path)
     assert swapped.returncode == 2
     assert "changed shape" in swapped.stderr
 
@@ -155,13 +154,13 @@ def test_tables_tips_and_clocks(tmp_path: Path) -> None:
 
 def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
     path = tmp_path / "board.svg"
-    assert rig("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
+    assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
     text = path.read_text()
     assert 'width="224.000mm"' in text
     assert 'width="100.0000"' in text
     points_per_mm = 72.0 / 25.4
     paper = tmp_path / "board.pdf"
-    assert rig("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", paper).returncode == 0
+    assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", paper).returncode == 0
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ([0-9.]+) \]", paper.read_bytes())
     assert box is not None
     assert float(box[1]) / points_per_mm == pytest.approx(224.0, abs=0.01)
@@ -184,7 +183,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes_are_one_line_and_code_2(arguments: tuple[str, ...], said: str) -> None:
-    done = rig(*arguments)
+    done = calibrate(*arguments)
     assert done.returncode == 2, done.stderr
     assert said in done.stderr
     assert "Traceback" not in done.stderr

@@ -1,36 +1,22 @@
-"""`rig report`, `rig compare` and `rig play` as a user types them, on a real session."""
+"""`rig report`, `rig compare` and `rig play` as a user types them, on a session."""
 
 import json
-import os
+import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-
-def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rig", *arguments],
-        capture_output=True,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        env=dict(os.environ),
-        timeout=100,
-        check=False,
-    )
+from support.command_line import rig
 
 
 @pytest.fixture(scope="module")
-def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("cli") / "trial"
-    common = ["--lifts", "1", "--object", "wrench", "--jobs", "1"]
-    done = rig("trial", *common, "--out", str(folder), "--no-report")
-    assert done.returncode == 0, done.stderr
-    return folder
+def trial(one_lift: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trial of one lift that was asked for no report."""
+    return Path(shutil.copytree(one_lift, tmp_path_factory.mktemp("cli") / "trial"))
 
 
-def said(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+def said(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     for word in words:
@@ -50,14 +36,15 @@ def test_a_trial_asked_for_no_report_has_none_until_it_is_asked_for(trial: Path)
     done = rig("report", str(trial))
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(trial / "report.html")
-    assert "wrench, lift 1" in (trial / "report.html").read_text()
+    assert "toothbrush, lift 1" in (trial / "report.html").read_text()
 
 
-def test_a_report_that_cannot_be_written_does_not_fail_the_trial(trial: Path) -> None:
+def test_a_report_that_cannot_be_written_does_not_fail_the_trial(trial: Path, light_bench_file: Path) -> None:
+    same = ("--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--out", trial, "--resume")
     (trial / "report.html").unlink(missing_ok=True)
     (trial / "report.html").mkdir()
     try:
-        done = rig("trial", "--lifts", "1", "--object", "t1", "--out", str(trial), "--resume", "--json")
+        done = rig("trial", *same, "--json")
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["report"] is None
         assert "note: no report" in done.stderr
@@ -100,7 +87,7 @@ def test_comparisons_that_cannot_be_are_refused(trial: Path, tmp_path: Path) -> 
 
 def test_a_lift_is_played_and_another_is_not_there(trial: Path, tmp_path: Path) -> None:
     film = tmp_path / "lift.mp4"
-    done = rig("play", str(trial), "--lift", "wrench/1", "--speed", "4", "--out", str(film), "--json")
+    done = rig("play", str(trial), "--lift", "toothbrush/1", "--speed", "4", "--out", str(film), "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["frames"] > 20
     assert film.stat().st_size > 10_000

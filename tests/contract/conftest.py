@@ -5,6 +5,7 @@ with `--moves` as well: then somebody stands at the bench, whose fingers are fre
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -18,8 +19,10 @@ from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN, build_bench, build_real_bench
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
+from support.benches import with_half_the_frames
 
-KINDS = ("fake", "wire", "hardware")
+KINDS = ("fake", pytest.param("wire", marks=pytest.mark.real_time), "hardware")
+RUNNING = pytest.StashKey[ExitStack]()
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,23 @@ class Station:
     tell: Callable[..., Any] | None
 
 
-@pytest.fixture(scope="module")
-def wire_station() -> Iterator[Station]:
-    """Real drivers on fakes behind wires; of a module, as what runs in real time takes most of a core."""
-    with started_fakes(load_bench("wire")) as config:
+@pytest.fixture(scope="session")
+def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
+    """Real drivers on fakes behind wires, until `pytest_runtest_teardown` ends them."""
+    with ExitStack() as running:
+        request.config.stash[RUNNING] = running
+        config = running.enter_context(started_fakes(with_half_the_frames("wire")))
         station = Station(build_real_bench(config), config, fakes_control(config).call)
+        running.callback(disconnect, station.bench)
         yield station
-        disconnect(station.bench)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """End the fakes with the last test that needs them: what runs in real time takes most of a core."""
+    needed = nextitem is not None and nextitem.path.parent == item.path.parent
+    if not needed and (running := item.config.stash.get(RUNNING, None)) is not None:
+        running.close()
 
 
 @pytest.fixture(scope="session")

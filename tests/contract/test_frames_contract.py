@@ -8,6 +8,9 @@ from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.interfaces import FrameSource
 
+LATE_S = 2.5
+"""Longer than what any source keeps for a late reader."""
+
 
 @pytest.fixture(params=["tactile", "camera"])
 def source(bench: Bench, request: pytest.FixtureRequest) -> FrameSource:
@@ -32,7 +35,7 @@ def test_a_frame_is_rgb_and_carries_its_serial(source: FrameSource) -> None:
 
 def test_a_late_reader_loses_the_oldest_and_can_tell(bench: Bench, source: FrameSource) -> None:
     first = source.next_frame(0.5)
-    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(5.0))
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(LATE_S))
     assert source.next_frame(0.5).sequence > first.sequence + 1
 
 

@@ -19,6 +19,7 @@ from rig.sessions.records import LIFTS, REPLAYS, ReplayRow
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
 from rig.tactile.estimators import choose_estimator
+from support.command_line import rig
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +36,9 @@ def sessions(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig)
     return folder
 
 
-def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rig", *arguments], capture_output=True, text=True, timeout=200, check=False
-    )
+def command_of(*arguments: str) -> list[str]:
+    """The command line as a process of its own."""
+    return [sys.executable, "-m", "rig", *arguments]
 
 
 def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
@@ -103,9 +103,7 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
         str(out),
         "--resume",
     ]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    process = subprocess.Popen(command_of(*command), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 60.0
     while not kept_rows(out) and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -133,9 +131,8 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         engine = cluster.scheduler_address.replace("tcp://", "dask://")
-        there = rig(
-            "replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "there"), "--json"
-        )
+        what = ("replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "there"), "--json")
+        there = subprocess.run(command_of(*what), capture_output=True, text=True, timeout=200, check=False)
     assert there.returncode == 0, there.stderr
     assert json.loads(there.stdout)["identical"] == 2
     here = rig("replay", str(sessions / "a"), "--jobs", "1", "--out", str(tmp_path / "here"), "--json")

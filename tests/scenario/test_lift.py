@@ -1,6 +1,7 @@
 """One lift on the simulated bench: what is kept, how faults end, and what nobody may see."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 from mcap.reader import make_reader
 
 from drivers.errors import OperatorStopError
-from protocols.observer import Phase
+from drivers.types import ArmState, Frame, GripperState
+from protocols.observer import LiftObserver, Phase
+from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 from rig.experiments.lift_attempt import (
     Attempt,
     LiftTask,
@@ -20,16 +23,39 @@ from rig.experiments.lift_attempt import (
     plan_lift,
 )
 from rig.lift.measurement import LiftMeasurement
+from rig.lift.result import lift_result
+from rig.sessions.reading import show_again
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 from rig.tactile.estimators import choose_estimator
+from support.benches import with_half_the_frames
 
 TASK = LiftTask(1, "t1", 2)
 
 
+@dataclass
+class Relay(LiftObserver):
+    """Passes on what it sees."""
+
+    to: LiftMeasurement
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        self.to.phase(phase, time_ns)
+
+    def frame(self, frame: Frame) -> None:
+        self.to.frame(frame)
+
+    def arm(self, state: ArmState) -> None:
+        self.to.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        self.to.gripper(state)
+
+    def touching(self, serial: str) -> bool:
+        return self.to.touching(serial)
+
+
 def settings(**changes: object) -> TrialSettings:
-    config = load_bench("fake").model_dump()
-    for tactile in config["tactile"]:
-        tactile["rate_hz"] = 30.0  # half the frames, half the time; nothing here needs the other half
+    config = with_half_the_frames().model_dump()
     return TrialSettings(BenchConfig.model_validate({**config, **changes}), 0, choose_estimator())
 
 
@@ -124,22 +150,18 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
     config = settings()
     bench, operator = build_bench(config.bench, seed=3)
     plan = plan_lift(config, TASK, bench.base_T_table)
-    watched = new_measurement(config)
 
-    class Stopping(LiftMeasurement):
+    class Stopping(Relay):
         def phase(self, phase: Phase, time_ns: int) -> None:
             super().phase(phase, time_ns)
             if phase is Phase.HOLD:
                 raise OperatorStopError("stopped")
 
-    watched.__class__ = Stopping
-    from protocols.slip_trial import run_lift
-
     with bench.connected():
         bench.gripper.activate()
         operator.place("t1", "wrench")
         with pytest.raises(OperatorStopError) as raised:
-            run_lift(bench, plan, watched)
+            run_lift(bench, plan, Stopping(new_measurement(config)))
         height = bench.arm.state().base_T_tcp.position_m[2]
         opening = bench.gripper.state().position_counts
     assert "set down" in raised.value.__notes__[0]
@@ -149,25 +171,19 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
 
 def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> None:
     """Frames of noise in place of the real ones leave nothing to answer."""
-    from drivers.types import Frame
-    from rig.lift.result import lift_result
-    from rig.sessions.reading import show_again
-
     path = tmp_path / "lift.mcap"
     path.write_bytes(good.recording)
-    config = settings()
-    watched = new_measurement(config)
+    watched = new_measurement(settings())
 
-    class Noise(LiftMeasurement):
+    class Noise(Relay):
         def frame(self, frame: Frame) -> None:
-            if frame.serial in self.tips:
+            if frame.serial in self.to.tips:
                 rng = np.random.default_rng(frame.sequence)
                 noise = rng.normal(110, 3, frame.image.shape).clip(0, 255).astype(np.uint8)
                 frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)
             super().frame(frame)
 
-    watched.__class__ = Noise
-    show_again(path, watched)
+    show_again(path, Noise(watched))
     row, _ = lift_result(watched)
     assert row.answered == 0.0
     assert row.re is None

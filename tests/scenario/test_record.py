@@ -15,8 +15,7 @@ from drivers.types import Frame
 from rig.experiments.pose_capture import FRAMES_APART, PoseCapture
 from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import ContactFinder
-
-COMMAND = [sys.executable, "-m", "rig", "record", "--object", "mug", "--poses", "3", "--images", "12"]
+from support.command_line import rig
 
 
 def test_frames_without_contact_are_rejected_and_counted() -> None:
@@ -37,24 +36,29 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     assert all(area > 0 and grip == 2 for _, grip, area in watch.taken)
 
 
-def test_killed_recordings_are_completed_without_doing_anything_twice(tmp_path: Path) -> None:
+def test_killed_recordings_are_completed_without_doing_anything_twice(
+    light_bench_file: Path, tmp_path: Path
+) -> None:
     chance = random.Random(5)
-    out = ["--out", str(tmp_path / "s"), "--resume"]
+    what = ["--object", "mug", "--poses", "3", "--images", "12", "--bench", str(light_bench_file)]
+    command = ["record", *what, "--no-report", "--out"]
+    out = [str(tmp_path / "s"), "--resume"]
     done: list[int] = []
     for _ in range(3):
-        process = subprocess.Popen([*COMMAND, *out], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rig", *command, *out],
+            stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
         time.sleep(chance.uniform(1.0, 3.0))
         process.send_signal(signal.SIGKILL)
         process.wait()
         rows = read_poses(tmp_path / "s")
         assert [row.pose for row in rows][: len(done)] == done
         done = [row.pose for row in rows]
-    finished = subprocess.run([*COMMAND, *out, "--json"], capture_output=True, text=True, check=True)
-    figures = json.loads(finished.stdout)
+    figures = json.loads(rig(*command, *out, "--json").stdout)
     assert (figures["poses_accepted"], figures["images_accepted"]) == (3, 12)
-    whole = subprocess.run(
-        [*COMMAND, "--out", str(tmp_path / "t"), "--json"], capture_output=True, text=True, check=True
-    )
+    whole = rig(*command, tmp_path / "t", "--json")
     assert json.loads(whole.stdout)["images_accepted"] == 12
     for path in sorted((tmp_path / "t").rglob("*.png")):
         assert path.read_bytes() == (tmp_path / "s" / path.relative_to(tmp_path / "t")).read_bytes()

@@ -2,6 +2,7 @@
 
 import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,19 +12,18 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceError
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
 from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
+from support.benches import with_half_the_frames
+from support.command_line import rig
 
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, resume: bool = False, **bench: object) -> object:
-    values = load_bench("fake").model_dump()
-    for tactile in values["tactile"]:
-        tactile["rate_hz"] = 30.0  # half the frames, half the time; nothing here needs the other half
-    config = BenchConfig.model_validate({**values, **bench})
+    config = BenchConfig.model_validate({**with_half_the_frames().model_dump(), **bench})
     return run_trial(
         folder, TrialSettings(config, 0, choose_estimator()), ["t1"], lifts, jobs=jobs, resume=resume
     )
@@ -65,8 +65,6 @@ def test_replay_is_exact_and_changes_nothing(session: Path) -> None:
 
 
 def test_swapping_the_frames_of_two_lifts_swaps_their_estimates(session: Path, tmp_path: Path) -> None:
-    import shutil
-
     swapped = tmp_path / "swapped"
     shutil.copytree(session, swapped)
     first, second = swapped / "lifts/001.mcap", swapped / "lifts/002.mcap"
@@ -97,58 +95,74 @@ def test_three_faults_in_a_row_end_the_trial_and_keep_what_was_done(tmp_path: Pa
     assert [row.accepted for row in rows] == [True, False, False, False]
 
 
-COMMAND = [sys.executable, "-m", "rig", "trial", "--object", "t2", "--lifts", "3"]
+@pytest.fixture
+def command(light_bench_file: Path, tmp_path: Path) -> list[str]:
+    """What `rig` is asked for: three lifts into one session, gone on with where it was left."""
+    what = ["--object", "t2", "--lifts", "3", "--bench", str(light_bench_file), "--no-report"]
+    return ["trial", *what, "--out", str(tmp_path / "session"), "--resume"]
 
 
-def _run_until(folder: Path, delay_s: float, how: signal.Signals, jobs: str) -> subprocess.Popen[str]:
-    process = subprocess.Popen(
-        [*COMMAND, "--jobs", jobs, "--out", str(folder), "--resume"],
+def _started(command: list[str], jobs: str) -> "subprocess.Popen[str]":
+    """Start it as a process that leads a session of processes."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "rig", *command, "--jobs", jobs],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    time.sleep(delay_s)
+
+
+def _end(process: "subprocess.Popen[str]", how: signal.Signals) -> None:
     process.send_signal(how)
     process.communicate(timeout=60)
-    return process
 
 
-def test_killed_at_random_moments_it_loses_only_what_was_in_progress(tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
+def test_killed_at_random_moments_it_loses_only_what_was_in_progress(
+    command: list[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "session"
     chance = random.Random(11)
     kept: list[int] = []
     for _ in range(5):
-        _run_until(folder, chance.uniform(0.3, 5.0), signal.SIGKILL, jobs=chance.choice("12"))
+        process = _started(command, jobs=chance.choice("12"))
+        time.sleep(chance.uniform(0.3, 4.0))
+        _end(process, signal.SIGKILL)
         rows = read_lifts(folder)
         numbers = [row.number for row in rows]
         assert numbers[: len(kept)] == kept or sorted(numbers)[: len(kept)] == sorted(kept)
         assert all((folder / row.recording).stat().st_size > 0 for row in rows)
         kept = numbers
-    done = subprocess.run(
-        [*COMMAND, "--jobs", "1", "--out", str(folder), "--resume", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = rig(*command, "--jobs", "1", "--json")
     assert json.loads(done.stdout)["lifts_accepted"] == 3
     rows = read_lifts(folder)
     assert [row.number for row in rows] == [1, 2, 3]
-    again = subprocess.run(
-        [*COMMAND, "--out", str(folder), "--resume", "--json"], capture_output=True, text=True, check=True
-    )
+    again = rig(*command, "--json")
     assert json.loads(again.stdout)["mare_deg"] == json.loads(done.stdout)["mare_deg"]
 
 
-def test_ctrl_c_ends_safely_and_leaves_no_process(tmp_path: Path) -> None:
-    process = _run_until(tmp_path / "stopped", 3.0, signal.SIGINT, jobs="2")
-    assert process.returncode == 3
-    assert _left_after_a_while(process.pid) == []
+@pytest.fixture
+def in_progress(command: list[str]) -> "subprocess.Popen[str]":
+    """A trial whose two workers are at their lifts."""
+    process = _started(command, jobs="2")
+    deadline = time.monotonic() + 60.0
+    while len(_processes_of(process.pid)) < 3:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(1.0)
+    return process
 
 
-def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
-    process = _run_until(tmp_path / "killed", 3.0, signal.SIGKILL, jobs="2")
-    assert _left_after_a_while(process.pid) == []
+def test_ctrl_c_ends_safely_and_leaves_no_process(in_progress: "subprocess.Popen[str]") -> None:
+    _end(in_progress, signal.SIGINT)
+    assert in_progress.returncode == 3
+    assert _left_after_a_while(in_progress.pid) == []
+
+
+def test_workers_end_with_a_killed_parent(in_progress: "subprocess.Popen[str]") -> None:
+    _end(in_progress, signal.SIGKILL)
+    assert _left_after_a_while(in_progress.pid) == []
 
 
 def _left_after_a_while(session_id: int) -> list[int]:

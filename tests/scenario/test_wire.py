@@ -17,6 +17,8 @@ from rig.experiments.replay import run_replay
 from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
+from support.benches import with_half_the_frames
+from support.command_line import rig
 
 SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
 """One fault of each kind of device; `rig benchmark faults` runs all of them."""
@@ -25,8 +27,9 @@ pytestmark = pytest.mark.real_time
 
 @pytest.mark.timeout(300)
 def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_frame(
-    tmp_path: Path, unhurried_bench: BenchConfig
+    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", with_half_the_frames)  # of the seeds' lifts
     shown = tmp_path / "lift.rrd" if find_spec("rerun") else None
     with viewer_feed(shown) as feed:
         report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)
@@ -86,9 +89,8 @@ def test_without_the_arms_library_everything_else_runs() -> None:
 
 def test_served_fakes_print_a_bench_file_take_orders_and_end_cleanly(tmp_path: Path) -> None:
     file = tmp_path / "fakes.toml"
-    command = [sys.executable, "-m", "rig", "fakes"]
     process = subprocess.Popen(
-        [*command, "serve", "--host", "127.0.0.61", "--write", str(file)],
+        [sys.executable, "-m", "rig", "fakes", "serve", "--host", "127.0.0.61", "--write", str(file)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -96,18 +98,10 @@ def test_served_fakes_print_a_bench_file_take_orders_and_end_cleanly(tmp_path: P
     try:
         assert process.stderr is not None
         assert "SIMULATED" in process.stderr.readline()
-        placed = subprocess.run([*command, "place", "wrench", "--bench", str(file)], check=False)
-        assert placed.returncode == 0
-        status = subprocess.run(
-            [*command, "status", "--bench", str(file), "--json"], capture_output=True, text=True, check=True
-        )
+        assert rig("fakes", "place", "wrench", "--bench", file).returncode == 0
+        status = rig("fakes", "status", "--bench", file, "--json")
         assert json.loads(status.stdout)["object"] == "t1"
-        wrong = subprocess.run(
-            [*command, "fault", "arm", "hiccup", "--bench", str(file)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        wrong = rig("fakes", "fault", "arm", "hiccup", "--bench", file)
         assert wrong.returncode == 2
         assert "protective_stop" in wrong.stderr
     finally:

@@ -101,10 +101,10 @@ class FakesHost:
                 raise self._lost
 
     def _start(self) -> Addresses:
+        arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
         first = snapshot_of(self._world, self._clock.now_ns())
         renderer = Renderer(self._plan, self._clock, first, self._host)
         self._running.callback(renderer.stop)
-        arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
         gripper = self._gripper()
         for device in (arm, gripper):
             device.start()

@@ -111,14 +111,13 @@ def test_a_while_ends_when_its_last_frame_was_delivered_not_before() -> None:
 
 def test_a_source_that_repeats_itself_is_frozen() -> None:
     bench, _ = build_bench(load_bench("fake"))
-    camera = bench.camera
+    assert isinstance(bench.clock, SimulatedClock)
 
-    class Frozen(type(camera)):  # type: ignore[misc]
-        def draw(self, time_ns: int, rng: np.random.Generator) -> np.ndarray:
-            return np.zeros((8, 8, 3), np.uint8)
+    def frozen(time_ns: int, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros((8, 8, 3), np.uint8)
 
-    camera.__class__ = Frozen
-    camera._render = camera.draw  # type: ignore[attr-defined]
+    camera = FakeSource(("SIM-C0001",), Shutter(30.0, 0.0), frozen, bench.clock, FaultScript(), 0)
+    bench = replace(bench, camera=camera)
     with bench.connected():
         bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, Seen())

@@ -58,9 +58,15 @@ def until(digit: Digit, kind: str, count: int = 1) -> None:
             continue
 
 
-def read(digit: Digit, count: int, timeout_s: float) -> None:
-    for _ in range(count):
-        digit.next_frame(timeout_s)
+def said_in_the_end(digit: Digit, words: str) -> str:
+    """Ask for frames until what is said instead of one holds these words; how soon is for the benchmark."""
+    ends, said = time.monotonic() + 10.0, ""
+    while words not in said and time.monotonic() < ends:
+        try:
+            digit.next_frame(0.2)
+        except DeviceTimeoutError as error:
+            said = str(error)
+    return said
 
 
 def post(server: MjpegServer, path: str, what: dict[str, Any]) -> None:
@@ -86,6 +92,7 @@ def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit)
     assert digit.counters()["green"] == 0
 
 
+@pytest.mark.real_time
 def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
@@ -157,8 +164,7 @@ def test_spoilt_images_are_withheld_counted_and_named(
     assert digit.counters()[counter] == 5
     assert digit.counters()["reopened"] == 0
     post(server, "/fault", {"kind": fault})
-    with pytest.raises(DeviceTimeoutError, match=words):
-        read(digit, 60, 0.25)
+    assert words in said_in_the_end(digit, words)
 
 
 def test_dropped_frames_show_in_the_numbers(server: MjpegServer, digit: Digit) -> None:
@@ -187,6 +193,7 @@ def test_a_lasting_shift_is_ended_by_opening_the_sensor_again(server: MjpegServe
     until(digit, "frames", 5)
 
 
+@pytest.mark.real_time
 def test_a_sensor_slower_than_asked_is_reported_with_both_rates(server: MjpegServer, digit: Digit) -> None:
     server.inject("slow")
     until(digit, "frames", 40)
@@ -198,9 +205,9 @@ def test_a_sensor_slower_than_asked_is_reported_with_both_rates(server: MjpegSer
 
 def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
-    server.inject("disconnect", duration_s=0.6)
-    with pytest.raises(DeviceTimeoutError, match="opening it again"):
-        read(digit, 30, 0.2)
+    server.inject("disconnect")
+    assert "opening it again" in said_in_the_end(digit, "opening it again")
+    server.inject("clear")
     until(digit, "reopened")
     after = digit.newest_frame(1.0)
     assert after.sequence - before.sequence == pytest.approx(

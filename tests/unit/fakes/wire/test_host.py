@@ -15,6 +15,7 @@ from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
+from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
 from fakes.wire.host.mirror import MirroredWorld, snapshot_of
 from fakes.wire.host.motion_log import MotionLog
@@ -90,18 +91,22 @@ def test_the_side_channel_does_what_it_is_told_and_refuses_the_rest(control: Con
         control.call("place", subject="t1")
 
 
-@given(st.binary(max_size=200))
-def test_rubbish_on_the_side_channel_is_answered_not_fatal(rubbish: bytes) -> None:
+@pytest.fixture(scope="module")
+def rubbish_heap() -> Iterator[str]:
+    """Address of a side channel that has to outlive whatever it is sent."""
     server = ControlServer({"world": lambda: {"fine": True}})
     server.start()
-    try:
-        host, _, port = server.address.rpartition(":")
-        with socket.create_connection((host, int(port)), timeout=5.0) as connection:
-            connection.sendall(rubbish.replace(b"\n", b"") + b"\n")
-            assert b"expected one JSON object" in connection.makefile("rb").readline()
-        assert Control(server.address).call("world") == {"fine": True}
-    finally:
-        server.stop()
+    yield server.address
+    server.stop()
+
+
+@given(st.binary(max_size=200))
+def test_rubbish_on_the_side_channel_is_answered_not_fatal(rubbish_heap: str, rubbish: bytes) -> None:
+    host, _, port = rubbish_heap.rpartition(":")
+    with socket.create_connection((host, int(port)), timeout=5.0) as connection:
+        connection.sendall(rubbish.replace(b"\n", b"") + b"\n")
+        assert b"expected one JSON object" in connection.makefile("rb").readline()
+    assert Control(rubbish_heap).call("world") == {"fine": True}
 
 
 def test_a_side_channel_where_nobody_answers_is_a_device_error() -> None:
@@ -151,6 +156,7 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport:
     assert again.simulated
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     "gripper",
     [
@@ -159,7 +165,11 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport:
         {"fingers": ("A", "C"), "transport": "rtu"},
     ],
 )
-def test_the_gripper_is_served_as_the_bench_file_has_it(gripper: dict[str, Any]) -> None:
+def test_the_gripper_is_served_as_the_bench_file_has_it(
+    gripper: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for server in (GripperServer, GripperRtu):
+        monkeypatch.setattr(f"fakes.wire.host.host.{server.__name__}", _soon_activated(server))
     config = _with_gripper(**gripper)
     fingers = [{"finger": name} for name in config.gripper.fingers]
     tactile = tuple(t.model_copy(update=f) for t, f in zip(config.tactile, fingers, strict=True))
@@ -183,6 +193,16 @@ def test_a_version_that_is_none_is_refused() -> None:
         hosted_fakes(load_bench("wire"), host=None, polyscope="latest"),
     ):
         pass
+
+
+def _soon_activated(server: type[Any]) -> type[Any]:
+    """The same gripper, without the three seconds that its activation takes."""
+
+    class Quick(server):  # type: ignore[misc]
+        def __init__(self, *arguments: Any, **more: Any) -> None:
+            super().__init__(*arguments, **more, activation_s=0.1)
+
+    return Quick
 
 
 def _with_gripper(**changes: Any) -> BenchConfig:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import rig.benchmark.estimators.benchmark as benchmark
 import rig.benchmark.estimators.timing as timing
 from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators.benchmark import BenchmarkResult, BenchmarkSettings, as_json, run_benchmark
@@ -29,6 +30,7 @@ from rig.benchmark.estimators.tables import (
 )
 from rig.experiments.replay import replay_lift, session_settings
 from rig.sessions.rows import read_finished_lifts
+from support.benches import with_half_the_frames
 
 README = Path(__file__).resolve().parents[4] / "README.md"
 
@@ -38,7 +40,7 @@ Told = list[tuple[str, int, int]]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told]:
-    """One lift of one object and no stress: the smallest run that has all parts but that."""
+    """One lift of one object with half the frames, no stress: the smallest run that has all other parts."""
     told: Told = []
 
     def show(part: str, done: int, total: int, note: str) -> None:
@@ -48,6 +50,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told
     settings = BenchmarkSettings(out, objects=("t2",), lifts=1, jobs=1, groups=())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "FRAMES_PER_LIFT", 120)
+        patch.setattr(benchmark, "load_bench", with_half_the_frames)
+        patch.setattr(benchmark, "CONTACTS", benchmark.CONTACTS[:2])
         return run_benchmark(settings, show), told
 
 

@@ -104,7 +104,7 @@ def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond
     assert limits.counts_for_opening(0.024) == 160
 
 
-def test_a_lift_with_calibrations_replays_bit_for_bit(tmp_path: Path) -> None:
+def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, tmp_path: Path) -> None:
     camera = CameraInUse(matrix=(655.0, 0, 320, 0, 655.0, 240, 0, 0, 1), distortion=(0.0,) * 5)
     file = FileInUse(
         file="camera-SIM-C0001.yaml", sha256="ab" * 32, created="2026-01-01T00:00:00+00:00", verdict="good"
@@ -113,10 +113,9 @@ def test_a_lift_with_calibrations_replays_bit_for_bit(tmp_path: Path) -> None:
         files={"camera-SIM-C0001": file}, camera=camera, time_shift_s={"SIM-C0001": 0.02},
         pixel_aspect={"SIM-D0001": 1.0}, opening=((6.0, 0.120), (250.0, -0.0319)),
     )  # fmt: skip
-    bench = load_bench("fake")
     choice = choose_estimator("pca")
-    plain = run_trial(tmp_path / "plain", TrialSettings(bench, 0, choice), ["t1"], 1)
-    settings = TrialSettings(bench.model_copy(update={"calibrations": used}), 0, choice)
+    plain = run_trial(tmp_path / "plain", TrialSettings(light_bench, 0, choice), ["t1"], 1)
+    settings = TrialSettings(light_bench.model_copy(update={"calibrations": used}), 0, choice)
     calibrated = run_trial(tmp_path / "calibrated", settings, ["t1"], 1)
     # a camera said to be 20 ms late is another truth to compare with
     assert calibrated.mare != plain.mare

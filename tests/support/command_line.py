@@ -1,0 +1,53 @@
+"""The command line, run in this process as `python -m rig` runs it in one of its own."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+
+import pytest
+
+from rig.cli.main import main
+
+
+def rig(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    """Run `rig ARGUMENTS` away from a terminal; return its exit code and what it printed.
+
+    An error that the command line does not turn into a line and an exit code is raised here, as in
+    a process of its own it would end in a traceback.
+    """
+    command = ["rig", *map(str, arguments)]
+    out, err = io.StringIO(), io.StringIO()
+    with _away_from_a_terminal(command), _signals_kept(), redirect_stdout(out), redirect_stderr(err):
+        code = _exit_code()
+    return subprocess.CompletedProcess(command, code, out.getvalue(), err.getvalue())
+
+
+def _exit_code() -> int:
+    try:
+        main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@contextmanager
+def _away_from_a_terminal(command: list[str]) -> Iterator[None]:
+    with open(os.devnull) as nothing, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", command)
+        patch.setattr(sys, "stdin", nothing)
+        yield
+
+
+@contextmanager
+def _signals_kept() -> Iterator[None]:
+    """Give the signals back that the command line listens to."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

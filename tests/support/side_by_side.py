@@ -1,0 +1,63 @@
+"""Which tests run side by side: a file at a time on each core, tests in real time one after the other.
+
+Real time comes first and on one worker, because its tests wait more than they compute: the others fill
+the cores meanwhile. Then come the folders whose files take longest. Hardware is driven by one process:
+with `--bench` there are no workers.
+"""
+
+import os
+from collections.abc import Generator
+
+import pytest
+
+MOST_WORKERS = 4
+"""Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
+REAL_TIME = "real_time"
+LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One for each core; none at hardware, nor for files that somebody names, to see them run here."""
+    named = any(".py" in argument for argument in config.args)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return 0 if named or config.getoption("--bench") or cores == 1 else min(cores, MOST_WORKERS)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--bench") and config.getoption("tx"):
+        raise pytest.UsageError("--bench: two workers must not drive one arm: leave -n, --dist and --tx out")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep files together, as they share what they make; real time first, then what takes longest."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            real_time = item.get_closest_marker(REAL_TIME) is not None
+            item.add_marker(pytest.mark.xdist_group(REAL_TIME if real_time else _file(item)))
+    groups = list(dict.fromkeys(map(_group, items)))
+    items.sort(key=lambda item: (_rank(item), groups.index(_group(item))))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Report a test under the name it can be asked for by, without the group that the workers add."""
+    report = yield
+    report.nodeid = report.nodeid.removesuffix(f"@{_group(item)}")
+    return report
+
+
+def _file(item: pytest.Item) -> str:
+    return item.nodeid.partition("::")[0]
+
+
+def _group(item: pytest.Item) -> str:
+    marker = item.get_closest_marker("xdist_group")
+    return str(marker.args[0]) if marker else ""
+
+
+def _rank(item: pytest.Item) -> int:
+    if _group(item) == REAL_TIME:
+        return 0
+    long = (rank for rank, folder in enumerate(LONGEST_FIRST, 1) if item.nodeid.startswith(folder))
+    return next(long, len(LONGEST_FIRST) + 1)

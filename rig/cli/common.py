@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from drivers.errors import InputError, OperatorStopError, RigError
+from rig.live.screen import set_aside
 
 
 class Exit(IntEnum):
@@ -88,15 +89,35 @@ def trial_jobs(asked: int | None, in_process: bool, realtime: bool) -> int:
 
 
 def ask(question: str) -> bool:
-    """Ask the person at the terminal; no terminal means no."""
-    if not sys.stdin.isatty():
-        say(f"{question} [no terminal to answer: no; use --yes to agree beforehand]")
+    """Ask the person at the terminal; no terminal to ask and answer at means no."""
+    if not _terminal():
+        say(f"{question} [no terminal to ask and answer at: no; use --yes to agree beforehand]")
         return False
-    return typer.confirm(question, err=True)
+    while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
+        say(f"'{answer}' is neither y nor n")
+    return answer in ("y", "yes")
 
 
 def tell(question: str) -> str:
     """Ask the person at the terminal for a line. Raises `OperatorStopError` without a terminal."""
-    if not sys.stdin.isatty():
-        raise OperatorStopError(f"stopped: {question} [no terminal to answer]")
-    return typer.prompt(question, default="", show_default=False, prompt_suffix=" ", err=True)
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+    return _typed(question)
+
+
+def _terminal() -> bool:
+    """Whether a question is seen, and answered by who sees it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _typed(prompt: str) -> str:
+    """Show a prompt, alone on the terminal; return the line typed since, in lower case, "" at its end.
+
+    What was typed before answers another question, or none.
+    """
+    import termios
+
+    with set_aside():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        print(prompt, end=" ", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower()

@@ -118,7 +118,8 @@ def _ready(pipe: Connection) -> BenchConfig:
 
 def _serve(config: BenchConfig, pipe: Connection) -> None:
     """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's: it makes the bench safe first
+    for number in (signal.SIGINT, signal.SIGHUP):  # the parent's, which makes the bench safe first
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         with hosted_fakes(config, host=None) as (served, _), suppress(EOFError, OSError):

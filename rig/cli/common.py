@@ -54,19 +54,40 @@ def exit_code(error: RigError) -> Exit:
 
 
 def stop_on_signals() -> None:
-    """Make Ctrl-C and a polite kill end in the same safe teardown as an error.
+    """Make Ctrl-C, a polite kill and a lost terminal end in the same safe teardown as an error.
 
-    The first one raises `OperatorStopError` where the program is; while the teardown runs,
-    further ones are ignored, because an interrupted teardown could leave the arm moving.
+    The first one raises `OperatorStopError` where the program is. The second one raises it once more,
+    in the teardown, which then stops all motion and leaves everything where it is; further ones are
+    ignored, because nothing may come between a stop and the hardware. A program that was told to
+    outlive its terminal (nohup) does.
     """
+    received = 0
+    terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
 
     def stop(number: int, _: object) -> None:
-        signal.signal(number, signal.SIG_IGN)
-        say("stopping: the bench is being made safe ...")
-        raise OperatorStopError("stopped by the operator; what was finished is kept")
+        nonlocal received
+        received += 1
+        if number == signal.SIGHUP:
+            _discard(terminals)
+        if received == 1:
+            say("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
+            raise OperatorStopError("stopped by the operator; what was finished is kept")
+        if received == 2:
+            say("stopping all motion at once ...")
+            raise OperatorStopError("all motion stopped at once by the operator")
 
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, stop)
+
+
+def _discard(descriptors: list[int]) -> None:
+    """Let what is still printed go nowhere: writing to a terminal that is gone is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in descriptors:
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)
 
 
 def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | None = None) -> Path:

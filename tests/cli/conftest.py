@@ -26,6 +26,7 @@ class Terminal:
         self.process = subprocess.Popen(
             command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
             env={**environment, "TERM": "xterm"},
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0) and None,
         )  # fmt: skip
         os.close(theirs)
         self._columns = columns
@@ -67,11 +68,17 @@ class Terminal:
         """The last row that is not empty."""
         return next((row.rstrip() for row in reversed(self.rows) if row.strip()), "")
 
+    def hang_up(self) -> None:
+        """Lose the terminal: who runs at it gets SIGHUP."""
+        if self._ours >= 0:
+            os.close(self._ours)
+            self._ours = -1
+
     def close(self) -> None:
         """End the child, and hang up."""
         self.process.kill()
         self.process.wait()
-        os.close(self._ours)
+        self.hang_up()
 
     def _show(self, data: bytes) -> None:
         for values, order, control, text in _PIECES.findall(data):

@@ -75,10 +75,11 @@ def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
     return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
 
 
-def build_real_bench(config: BenchConfig) -> Bench:
+def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
     """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
 
-    The makers' libraries are imported here at the earliest, each by the driver that needs it.
+    hand: what is known of it, by default nothing. The makers' libraries are imported here at the
+    earliest, each by the driver that needs it.
     """
     clock = SystemClock()
     return Bench(
@@ -91,6 +92,7 @@ def build_real_bench(config: BenchConfig) -> Bench:
         camera=_camera(config.camera, clock),
         base_T_camera=config.base_T_camera(),
         base_T_table=Pose(config.table.position_m),
+        hand=hand or Hand(),
     )
 
 

@@ -42,7 +42,7 @@ def test_an_object_wider_than_the_hand_opens_is_refused_before_anybody_is_asked(
         describe_recording(RecordSettings(bench, 0, wide, 15, 225))
     narrow = values["gripper"]["limits"] | {"max_opening_m": 0.015}
     bench = BenchConfig.model_validate(values | {"gripper": values["gripper"] | {"limits": narrow}})
-    with pytest.raises(InputError, match="object t1 wrench, .*too wide"):
+    with pytest.raises(InputError, match=r"object t1 wrench, .*too wide"):
         describe_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
 
 

@@ -88,3 +88,23 @@ def test_what_was_told_to_outlive_its_terminal_does(tmp_path: Path) -> None:
     os.kill(process.pid, signal.SIGHUP)
     process.wait(30)
     assert told.read_text() == "working\ndone"
+
+
+def test_left_over_fakes_in_the_file_of_a_real_bench_are_refused_before_anything(tmp_path: Path) -> None:
+    from rig.config import load_bench
+    from rig.config.models import BenchConfig
+    from rig.config.write import write_bench
+
+    values = load_bench("wire").model_dump()
+    values["fakes"] = {"control": "127.0.0.1:9"}
+    values["arm"]["host"], values["gripper"]["host"] = "192.0.2.10", "192.0.2.11"
+    values["camera"]["address"] = "/dev/video4"
+    write_bench(tmp_path / "bench.toml", BenchConfig.model_validate(values))
+    done = subprocess.run(
+        [sys.executable, "-m", "rig", "trial", "--object", "wrench", "--bench", str(tmp_path / "bench.toml"),
+         "--out", str(tmp_path / "s")],
+        capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "[fakes] says that its devices are simulated" in done.stderr
+    assert not (tmp_path / "s").exists()

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -70,16 +71,21 @@ def stop_on_signals() -> None:
         if number == signal.SIGHUP:
             _discard(terminals)
         if received == 1:
-            say("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
+            _say_if_heard("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
             raise OperatorStopError("stopped by the operator; what was finished is kept")
         if received == 2:
-            say("stopping all motion at once ...")
+            _say_if_heard("stopping all motion at once ...")
             raise OperatorStopError("all motion stopped at once by the operator")
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, stop)
+
+
+def _say_if_heard(text: str) -> None:
+    with suppress(OSError, ValueError):  # nobody reads any more: what follows matters more
+        say(text)
 
 
 def _discard(descriptors: list[int]) -> None:

@@ -66,6 +66,20 @@ def test_the_second_stops_at_once_and_no_further_one_comes_between(tmp_path: Pat
     assert "stops all motion at once" in error
 
 
+def test_a_reader_that_is_gone_keeps_no_signal_from_ending_it_safely(tmp_path: Path) -> None:
+    code = CODE.replace('say("still printing")', "")
+    told = tmp_path / "told"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code.format(told=str(told), teardown_s=0.3)], stderr=subprocess.PIPE
+    )
+    assert process.stderr is not None
+    process.stderr.close()
+    wait_for(told, "working")
+    process.send_signal(signal.SIGTERM)
+    process.wait(30)
+    assert told.read_text() == "working\nteardown\nmade safe\n"
+
+
 def test_a_terminal_that_is_gone_ends_it_safely_and_what_is_printed_then_is_no_error(
     tmp_path: Path, at_terminal: AtTerminal
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.errors import DeviceError, OutOfLimitsError
 from drivers.types import Holding
+from fakes.devices.arm import FakeArm
 from protocols.observer import Phase
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M
@@ -106,6 +107,23 @@ def test_a_gripper_that_is_lost_holds_on_and_the_arm_stays(lift_of: LiftOf) -> N
     lift.interrupt(lose)
     assert "still holding wrench (gripper" in lift.run()
     assert lift.height_m == pytest.approx(lift.height_at_loss, abs=STOPPING_M)
+
+
+def test_a_stop_of_the_safety_system_is_seen_while_the_lift_waits_for_something_else(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    pressed_ns: list[int] = []
+
+    def stopped(_: FakeArm, now_ns: int) -> bool:
+        if lift.observer.phase_now is Phase.HOLD:
+            pressed_ns.append(now_ns)
+        return bool(pressed_ns)
+
+    monkeypatch.setattr(FakeArm, "_protective_stop", stopped)
+    assert "protective stop" in lift.run()
+    assert lift.bench.clock.now_ns() - pressed_ns[0] < 100_000_000  # three pictures of the camera
+    assert lift.held
 
 
 def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_of: LiftOf) -> None:

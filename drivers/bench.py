@@ -1,12 +1,14 @@
 """The bench: its devices in one value, connected and let go in order."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.clock import Clock
 from drivers.interfaces import Arm, Camera, FrameSource, Gripper, TactileSensor
-from drivers.types import Pose
+from drivers.types import HandState, Holding, Pose
+
+NOT_LOOKED_AT = HandState(Holding.UNKNOWN, "not looked at yet")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +24,36 @@ class Fingertip:
     sign: int
 
 
+class Hand:
+    """What is known of the hand of a bench: whoever moves it says so here, before it becomes so.
+
+    keep: is given each change, where it outlives this program.
+    """
+
+    def __init__(
+        self, state: HandState = NOT_LOOKED_AT, keep: Callable[[HandState], None] = lambda state: None
+    ) -> None:
+        self._state, self._keep = state, keep
+
+    @property
+    def state(self) -> HandState:
+        """What is known."""
+        return self._state
+
+    def note(self, state: HandState) -> None:
+        """Know something else from now on."""
+        if state != self._state:
+            self._state = state
+            self._keep(state)
+
+
 @dataclass(frozen=True, slots=True)
 class Bench:
     """All devices of one bench.
 
     `base_T_camera` places the external camera (x right, y down, z forward) in the arm's base.
     `base_T_table` is where an operator places objects: its origin is the object's centre of
-    mass when placed, x along the object, z up from the table top.
+    mass when placed, x along the object, z up from the table top. `hand`: what it is known to do.
     """
 
     name: str
@@ -40,6 +65,7 @@ class Bench:
     camera: Camera
     base_T_camera: Pose  # noqa: N815 - frame names keep their case
     base_T_table: Pose  # noqa: N815
+    hand: Hand = field(default_factory=Hand)
 
     @property
     def frame_sources(self) -> tuple[FrameSource, ...]:

@@ -1,7 +1,7 @@
 """Frozen values that cross the device interfaces. SI units; other units are in the name."""
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,8 @@ class GripperState:
 
     `position_counts` is the grasping fingers' position, 0 (open) to 255 (closed) as the device
     counts; `current_counts` its motor current register, unscaled. There is no force here: the
-    Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
+    Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current). `gripping`: a grasping
+    finger met something while it closed, by the gripper's own account; a light grip goes unnoticed.
     """
 
     time_ns: int
@@ -98,6 +99,33 @@ class GripperState:
     position_counts: int
     current_counts: int
     fault_code: int
+    gripping: bool = False
+
+
+class Holding(StrEnum):
+    """What the hand is known to do."""
+
+    FREE = "free"
+    """Nothing is held, and the hand is not around anything."""
+    AROUND = "around"
+    """The fingers stand open around something that rests on its support, or are on their way there."""
+    HELD = "held"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class HandState:
+    """What is known of the hand, from before it comes about until after it is over.
+
+    what: around what, or holding what. base_T_grasp: TCP when the fingers closed, or will, None
+    where nothing is. finger_counts: of the fingers when this became known, None where that was not told.
+    """
+
+    holding: Holding
+    what: str = ""
+    base_T_grasp: Pose | None = None  # noqa: N815 - frame names keep their case
+    width_m: float = 0.0
+    finger_counts: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +142,18 @@ class GripperLimits:
     opening_per_count_m: float
     openings: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def widest_m(self) -> float:
+        """How wide the fingers open: measured, its nominal slope gone on with, or nominal."""
+        if not self.openings:
+            return self.max_opening_m
+        counts, opening_m = self.openings[0]
+        return opening_m + (counts - self.min_counts) * self.opening_per_count_m
+
     def counts_for_opening(self, opening_m: float) -> int:
         """Nearest position count for a finger opening in m: measured (`rig calibrate gripper`), or nominal.
 
-        Beyond what was measured the nominal slope goes on from its end.
+        Beyond what was measured the nominal slope goes on from its end; beyond `widest_m`, open.
         """
         counts = self.min_counts + (self.max_opening_m - opening_m) / self.opening_per_count_m
         if self.openings:

@@ -4,10 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.bench import Bench
-from drivers.types import Pose
+from drivers.types import HandState, Holding, Pose
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
 from protocols.pump import Pump
+from protocols.readiness import make_ready
+from protocols.safe_end import safe_end
 from protocols.steps import (
     LOWER_SPEED_M_S,
     MARGIN_M,
@@ -16,9 +18,8 @@ from protocols.steps import (
     approach,
     close_to_contact,
     lower_and_release,
-    make_ready,
-    make_safe,
     move,
+    open_around,
     start_watching,
     step_fingers,
     tighten,
@@ -107,28 +108,30 @@ def _each(
     """Close on each in turn, with a look at the untouched gels before; open, and rise at the end."""
     make_ready(bench, operator)
     before: Touch | None = None
-    try:
+    with safe_end(bench):
         for touch in touches:
             if before is None or before.gauge != touch.gauge:
                 _leave(bench, before)
                 operator.place(touch.gauge, touch.name)
-                approach(bench, touch.base_T_grasp, touch.width_m + touch.slack_m)
+                approach(bench, touch.base_T_grasp, _came_down(bench, touch), touch.name)
             else:
                 _beside(bench, touch)
             before = touch
             pump = start_watching(bench, watch, REFERENCE_S)
             touched(pump, touch, close_to_contact(bench, pump, watch))
         _leave(bench, before)
-    except BaseException as error:
-        if before is not None:
-            error.add_note(make_safe(bench, before.base_T_grasp, before.width_m))
-        raise
+
+
+def _came_down(bench: Bench, touch: Touch) -> float:
+    """How wide the fingers come down around a gauge, m, less the margin: with its slack, if there is room."""
+    room_m = bench.gripper.limits.widest_m - 2 * MARGIN_M
+    return max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
 
 
 def _beside(bench: Bench, touch: Touch) -> None:
     """Open the fingers beside the gauge and go on to the next place, along the gels."""
-    counts = bench.gripper.limits.counts_for_opening(touch.width_m + 2 * MARGIN_M)
-    bench.gripper.move_to(counts).wait(MOTION_TIMEOUT_S)
+    open_around(bench, touch.width_m)
+    bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
     move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 

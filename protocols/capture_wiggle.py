@@ -7,13 +7,13 @@ from drivers.bench import Bench
 from protocols.capture_touch import REFERENCE_S, Touch
 from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
+from protocols.readiness import make_ready
+from protocols.safe_end import safe_end
 from protocols.steps import (
     MOTION_TIMEOUT_S,
     approach,
     close_to_contact,
     lower_and_release,
-    make_ready,
-    make_safe,
     start_watching,
     tighten,
 )
@@ -40,8 +40,8 @@ def capture_wiggle(
     """
     make_ready(bench, operator)
     operator.place(touch.gauge, touch.name)
-    try:
-        approach(bench, touch.base_T_grasp, touch.width_m)
+    with safe_end(bench):
+        approach(bench, touch.base_T_grasp, touch.width_m, touch.name)
         pump = start_watching(bench, watch, REFERENCE_S)
         tighten(bench, pump, watch, close_to_contact(bench, pump, watch), touch.grip_counts)
         pump.run_for(SETTLE_S)
@@ -51,7 +51,4 @@ def capture_wiggle(
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
             pump.run_until(motion.done, MOTION_TIMEOUT_S)
         watch.phase(Phase.LOWER, pump.seen_ns)
-    except BaseException as error:
-        error.add_note(make_safe(bench, touch.base_T_grasp, touch.width_m))
-        raise
-    lower_and_release(bench, touch.base_T_grasp, touch.width_m)
+        lower_and_release(bench, touch.base_T_grasp, touch.width_m)

@@ -7,9 +7,9 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, to_ns
-from drivers.errors import DeviceTimeoutError, StaleFrameError
+from drivers.errors import DeviceError, DeviceTimeoutError, ProtectiveStopError, StaleFrameError
 from drivers.interfaces import FrameSource
-from drivers.types import Frame
+from drivers.types import ArmMode, ArmState, Frame
 from protocols.observer import LiftObserver
 
 FRAME_TIMEOUT_S = 0.25
@@ -78,7 +78,9 @@ class Pump:
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
         if source is self._bench.camera:
             # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
-            self._watch.arm(self._bench.arm.state())
+            state = self._bench.arm.state()
+            require_running(state)
+            self._watch.arm(state)
             self._watch.gripper(self._bench.gripper.state())
         self._watch.frame(frame)
 
@@ -138,6 +140,14 @@ class _Stream:
             )
         self._last = frame
         self._earliest_ns = frame.time_ns + round((1.0 - JITTER) * NS_PER_S / self.source.rate_hz)
+
+
+def require_running(state: ArmState) -> None:
+    """Raise `ProtectiveStopError` or `DeviceError` where the arm's safety system has stopped it."""
+    if state.mode is ArmMode.RUNNING:
+        return
+    kind = ProtectiveStopError if state.mode is ArmMode.PROTECTIVE_STOP else DeviceError
+    raise kind(f"arm: its safety system says '{state.mode.value}'; look at arm and pendant, clear the cause")
 
 
 def _same_picture(one: Frame, other: Frame) -> bool:

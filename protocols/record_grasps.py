@@ -7,7 +7,8 @@ from drivers.bench import Bench
 from drivers.types import Pose
 from protocols.observer import LiftObserver
 from protocols.pump import Pump
-from protocols.steps import approach, close_to_contact, lower_and_release, make_safe, step_fingers
+from protocols.safe_end import safe_end
+from protocols.steps import approach, close_to_contact, lower_and_release, step_fingers
 
 REFERENCE_S = 0.5
 CAPTURE_TIMEOUT_S = 4.0
@@ -49,16 +50,13 @@ def record_pose(bench: Bench, plan: PosePlan, watch: CaptureObserver) -> None:
 
     Raises the device's error after the safe end, with a note on how it ended.
     """
-    try:
+    with safe_end(bench):
         pump = Pump(bench, watch)
-        approach(bench, plan.base_T_grasp, plan.width_m)
+        approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump.start()
         contact_counts = close_to_contact(bench, pump, watch)
         for grip_counts, images in plan.grips:
             step_fingers(bench, pump, watch, contact_counts + grip_counts)
             watch.want(images, grip_counts)
             pump.run_until(watch.satisfied, CAPTURE_TIMEOUT_S)
-    except BaseException as error:
-        error.add_note(make_safe(bench, plan.base_T_grasp, plan.width_m))
-        raise
-    lower_and_release(bench, plan.base_T_grasp, plan.width_m)
+        lower_and_release(bench, plan.base_T_grasp, plan.width_m)

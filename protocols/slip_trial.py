@@ -6,12 +6,12 @@ from drivers.bench import Bench
 from drivers.types import Pose
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
+from protocols.safe_end import safe_end
 from protocols.steps import (
     approach,
     close_to_contact,
     lift,
     lower_and_release,
-    make_safe,
     start_watching,
     tighten,
 )
@@ -42,14 +42,14 @@ class LiftPlan:
 
 
 def run_lift(bench: Bench, plan: LiftPlan, watch: LiftObserver) -> None:
-    """Carry out one lift; whatever happens, it ends with the arm stopped or the object set down.
+    """Carry out one lift; whatever happens, it ends as `protocols.safe_end` says.
 
     A phase begins where the frames seen so far end, so that each frame belongs to one phase.
     Raises the device's error after the safe end, with a note on how it ended; the watch has seen
     everything until then.
     """
-    try:
-        approach(bench, plan.base_T_grasp, plan.width_m)
+    with safe_end(bench):
+        approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump = start_watching(bench, watch, REFERENCE_S)
         _grasp(bench, pump, watch, plan)
         watch.phase(Phase.LIFT, pump.seen_ns)
@@ -58,10 +58,7 @@ def run_lift(bench: Bench, plan: LiftPlan, watch: LiftObserver) -> None:
         watch.phase(Phase.HOLD, pump.seen_ns)
         pump.run_for(HOLD_S)
         watch.phase(Phase.LOWER, pump.seen_ns)
-    except BaseException as error:
-        error.add_note(make_safe(bench, plan.base_T_grasp, plan.width_m))
-        raise
-    lower_and_release(bench, plan.base_T_grasp, plan.width_m)
+        lower_and_release(bench, plan.base_T_grasp, plan.width_m)
 
 
 def _grasp(bench: Bench, pump: Pump, watch: LiftObserver, plan: LiftPlan) -> None:

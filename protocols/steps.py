@@ -1,11 +1,12 @@
 """The steps that experiments are made of, each a few driver calls."""
 
+from dataclasses import replace
+
 from drivers.bench import Bench
-from drivers.errors import DeviceError, GraspError, GripperFaultError, ProtectiveStopError
+from drivers.errors import GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
-from drivers.types import Pose
+from drivers.types import GripperLimits, HandState, Holding, Pose
 from protocols.observer import LiftObserver, Phase
-from protocols.operator import Operator
 from protocols.pump import Pump
 
 TRAVEL_SPEED_M_S = 0.25
@@ -14,53 +15,38 @@ ACCELERATION_M_S2 = 1.0
 MOTION_TIMEOUT_S = 15.0
 CLEARANCE_M = 0.10
 """Height above the grasp from which it is approached and to which the hand retreats."""
+LEVEL_M = 0.001
+"""A hand this much too low needs not rise first."""
 MARGIN_M = 0.003
 """How much wider than the object the fingers stand before the careful closing begins."""
 STEP_SETTLE_S = 0.05
 MAX_STEPS = 24
 
 
-def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """Release a protective stop, activate the gripper, let go of a leftover object: each where needed.
-
-    Each is asked for first: what follows a fault by somebody who looks at the bench, and the
-    activation because the fingers sweep their range.
-    """
-    bench.arm.recover(operator.look)
-    _activate(bench, operator)
-    if after_fault:
-        operator.look(
-            "The last lift ended in a fault. Hold the object if it is still between the fingers: "
-            "shall they open now, and the arm rise?"
+def require_room(limits: GripperLimits, width_m: float) -> None:
+    """Raise `OutOfLimitsError` for an object that the fingers do not open around."""
+    needed_m = width_m + 2 * MARGIN_M
+    if needed_m > limits.widest_m:
+        raise OutOfLimitsError(
+            f"gripper: {1e3 * width_m:.1f} mm wide is too wide: the fingers come down "
+            f"{1e3 * needed_m:.1f} mm apart and open {1e3 * limits.widest_m:.1f} mm; "
+            "see the object file and [gripper.limits]"
         )
-        _let_go(bench)
 
 
-def _activate(bench: Bench, operator: Operator) -> None:
-    try:
-        if bench.gripper.state().activated:
-            return
-        operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
-    except GripperFaultError as error:
-        operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop what they hold.")
-    bench.gripper.activate()
+def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> None:  # noqa: N803
+    """Rise if the hand is low, open the fingers a little wider than the object, and come down around it.
 
-
-def _let_go(bench: Bench) -> None:
-    """Open the fingers where they are, and rise straight up to where nothing stands in the way."""
-    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
-    pose = bench.arm.state().base_T_tcp
-    rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
-    if rise > 0.0:
-        move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-
-
-def approach(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
-    """Open the fingers a little wider than the object and come down around it."""
-    limits = bench.gripper.limits
-    bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
-    for pose in (base_T_grasp.translated(z_m=CLEARANCE_M), base_T_grasp):
-        move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    what: is grasped. Raises `OutOfLimitsError` before anything moves where the fingers do not open so wide.
+    """
+    require_room(bench.gripper.limits, width_m)
+    above = base_T_grasp.translated(z_m=CLEARANCE_M)
+    _rise_to(bench, above.position_m[2])
+    open_around(bench, width_m)
+    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+    move(bench, above, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    bench.hand.note(HandState(Holding.AROUND, what, base_T_grasp, width_m))
+    move(bench, base_T_grasp, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def start_watching(bench: Bench, watch: LiftObserver, reference_s: float) -> Pump:
@@ -78,11 +64,12 @@ def close_to_contact(bench: Bench, pump: Pump, watch: LiftObserver) -> int:
 
     The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
     much: position steps with the tactile image as the stop are the light grip.
-    Raises `GraspError` when the fingers meet nothing.
+    From then on the hand is known to hold. Raises `GraspError` when the fingers meet nothing.
     """
     counts = bench.gripper.state().position_counts
     for _ in range(min(MAX_STEPS, bench.gripper.limits.max_counts - counts)):
         if all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
+            bench.hand.note(replace(bench.hand.state, holding=Holding.HELD))
             return counts
         counts += 1
         step_fingers(bench, pump, watch, counts)
@@ -115,25 +102,31 @@ def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -
 
 def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
     """Set the object down, open the fingers, and retreat upwards."""
-    limits = bench.gripper.limits
     move(bench, base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    open_and_rise(bench, base_T_grasp, width_m)
+
+
+def open_and_rise(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
+    """Open the fingers around an object that rests on its support, and rise straight up."""
+    open_around(bench, width_m)
+    bench.hand.note(replace(bench.hand.state, holding=Holding.AROUND))
+    clear_m = base_T_grasp.position_m[2] + CLEARANCE_M
+    _rise_to(bench, clear_m, TRAVEL_SPEED_M_S)
+    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+
+
+def open_around(bench: Bench, width_m: float) -> None:
+    """Open the fingers a little wider than an object."""
+    limits = bench.gripper.limits
     bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
-    move(bench, base_T_grasp.translated(z_m=CLEARANCE_M), TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
-def make_safe(bench: Bench, base_T_grasp: Pose, width_m: float) -> str:  # noqa: N803
-    """End whatever was going on: stop, then set the object down. Returns what was reached.
-
-    Where the arm or the gripper refuse, the grip stays closed: holding is safer than dropping.
-    """
-    bench.arm.stop()
-    try:
-        lower_and_release(bench, base_T_grasp, width_m)
-    except ProtectiveStopError:
-        return "arm in protective stop, fingers left closed"
-    except DeviceError as error:
-        return f"stopped, fingers left as they are ({error})"
-    return "object set down, fingers open, arm retreated"
+def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) -> None:
+    """Rise straight up to a height of the TCP in the base; a hand that is as high stays."""
+    pose = bench.arm.state().base_T_tcp
+    rise_m = height_m - pose.position_m[2]
+    if rise_m > LEVEL_M:
+        move(bench, pose.translated(z_m=rise_m), speed_m_s).wait(MOTION_TIMEOUT_S)
 
 
 def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:

@@ -30,6 +30,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--moves", action="store_true", help="let the contract suite move that hardware")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_memory(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What is remembered of hands is that of these tests, not of the benches that this computer drives."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+
+
 def pytest_collection_finish() -> None:
     """Leave what collecting made out of every later garbage collection, in each worker.
 

@@ -29,7 +29,7 @@ from drivers.robotiq_3f.commands import (
 )
 from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
 from drivers.robotiq_3f.poller import GripperLine, StatusSample
-from drivers.robotiq_3f.registers import Command, GraspMode, Stage, Status, pack_command
+from drivers.robotiq_3f.registers import Command, GraspMode, ObjectStatus, Stage, Status, pack_command
 from drivers.types import GripperLimits, GripperState
 
 __all__ = ["NOMINAL_LIMITS", "GraspMode", "Robotiq3F", "rtu_link", "tcp_link"]
@@ -144,6 +144,7 @@ class Robotiq3F(Gripper):
             position_counts=round(sum(axis.position for axis in grasping) / len(grasping)),
             current_counts=max(axis.current for axis in grasping),
             fault_code=status.fault,
+            gripping=any(axis.status is ObjectStatus.CONTACT_CLOSING for axis in grasping),
         )
 
     def move_to(self, position_counts: int) -> PolledMotion:

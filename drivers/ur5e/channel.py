@@ -35,6 +35,8 @@ class Channel:
         self._clock = clock
         self._lock = threading.Lock()
         self._rest = b""
+        self._number = 0
+        """Of the newest call: one that was interrupted leaves an answer that is not the next one's."""
 
     def wait_ready(self, timeout_s: float, check: Check) -> None:
         """Wait until the process says that it is ready. Raises `DeviceError` with its reason.
@@ -42,7 +44,7 @@ class Channel:
         check: is called meanwhile and raises when waiting has no point any more.
         """
         with self._lock:
-            self._receive(timeout_s, "start", check)
+            self._receive(timeout_s, "start", check)  # answers nothing, so its number is 0
 
     def call(
         self,
@@ -64,7 +66,8 @@ class Channel:
             raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not asked")
         try:
             check()
-            self._send({"call": name, "arguments": arguments, "named": named})
+            self._number += 1
+            self._send({"number": self._number, "call": name, "arguments": arguments, "named": named})
             return self._receive(timeout_s, name)
         finally:
             self._lock.release()
@@ -82,7 +85,7 @@ class Channel:
 
     def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
         deadline = self._clock.now_ns() + to_ns(timeout_s)
-        while b"\n" not in self._rest:
+        while (answer := self._next_answer())["number"] != self._number:
             if self._clock.now_ns() >= deadline:
                 self._process.kill()
                 raise DeviceTimeoutError(
@@ -91,11 +94,16 @@ class Channel:
                 )
             check()
             self._take(min(_CHECK_S, (deadline - self._clock.now_ns()) / NS_PER_S), name)
-        line, self._rest = self._rest.split(b"\n", 1)
-        answer = json.loads(line)
         if "error" in answer:
             raise DeviceError(f"arm: '{name}' failed: {answer['error']}")
         return answer["value"]
+
+    def _next_answer(self) -> dict[str, Any]:
+        """The next answer that has come whole; nobody's where none has."""
+        if b"\n" not in self._rest:
+            return {"number": None}
+        line, self._rest = self._rest.split(b"\n", 1)
+        return json.loads(line)
 
     def _take(self, timeout_s: float, name: str) -> None:
         try:

@@ -6,9 +6,10 @@ state gets old, before the interface would notice.
 
     python -m drivers.ur5e.control_process HOST SOCKET_FD STATE_FD PARENT_PID
 
-Each line on the socket is {"call": name, "arguments": [...], "named": {...}}, each answer
-{"value": ...} or {"error": text}. While nothing is asked it keeps the controller's watchdog quiet:
-should this process end, the program on the controller stops the arm within `WATCHDOG_HZ`'s period.
+Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}, each answer
+{"number": n, "value": ...} or {"number": n, "error": text}; the first one, 0, says that it is ready.
+While nothing is asked it keeps the controller's watchdog quiet: should this process end, the program on
+the controller stops the arm within `WATCHDOG_HZ`'s period. Should its parent end, it stops the arm itself.
 """
 
 import faulthandler
@@ -29,12 +30,14 @@ START_LIMIT_S = 10.0
 STATE_LIMIT_S = 0.6
 """Age of the arm's state at which this process gives up; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
+STOP_S = 1.0
+STOP_DECELERATION_M_S2 = 10.0
 STATE_LOST, PARENT_LOST = 3, 4
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
 def serve(connection: socket.socket, commands: ControlCommands, watchdog: Watchdog) -> None:
-    """Answer until the other side hangs up."""
+    """Answer until the other side hangs up; then nobody watches any more what moves, so it stops."""
     lines = connection.makefile("rb")
     while True:
         watchdog.kick()
@@ -42,20 +45,25 @@ def serve(connection: socket.socket, commands: ControlCommands, watchdog: Watchd
             continue
         line = lines.readline()
         if not line:
+            answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
             return
         connection.sendall(json.dumps(answer(commands, json.loads(line))).encode() + b"\n")
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:
     """Carry out one request. An error of the library is an answer too."""
+    number = request.get("number")
     try:
-        return {"value": COMMANDS[request["call"]](commands, *request["arguments"], **request["named"])}
+        return {
+            "number": number,
+            "value": COMMANDS[request["call"]](commands, *request["arguments"], **request["named"]),
+        }
     except (RuntimeError, ValueError, TypeError, IndexError) as error:  # what pybind makes of C++ exceptions
-        return {"error": str(error)}
+        return {"number": number, "error": str(error)}
 
 
 def watch(state: SharedState, parent_pid: int) -> None:
-    """End this process when the arm's state gets old or the parent is gone."""
+    """End this process when the arm's state gets old, or when the parent is gone and the arm was stopped."""
     clock = SystemClock()
     while True:
         clock.sleep_until(clock.now_ns() + to_ns(WATCH_S))
@@ -63,6 +71,7 @@ def watch(state: SharedState, parent_pid: int) -> None:
         if sample is None or clock.now_ns() - sample.received_ns > to_ns(STATE_LIMIT_S):
             os._exit(STATE_LOST)
         if os.getppid() != parent_pid:
+            clock.sleep_until(clock.now_ns() + to_ns(STOP_S))
             os._exit(PARENT_LOST)
 
 
@@ -77,10 +86,10 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
 
         control = RTDEControlInterface(host)
     except (ImportError, RuntimeError, ValueError) as error:
-        connection.sendall(json.dumps({"error": str(error)}).encode() + b"\n")
+        connection.sendall(json.dumps({"number": 0, "error": str(error)}).encode() + b"\n")
         return
     faulthandler.cancel_dump_traceback_later()
-    connection.sendall(json.dumps({"value": "ready"}).encode() + b"\n")
+    connection.sendall(json.dumps({"number": 0, "value": "ready"}).encode() + b"\n")
     watchdog = Watchdog(control)
     serve(connection, ControlCommands(control, watchdog), watchdog)
     sys.stdout.flush()

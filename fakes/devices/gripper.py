@@ -84,6 +84,7 @@ class FakeGripper(Gripper):
             position_counts=round(self._world.fingers.position_at(now)),
             current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
             fault_code=0,
+            gripping=squeeze * FINGER_STIFFNESS_N_M >= STALL_FORCE_N,
         )
 
     def move_to(self, position_counts: int) -> PolledMotion:

@@ -7,10 +7,10 @@ from functools import cache
 from scipy.spatial.transform import Rotation
 
 from calibration.targets.sheets import target_picture
-from drivers.bench import Bench, Fingertip
+from drivers.bench import Bench, Fingertip, Hand
 from drivers.clock import SystemClock
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
-from drivers.types import Image, Pose
+from drivers.types import HandState, Holding, Image, Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import FakeArm
 from fakes.devices.digit import FakeDigit
@@ -61,6 +61,7 @@ def build_bench(
         camera=plan.camera.make(world, clock, faults),
         base_T_camera=config.base_T_camera(),
         base_T_table=world.layout.base_T_table,
+        hand=Hand(HandState(Holding.FREE)),
     )
     return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
 
@@ -74,10 +75,11 @@ def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
     return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
 
 
-def build_real_bench(config: BenchConfig) -> Bench:
+def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
     """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
 
-    The makers' libraries are imported here at the earliest, each by the driver that needs it.
+    hand: what is known of it, by default nothing. The makers' libraries are imported here at the
+    earliest, each by the driver that needs it.
     """
     clock = SystemClock()
     return Bench(
@@ -90,6 +92,7 @@ def build_real_bench(config: BenchConfig) -> Bench:
         camera=_camera(config.camera, clock),
         base_T_camera=config.base_T_camera(),
         base_T_table=Pose(config.table.position_m),
+        hand=hand or Hand(),
     )
 
 

@@ -5,6 +5,7 @@ import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from fakes.wire.net.loopback import free_address, require_free
 from fakes.wire.net.side_channel import Control
 from fakes.wire.ur.controller import POLYSCOPE
 from rig.bench.assembly import simulated_bench_plan
+from rig.bench.identity import prove_simulated
 from rig.bench.operators import SimulatedOperator
 from rig.config import BenchConfig
 
@@ -101,7 +103,9 @@ def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
     def place(object_id: str) -> None:
         control.call("place", object=object_id, seed=seed)
 
-    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed)
+    return SimulatedOperator(
+        place, lambda: tuple(control.call("gap")["gap_m"]), seed, partial(prove_simulated, config)
+    )
 
 
 def _ready(pipe: Connection) -> BenchConfig:
@@ -118,7 +122,8 @@ def _ready(pipe: Connection) -> BenchConfig:
 
 def _serve(config: BenchConfig, pipe: Connection) -> None:
     """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's: it makes the bench safe first
+    for number in (signal.SIGINT, signal.SIGHUP):  # the parent's, which makes the bench safe first
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         with hosted_fakes(config, host=None) as (served, _), suppress(EOFError, OSError):

@@ -15,23 +15,31 @@ _SEATED_M = 3e-4
 class SimulatedOperator:
     """Agrees to everything; `place` lays an object, given by its id, into the simulated world.
 
-    gap: from a tip in the hand to the hole on the table, m, base axes, as the world has it.
+    gap: from a tip in the hand to the hole on the table, m, base axes, as the world has it. prove:
+    raises unless what is about to be driven is simulated; called wherever a person would be asked.
     """
 
     def __init__(
-        self, place: Callable[[str], object], gap: Callable[[], Vector3] | None = None, seed: int = 0
+        self,
+        place: Callable[[str], object],
+        gap: Callable[[], Vector3] | None = None,
+        seed: int = 0,
+        prove: Callable[[], None] = lambda: None,
     ) -> None:
-        self._place, self._gap = place, gap
+        self._place, self._gap, self._prove = place, gap, prove
         self._rng = np.random.default_rng((seed, 43))
 
     def confirm(self, question: str) -> None:
         """Agree."""
+        self._prove()
 
     def look(self, question: str) -> None:
         """Agree."""
+        self._prove()
 
     def place(self, object_id: str, name: str) -> None:
         """Lay the object on its place."""
+        self._prove()
         self._place(object_id)
 
     def displaced(self) -> None:
@@ -39,6 +47,7 @@ class SimulatedOperator:
 
     def nudge(self, question: str) -> Vector3 | None:
         """Look at tip and hole, with the eyes of a person, and say how far to go."""
+        self._prove()
         if self._gap is None:
             raise InputError("this simulated bench has no tip and hole to look at")
         x, y, z = (float(v) for v in self._rng.normal(self._gap(), _EYE_M))

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
-from drivers.bench import Bench
+from drivers.bench import Bench, Hand
 from drivers.errors import InputError
 from drivers.realtime import realtime
+from drivers.types import HandState, Holding
 from protocols.operator import Operator
 from rig.bench.assembly import build_bench, build_real_bench
+from rig.bench.hand_memory import HandMemory
+from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
 from rig.config import BenchConfig
 
@@ -74,7 +77,8 @@ class StandingBench(BenchSource):
     """One bench for a whole session: opened when the first lift needs it, anew after a fault.
 
     person: who is asked; first of all, with `introduction`, whether to begin. Where the bench's
-    devices are fakes behind a wire, nobody is asked, and objects are laid into their world.
+    devices prove to be fakes behind a wire, nobody is asked, and objects are laid into their world.
+    What the hand does is remembered, so that the next program knows what this one left in it.
     """
 
     def __init__(self, config: BenchConfig, person: ConsoleOperator, introduction: str) -> None:
@@ -82,6 +86,7 @@ class StandingBench(BenchSource):
         self._person = person
         self._introduction = introduction
         self._bench: Bench | None = None
+        self._memory: HandMemory | None = None
         self._simulated: Callable[[int], Operator] | None = None
         self._session = ExitStack()
         self._connection = ExitStack()
@@ -104,6 +109,7 @@ class StandingBench(BenchSource):
             if not self._connected:
                 self._connection.enter_context(bench.connected())
                 self._connected = True
+                self._look_at_fingertips(bench)
             try:
                 yield bench, self._operator(seed)
             except BaseException:
@@ -111,6 +117,8 @@ class StandingBench(BenchSource):
                 self._let_go()
                 raise
         self._after_fault = False
+        if self._memory is not None and bench.hand.state.holding is Holding.FREE:
+            self._memory.keep_untouched(bench)
 
     def displaced(self) -> None:
         """Have the object laid down anew before the next lift."""
@@ -131,7 +139,7 @@ class StandingBench(BenchSource):
         else:
             config = self._reach_fakes(config)
         sys.setswitchinterval(SWITCH_S)
-        self._bench = build_real_bench(config)
+        self._bench = build_real_bench(config, self._remembered_hand(config))
         return self._bench
 
     def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
@@ -139,8 +147,23 @@ class StandingBench(BenchSource):
 
         if config.fakes is not None and config.fakes.control is None:
             config = self._session.enter_context(started_fakes(config))
+        prove_simulated(config)
         self._simulated = partial(simulated_operator, config)
         return config
+
+    def _remembered_hand(self, config: BenchConfig) -> Hand:
+        """What the last program knew of the hand; of fakes that were started for this one, nothing was."""
+        if self._config.fakes is not None and self._config.fakes.control is None:
+            return Hand(HandState(Holding.FREE))
+        self._memory = memory = HandMemory(config.arm.host or "")
+        return Hand(memory.recall(), memory.keep)
+
+    def _look_at_fingertips(self, bench: Bench) -> None:
+        """A hand that was free when the last program ended may not be, where its fingertips look touched."""
+        if self._memory is None or bench.hand.state.holding is not Holding.FREE:
+            return
+        if touched := self._memory.touched(bench):
+            bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} look touched"))
 
     def _let_go(self) -> None:
         self._connected = False
@@ -158,6 +181,8 @@ def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
             from rig.bench.fakes_process import started_fakes
 
             config = stack.enter_context(started_fakes(config))
+        elif config.fakes is not None:
+            prove_simulated(config)
         yield build_real_bench(config)
 
 
@@ -171,13 +196,16 @@ def session_bench(
 ) -> Iterator[BenchSource]:
     """Return where a session's lifts get their bench, and close it after the session.
 
-    variation_seed: as in `FreshBenches`. Raises `InputError` where it is given for another bench.
+    variation_seed: as in `FreshBenches`. Raises `InputError` where it is given for another bench, and
+    for a bench that says of itself that it is simulated, and is not.
     """
     if config.in_process:
         yield FreshBenches(config, realtime, variation_seed)
         return
     if variation_seed is not None:
         raise InputError(f"--randomise: bench '{config.name}' has sensors of its own; use --bench fake")
+    if config.fakes is not None and config.fakes.control is not None:
+        prove_simulated(config)
     standing = StandingBench(config, person, introduction)
     try:
         yield standing

@@ -4,6 +4,7 @@ from calibration.targets.boards import Target
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.capture_still import capture_still
 from protocols.grasps import find_grasp_file
+from protocols.readiness import agree_to_carry
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.bench_hand_eye import facing_poses
 from rig.calibrate.camera import camera_from_folder
@@ -32,6 +33,7 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         f"The arm will visit {count} poses around {config.camera.look_at_m} m at up to {SPEED_M_S} m/s, "
         f"tilted by up to 35 degrees, with the board {target.spec} on the tool."
     ) as (bench, operator):
+        agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
         capture_hand_eye(
             bench,

@@ -16,6 +16,7 @@ from calibration.targets.views import View
 from calibration.verdict import Rejected
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
+from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_outcome
@@ -51,6 +52,7 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         f"The arm will visit {count} poses around {around} m at up to {SPEED_M_S} m/s, tilted by up to "
         f"35 degrees, with the target {target.spec} {where}."
     ) as (bench, operator):
+        agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     session.write()

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from calibration.tool_tip import FEWEST, calibrate_pivot
 from drivers.types import Pose, Vector3
 from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
+from protocols.readiness import agree_to_carry
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
 from rig.calibrate.from_tables import tcp_from_folder
@@ -34,6 +35,7 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
         f"The arm will step where you say until a tip in the hand sits in a small hole on the table, rise, "
         f"tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, at {SPEED_M_S} m/s."
     ) as (bench, operator):
+        agree_to_carry(bench, operator)
         capture_pivot(
             bench, tilts(count), operator.nudge, keep, lambda name, why: station.say(f"  {name}: {why}")
         )

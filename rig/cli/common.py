@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import InputError, OperatorStopError, RigError
+from rig.live.screen import set_aside
 
 
 class Exit(IntEnum):
@@ -54,19 +56,45 @@ def exit_code(error: RigError) -> Exit:
 
 
 def stop_on_signals() -> None:
-    """Make Ctrl-C and a polite kill end in the same safe teardown as an error.
+    """Make Ctrl-C, a polite kill and a lost terminal end in the same safe teardown as an error.
 
-    The first one raises `OperatorStopError` where the program is; while the teardown runs,
-    further ones are ignored, because an interrupted teardown could leave the arm moving.
+    The first one raises `OperatorStopError` where the program is. The second one raises it once more,
+    in the teardown, which then stops all motion and leaves everything where it is; further ones are
+    ignored, because nothing may come between a stop and the hardware. A program that was told to
+    outlive its terminal (nohup) does.
     """
+    received = 0
+    terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
 
     def stop(number: int, _: object) -> None:
-        signal.signal(number, signal.SIG_IGN)
-        say("stopping: the bench is being made safe ...")
-        raise OperatorStopError("stopped by the operator; what was finished is kept")
+        nonlocal received
+        received += 1
+        if number == signal.SIGHUP:
+            _discard(terminals)
+        if received == 1:
+            _say_if_heard("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
+            raise OperatorStopError("stopped by the operator; what was finished is kept")
+        if received == 2:
+            _say_if_heard("stopping all motion at once ...")
+            raise OperatorStopError("all motion stopped at once by the operator")
 
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, stop)
+
+
+def _say_if_heard(text: str) -> None:
+    with suppress(OSError, ValueError):  # nobody reads any more: what follows matters more
+        say(text)
+
+
+def _discard(descriptors: list[int]) -> None:
+    """Let what is still printed go nowhere: writing to a terminal that is gone is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in descriptors:
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)
 
 
 def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | None = None) -> Path:
@@ -89,15 +117,35 @@ def trial_jobs(asked: int | None, in_process: bool, realtime: bool) -> int:
 
 
 def ask(question: str) -> bool:
-    """Ask the person at the terminal; no terminal means no."""
-    if not sys.stdin.isatty():
-        say(f"{question} [no terminal to answer: no; use --yes to agree beforehand]")
+    """Ask the person at the terminal; no terminal to ask and answer at means no."""
+    if not _terminal():
+        say(f"{question} [no terminal to ask and answer at: no; use --yes to agree beforehand]")
         return False
-    return typer.confirm(question, err=True)
+    while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
+        say(f"'{answer}' is neither y nor n")
+    return answer in ("y", "yes")
 
 
 def tell(question: str) -> str:
     """Ask the person at the terminal for a line. Raises `OperatorStopError` without a terminal."""
-    if not sys.stdin.isatty():
-        raise OperatorStopError(f"stopped: {question} [no terminal to answer]")
-    return typer.prompt(question, default="", show_default=False, prompt_suffix=" ", err=True)
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+    return _typed(question)
+
+
+def _terminal() -> bool:
+    """Whether a question is seen, and answered by who sees it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _typed(prompt: str) -> str:
+    """Show a prompt, alone on the terminal; return the line typed since, in lower case, "" at its end.
+
+    What was typed before answers another question, or none.
+    """
+    import termios
+
+    with set_aside():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        print(prompt, end=" ", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower()

@@ -1,12 +1,14 @@
 """Progress and tables for people."""
 
 import sys
+from contextlib import ExitStack
 from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from rig.live.screen import shown
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 from rig.results.table import TableLift
@@ -29,13 +31,15 @@ class WorkProgress:
             disable=self._plain,
         )
         self._task = self._bar.add_task(what, total=total, note="")
+        self._shown = ExitStack()
 
     def __enter__(self) -> Self:
-        self._bar.start()
+        if not self._plain:
+            self._shown.enter_context(shown(self._bar.live))
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        self._shown.close()
 
     def show(self, done: int, total: int, note: str) -> None:
         """Show how far it is, and what the last piece of work gave."""

@@ -10,12 +10,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import CalibrationError, DeviceError
+from drivers.errors import CalibrationError, DeviceError, InputError, OutOfLimitsError
 from drivers.types import Pose
-from protocols.grasps import find_grasp_file
+from protocols.grasps import GraspFile, Position, find_grasp_file
 from protocols.observer import LiftObserver
+from protocols.readiness import make_ready
 from protocols.slip_trial import LiftPlan, run_lift
-from protocols.steps import make_ready
+from protocols.steps import require_room
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
@@ -81,13 +82,17 @@ class Attempt:
 
 
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
-    """Draw position, turn, grip and height of a lift from its seed and its object's file."""
+    """Draw position, turn, grip and height of a lift from its seed and its object's file.
+
+    Raises `InputError` for an object that the fingers do not open around.
+    """
     grasps = find_grasp_file(task.object_id)
     rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
     places = [position for position in grasps.position if position.lift_height_m > 0.0]
     place = places[int(rng.integers(len(places)))]
     low, high = grasps.grip_counts
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
+    refuse_too_wide(settings.bench, grasps, place)
     return LiftPlan(
         object_id=grasps.id,
         object_name=grasps.name,
@@ -97,6 +102,14 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
         grip_counts=int(rng.integers(low, high + 1)),
         lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
     )
+
+
+def refuse_too_wide(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
+    """Raise `InputError` where the bench's fingers do not open around an object."""
+    try:
+        require_room(bench.gripper_limits(), place.width_m)
+    except OutOfLimitsError as error:
+        raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error
 
 
 def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803

@@ -51,7 +51,8 @@ def run_tasks(work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> I
 
 def _end_with_parent() -> None:
     """Leave interrupts to the parent, and exit when it is gone, even killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()

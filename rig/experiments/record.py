@@ -21,12 +21,13 @@ from drivers.errors import DeviceError, InputError, SessionError
 from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
 from protocols.operator import Operator
+from protocols.readiness import free_hand, make_ready
 from protocols.record_grasps import PosePlan, record_pose, record_reference
-from protocols.steps import TRAVEL_SPEED_M_S, make_ready
+from protocols.steps import TRAVEL_SPEED_M_S
 from rig.bench.assembly import true_masks
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose
+from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose, refuse_too_wide
 from rig.experiments.pose_capture import PoseCapture, ReferenceCapture
 from rig.experiments.seeds import derived_seed
 from rig.sessions.images import png
@@ -124,6 +125,7 @@ def run_record(
 
 def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
     """Plan one pose: its images spread over grips from the lightest to the firmest."""
+    refuse_too_wide(settings.bench, settings.grasps, pose.position)
     low, high = settings.grasps.grip_counts
     levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
     share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]
@@ -164,7 +166,8 @@ def _references(
     if not all((session.folder / name).exists() for name in names.values()):
         watch = ReferenceCapture({serial: [] for serial in serials})
         seed = derived_seed(settings.seed, settings.grasps.id, "reference")
-        with benches.for_lift(seed, "reference") as (bench, _):
+        with benches.for_lift(seed, "reference") as (bench, operator):
+            free_hand(bench, operator)
             record_reference(bench, watch)
         for serial, name in names.items():
             session.write(name, png(mean_background(watch.frames[serial])))

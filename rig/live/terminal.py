@@ -6,6 +6,7 @@ On a terminal a table that refreshes; elsewhere a plain line now and then, and o
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -22,6 +23,7 @@ from rich.progress import (
 from rich.table import Table
 
 from rig.live.feed import Inbox, Message
+from rig.live.screen import shown
 from rig.sessions.records import LiftRow
 
 REFRESH_PER_S = 4.0
@@ -141,12 +143,13 @@ class _Refreshed:
         self._live = Live(
             console=console, get_renderable=render, refresh_per_second=REFRESH_PER_S, transient=True
         )
+        self._shown = ExitStack()
 
     def start(self) -> None:
-        self._live.start()
+        self._shown.enter_context(shown(self._live))
 
     def stop(self) -> None:
-        self._live.stop()
+        self._shown.close()
 
     def line(self, text: str) -> None:
         self._live.console.print(text, highlight=False, markup=False)

@@ -1,10 +1,12 @@
-"""What the commands are tried on: a trial of one lift, made once; who writes into it copies it."""
+"""What commands are tried on: a trial of one lift, made once (copy it to write into it), and a terminal."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from support.command_line import rig
+from support.terminal import Terminal
 
 
 @pytest.fixture(scope="session")
@@ -15,3 +17,17 @@ def one_lift(tmp_path_factory: pytest.TempPathFactory, light_bench_file: Path) -
     done = rig("trial", *what, "--out", folder, "--json")
     assert done.returncode == 0, done.stderr
     return folder
+
+
+@pytest.fixture
+def at_terminal() -> Iterator[Callable[[list[str], int], Terminal]]:
+    """Runs a command at a terminal of so many columns: `at_terminal(command, columns)`."""
+    running: list[Terminal] = []
+
+    def run(command: list[str], columns: int) -> Terminal:
+        running.append(Terminal(command, columns))
+        return running[-1]
+
+    yield run
+    for terminal in running:
+        terminal.close()

@@ -76,6 +76,7 @@ class FakesHost:
         self._world = World(plan.layout, seed)
         self._motion = MotionLog()
         self._devices: dict[str, Device] = {}
+        self._served: dict[str, Any] = {}
         self._running = ExitStack()
         self._stopping = threading.Event()
         self._lost: DeviceError | None = None
@@ -113,10 +114,11 @@ class FakesHost:
         self._devices = {"arm": arm, "gripper": gripper}
         self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
         control = ControlServer(self._commands(), self._host)
+        where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
+        self._served = {"arm": self._host, "gripper": where, **streams}
         control.start()
         self._running.callback(control.stop)
         self._tick(renderer)
-        where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
         return Addresses(self._host, where, streams, control.address)
 
     def _gripper(self) -> GripperServer | GripperRtu:
@@ -145,7 +147,7 @@ class FakesHost:
     def _commands(self) -> dict[str, Any]:
         return {
             "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
-            "status": self._status,
+            "status": self._status, "identity": self._identity,
         }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
@@ -153,6 +155,10 @@ class FakesHost:
 
     def _gap(self) -> dict[str, Any]:
         return {"gap_m": self._world.gap_at(self._clock.now_ns())}
+
+    def _identity(self) -> dict[str, Any]:
+        """Where each device is served: the arm, the gripper, and streams by their serials."""
+        return self._served
 
     def _fault(self, device: str, kind: str, **arguments: Any) -> None:
         for name in self._named(device):

@@ -97,7 +97,8 @@ def _render(
     plan: BenchPlan, start_ns: int, first: Snapshot, host: str, feed: Connection, calls: Connection
 ) -> None:
     """Run the process: until the parent closes the pipes, or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which stops this process
+    for number in (signal.SIGINT, signal.SIGHUP):  # the parent's, which stops this process
+        signal.signal(number, signal.SIG_IGN)
     ask_for_realtime()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import SystemClock
-from drivers.errors import DeviceError, InputError
+from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import Pose
 from drivers.ur5e import control_process
 from drivers.ur5e.channel import Channel, no_check
@@ -225,9 +225,9 @@ def test_answers_of_the_process_that_commands() -> None:
     channel = Channel(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
     asked = there.makefile("rb")
     failed = 0
-    for _ in range(CASES["answer"]):
+    for number in range(1, CASES["answer"] + 1):
         method, arguments, expected = rng.choice(CALLS)
-        request = {"call": method.__name__, "arguments": arguments, "named": {}}
+        request = {"number": number, "call": method.__name__, "arguments": arguments, "named": {}}
         answered = answer(commands, request)
         line = json.dumps(answered).encode()
         for part in (line[: (cut := rng.randrange(len(line)))], line[cut:] + b"\n"):
@@ -240,6 +240,31 @@ def test_answers_of_the_process_that_commands() -> None:
             assert channel.call(method, 1.0, no_check, *arguments) == expected
         assert json.loads(asked.readline()) == json.loads(json.dumps(request))
     assert 0 < failed < CASES["answer"]
+    here.close()
+    there.close()
+
+
+class Interrupted(SystemClock):
+    """A clock at which Ctrl-C comes while an answer is waited for."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def now_ns(self) -> int:
+        self.looks += 1
+        if self.looks == 2:
+            raise OperatorStopError("stopped")
+        return super().now_ns()
+
+
+def test_the_answer_to_an_interrupted_call_is_no_answer_to_the_next() -> None:
+    here, there = socket.socketpair()
+    channel = Channel(here, SimpleNamespace(name="it"), Interrupted())  # type: ignore[arg-type]
+    with pytest.raises(OperatorStopError):
+        channel.call(ControlCommands.is_steady, 1.0, no_check)
+    for number, value in ((1, True), (2, [7, False])):
+        there.sendall(json.dumps({"number": number, "value": value}).encode() + b"\n")
+    assert channel.call(ControlCommands.operation, 1.0, no_check) == [7, False]
     here.close()
     there.close()
 

@@ -2,14 +2,16 @@
 
 import pytest
 
-from drivers.errors import OperatorStopError
+from drivers.errors import InputError, OperatorStopError
 from drivers.types import ArmMode
-from protocols.steps import make_ready
+from protocols.grasps import load_grasp_files
+from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.record import RecordSettings, describe_recording
 from rig.experiments.trial import describe_plan
 from rig.tactile.estimators import choose_estimator
 
@@ -29,6 +31,19 @@ def test_the_plan_says_what_will_move() -> None:
     plan = describe_plan(settings, ["t1"], 2)
     for part in ("m/s", "counts past contact", "lift 0.", "t1/1", "t1/2", "Begin?"):
         assert part in plan
+
+
+def test_an_object_wider_than_the_hand_opens_is_refused_before_anybody_is_asked() -> None:
+    values = real_bench().model_dump()
+    values["gripper"]["limits"]["max_opening_m"] = 0.090
+    bench = BenchConfig.model_validate(values)
+    wide = next(f for f in load_grasp_files().values() if max(p.width_m for p in f.position) > 0.09)
+    with pytest.raises(InputError, match=r"too wide.*open 90\.0 mm"):
+        describe_recording(RecordSettings(bench, 0, wide, 15, 225))
+    narrow = values["gripper"]["limits"] | {"max_opening_m": 0.015}
+    bench = BenchConfig.model_validate(values | {"gripper": values["gripper"] | {"limits": narrow}})
+    with pytest.raises(InputError, match=r"object t1 wrench, .*too wide"):
+        describe_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
 
 
 def test_without_agreement_nothing_is_even_connected() -> None:

@@ -1,0 +1,138 @@
+"""What comes before the first motion: a look at arm, hand and gripper, and questions where they are due.
+
+What is in the hand is told by whoever moved it last (`Bench.hand`, kept over crashes) and by the
+gripper. Unless both say that it is free, somebody who looks at the bench is asked before fingers
+open or the arm moves.
+"""
+
+from dataclasses import replace
+
+from drivers.bench import Bench
+from drivers.errors import GripperFaultError
+from drivers.types import HandState, Holding
+from protocols.operator import Operator
+from protocols.safe_end import is_above, is_around
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
+
+OPEN_COUNTS = 3
+"""Fingers that read no more than this above open hold nothing."""
+CLOSED_COUNTS = 2
+"""Fingers that have closed by more since the hand was known to be free were closed by somebody else."""
+
+
+def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
+    """Release a protective stop, free the hand, activate the gripper: each where needed, each asked for.
+
+    What follows a fault, and what concerns an object in the hand, is asked of somebody who looks at
+    the bench; the activation is asked for because the fingers sweep their range.
+    """
+    bench.arm.recover(operator.look)
+    free_hand(bench, operator, after_fault)
+    _activate(bench, operator)
+
+
+def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
+    """See that the hand is free; otherwise ask, then set down what it holds, or let go of it, and rise.
+
+    Raises `OperatorStopError` unless agreed, with nothing moved.
+    """
+    hand = look_at_hand(bench)
+    if hand.holding is not Holding.FREE:
+        _let_go(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")
+    elif after_fault:
+        operator.look("The last lift ended in a fault; nothing is held. Look at the bench: shall it go on?")
+    bench.hand.note(HandState(Holding.FREE, finger_counts=_finger_counts(bench)))
+
+
+def agree_to_carry(bench: Bench, operator: Operator) -> None:
+    """Ask, unless the hand is free, before the arm moves with fingers that stay as they are.
+
+    Raises `OperatorStopError` unless agreed.
+    """
+    bench.arm.recover(operator.look)
+    hand = look_at_hand(bench)
+    if hand.holding is not Holding.FREE:
+        operator.look(f"{_seen(hand)} The arm will move with it, the fingers stay as they are. Shall it?")
+
+
+def look_at_hand(bench: Bench) -> HandState:
+    """What is known of the hand, once the gripper has been looked at: fingers that are open hold nothing.
+
+    A hand known to be free whose fingers have closed meanwhile, or met something, is not known any more.
+    """
+    known = bench.hand.state
+    try:
+        gripper = bench.gripper.state()
+    except GripperFaultError:
+        return known
+    counts = gripper.position_counts
+    if known.holding is Holding.FREE:
+        closed = known.finger_counts is not None and counts > known.finger_counts + CLOSED_COUNTS
+        if gripper.gripping or closed:
+            return HandState(Holding.UNKNOWN, f"the fingers were closed to {counts} counts since")
+    elif known.holding is Holding.AROUND:
+        if not is_around(bench.arm.state().base_T_tcp, known):
+            return HandState(Holding.FREE)
+    elif not gripper.gripping and counts <= bench.gripper.limits.min_counts + OPEN_COUNTS:
+        return HandState(Holding.FREE)
+    return known
+
+
+def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
+    """Ask; set down, where the hand is above the place it took the object from; open the fingers; rise."""
+    place = hand.base_T_grasp
+    held = hand.holding is Holding.HELD
+    if held and place is not None and is_above(bench.arm.state().base_T_tcp, place):
+        operator.look(
+            f"{why}{_seen(hand)} Shall it be set down where it was taken, the fingers open and the arm rise?"
+        )
+        bench.hand.note(hand)
+        move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+        bench.hand.note(replace(hand, holding=Holding.AROUND))
+    else:
+        operator.look(
+            f"{why}{_seen(hand)} Hold what may be between the fingers: shall they open now, and the arm rise?"
+        )
+    _open(bench, operator)
+    _rise(bench)
+
+
+def _seen(hand: HandState) -> str:
+    what = hand.what or "something"
+    return {
+        Holding.FREE: "Nothing is held.",
+        Holding.AROUND: f"The fingers stand around {what}.",
+        Holding.HELD: f"The hand holds {what}.",
+        Holding.UNKNOWN: f"It is not known what the fingers hold ({hand.what}).",
+    }[hand.holding]
+
+
+def _finger_counts(bench: Bench) -> int | None:
+    try:
+        return bench.gripper.state().position_counts
+    except GripperFaultError:
+        return None
+
+
+def _open(bench: Bench, operator: Operator) -> None:
+    """Open the fingers; an activation, where one is due, does that as well."""
+    _activate(bench, operator)
+    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
+
+
+def _activate(bench: Bench, operator: Operator) -> None:
+    try:
+        if bench.gripper.state().activated:
+            return
+        operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
+    except GripperFaultError as error:
+        operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop what they hold.")
+    bench.gripper.activate()
+
+
+def _rise(bench: Bench) -> None:
+    """Rise straight up to where nothing stands in the way."""
+    pose = bench.arm.state().base_T_tcp
+    rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
+    if rise > 0.0:
+        move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)

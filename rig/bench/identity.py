@@ -1,0 +1,70 @@
+"""Whether a bench behind wires is simulated: only where its fakes say so, device by device.
+
+A left-over [fakes] in the file of a real bench would otherwise have a simulated operator agree to
+everything. So the side channel has to answer, on this computer's loopback, with the address of
+every device that is about to be driven.
+"""
+
+import ipaddress
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+from drivers.errors import DeviceError, InputError
+from fakes.wire.net.side_channel import Control
+from rig.config import BenchConfig
+
+
+def prove_simulated(config: BenchConfig) -> None:
+    """Return where every device of a bench is a running fake's.
+
+    Raises `InputError` naming what is not: the bench is a real one then, and [fakes] a mistake.
+    """
+    reason = next(_doubts(config), None)
+    if reason is not None:
+        raise InputError(
+            f"bench '{config.name}': [fakes] says that its devices are simulated, but {reason}. Without "
+            "[fakes] it is a real bench, at which somebody is asked before anything moves; for simulated "
+            "devices start 'rig fakes serve --write FILE' and give that FILE"
+        )
+
+
+def _doubts(config: BenchConfig) -> Iterator[str]:
+    """What speaks against a bench being simulated."""
+    control = config.fakes.control if config.fakes is not None else None
+    if control is None:
+        yield "it names no side channel of running fakes"
+        return
+    if not _on_loopback(control.rpartition(":")[0]):
+        yield f"their side channel, {control}, is not on this computer"
+        return
+    try:
+        served = Control(control).call("identity")
+    except (DeviceError, InputError) as error:
+        yield str(error)
+        return
+    for device, address, host in _driven(config):
+        if not _on_loopback(host):
+            yield f"{device} at {address} is not on this computer"
+        elif address != served.get(device):
+            yield f"{device} at {address} is none of theirs (they serve {served.get(device)})"
+
+
+def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
+    """Each device, the address at which it would be driven, as JSON has it, and its host, None for a path."""
+    yield "arm", config.arm.host, config.arm.host or ""
+    gripper = config.gripper
+    if gripper.transport == "rtu":
+        yield "gripper", gripper.device, None
+    else:
+        yield "gripper", [gripper.host, gripper.port], gripper.host or ""
+    for sensor in (*config.tactile, config.camera):
+        yield sensor.serial, sensor.address, urlsplit(sensor.address or "").hostname or ""
+
+
+def _on_loopback(host: str | None) -> bool:
+    """Whether an address is one of this computer's own; a name is not taken for one."""
+    try:
+        return host is None or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,88 @@
+"""Questions at a terminal: seen whole while they wait, however the display around them is drawn."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+AtTerminal = Callable[[list[str], int], Any]
+LATE_S = 1.2
+"""Several redraws of a display, which come four times a second."""
+
+IN_TRIAL = """if True:
+    import tempfile
+    from rig.cli.common import ask, stop_on_signals
+    from rig.live.feed import Inbox, LiveFeed, Listener, Sender
+    from rig.live.terminal import TrialView
+    stop_on_signals()
+    inbox = Inbox(tempfile.mktemp())
+    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    lift = {"number": 1, "attempt": 0, "object": "t1", "name": "wrench", "lift": 1, "sender": 7}
+    sender.send("phase", {**lift, "phase": "A", "time_ns": 1})
+    with TrialView(5, inbox, lambda row: "a lift") as view:
+        view(1, 5, {"number": 9})
+        %s
+"""
+IN_RECORD = """if True:
+    from rig.cli.common import ask, stop_on_signals
+    from rig.cli.printing import WorkProgress
+    stop_on_signals()
+    with WorkProgress(15, "poses") as bar:
+        bar.show(1, 15, "left at +15 deg: 15 images, 0 frames rejected")
+        %s
+"""
+IN_CALIBRATE = """if True:
+    from rig.cli.common import ask, say, stop_on_signals
+    stop_on_signals()
+    if True:
+        say("  block 10 mm wide: 180 counts closing")
+        %s
+"""
+ASKED = """
+        first = ask("Place object t1 (wrench) on its mark. Ready?")
+        second = ask("Activate it now? Its fingers sweep their range.")
+        print("answered", first, second, flush=True)
+"""
+
+
+@pytest.mark.parametrize("columns", [80, 160])
+@pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD, IN_CALIBRATE], ids=["trial", "record", "calibrate"])
+def test_a_question_stands_alone_until_it_is_answered(
+    at_terminal: AtTerminal, code: str, columns: int
+) -> None:
+    terminal = at_terminal([sys.executable, "-c", code % ASKED], columns)
+    for question, answer in (("Place object t1 (wrench) on its mark. Ready?", "y\n"), ("Activate it", "n\n")):
+        terminal.wait_for(question, 20.0)
+        terminal.read_for(LATE_S)
+        assert question in terminal.last(), terminal.text()
+        assert terminal.last().endswith("[y/N]:")
+        terminal.type(answer)
+    terminal.wait_for("answered True False", 20.0)
+
+
+def test_what_was_typed_before_the_question_is_no_answer_to_it(at_terminal: AtTerminal) -> None:
+    code = """
+        import time
+        print("busy", flush=True)
+        time.sleep(1.0)
+        print("answered", ask("Shall the fingers open?"), flush=True)
+"""
+    terminal = at_terminal([sys.executable, "-c", IN_TRIAL % code], 80)
+    terminal.wait_for("busy", 20.0)
+    terminal.type("y\ny\n")
+    terminal.wait_for("Shall the fingers open?", 20.0)
+    terminal.read_for(0.5)
+    assert "answered" not in terminal.text()
+    terminal.type("maybe\n")
+    terminal.wait_for("neither", 5.0)
+    terminal.type("\n")
+    terminal.wait_for("answered False", 5.0)
+
+
+def test_where_the_question_goes_to_a_file_nobody_has_agreed(at_terminal: AtTerminal, tmp_path: Any) -> None:
+    code = "import sys; sys.stderr = open({!r}, 'w'); from rig.cli.common import ask; print(ask('Move?'))"
+    terminal = at_terminal([sys.executable, "-c", code.format(str(tmp_path / "log"))], 80)
+    terminal.type("y\n")
+    terminal.wait_for("False", 20.0)
+    assert "no terminal" in (tmp_path / "log").read_text()

@@ -1,0 +1,124 @@
+"""Signals: the first begins the safe end, the second ends that at once, further ones come between nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+AtTerminal = Callable[[list[str], int], Any]
+CODE = """if True:
+    import sys, time
+    from drivers.errors import OperatorStopError
+    from rig.cli.common import say, stop_on_signals
+    stop_on_signals()
+    told = open({told!r}, "w", buffering=1)
+    try:
+        told.write("working\\n"); time.sleep(30)
+    except OperatorStopError:
+        try:
+            say("still printing")
+            told.write("teardown\\n"); time.sleep({teardown_s}); told.write("made safe\\n")
+        except OperatorStopError:
+            told.write("stopping\\n"); time.sleep(1.0); told.write("stands\\n")
+"""
+
+
+def wait_for(told: Path, text: str) -> None:
+    deadline = time.monotonic() + 30.0
+    while not (told.exists() and text in told.read_text()):
+        assert time.monotonic() < deadline, told.read_text() if told.exists() else "nothing told"
+        time.sleep(0.02)
+
+
+def started(told: Path, teardown_s: float) -> subprocess.Popen[str]:
+    code = CODE.format(told=str(told), teardown_s=teardown_s)
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+    wait_for(told, "working")
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_one_signal_is_a_safe_end(tmp_path: Path, number: signal.Signals) -> None:
+    process = started(tmp_path / "told", teardown_s=0.3)
+    process.send_signal(number)
+    process.communicate(timeout=30)
+    assert (tmp_path / "told").read_text() == "working\nteardown\nmade safe\n"
+
+
+def test_the_second_stops_at_once_and_no_further_one_comes_between(tmp_path: Path) -> None:
+    told = tmp_path / "told"
+    process = started(told, teardown_s=30)
+    process.send_signal(signal.SIGINT)
+    wait_for(told, "teardown")
+    process.send_signal(signal.SIGINT)
+    wait_for(told, "stopping")
+    for _ in range(15):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    _, error = process.communicate(timeout=30)
+    assert told.read_text() == "working\nteardown\nstopping\nstands\n"
+    assert "stops all motion at once" in error
+
+
+def test_a_reader_that_is_gone_keeps_no_signal_from_ending_it_safely(tmp_path: Path) -> None:
+    code = CODE.replace('say("still printing")', "")
+    told = tmp_path / "told"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code.format(told=str(told), teardown_s=0.3)], stderr=subprocess.PIPE
+    )
+    assert process.stderr is not None
+    process.stderr.close()
+    wait_for(told, "working")
+    process.send_signal(signal.SIGTERM)
+    process.wait(30)
+    assert told.read_text() == "working\nteardown\nmade safe\n"
+
+
+def test_a_terminal_that_is_gone_ends_it_safely_and_what_is_printed_then_is_no_error(
+    tmp_path: Path, at_terminal: AtTerminal
+) -> None:
+    told = tmp_path / "told"
+    terminal = at_terminal([sys.executable, "-c", CODE.format(told=str(told), teardown_s=0.3)], 80)
+    wait_for(told, "working")
+    terminal.hang_up()
+    assert terminal.process.wait(30) == 0
+    assert told.read_text() == "working\nteardown\nmade safe\n"
+
+
+def test_what_was_told_to_outlive_its_terminal_does(tmp_path: Path) -> None:
+    told = tmp_path / "told"
+    code = CODE.format(told=str(told), teardown_s=0.3).replace("sleep(30)", "sleep(0.5); told.write('done')")
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None,
+    )
+    wait_for(told, "working")
+    os.kill(process.pid, signal.SIGHUP)
+    process.wait(30)
+    assert told.read_text() == "working\ndone"
+
+
+def test_left_over_fakes_in_the_file_of_a_real_bench_are_refused_before_anything(tmp_path: Path) -> None:
+    from rig.config import load_bench
+    from rig.config.models import BenchConfig
+    from rig.config.write import write_bench
+
+    values = load_bench("wire").model_dump()
+    values["fakes"] = {"control": "127.0.0.1:9"}
+    values["arm"]["host"], values["gripper"]["host"] = "192.0.2.10", "192.0.2.11"
+    values["camera"]["address"] = "/dev/video4"
+    write_bench(tmp_path / "bench.toml", BenchConfig.model_validate(values))
+    done = subprocess.run(
+        [sys.executable, "-m", "rig", "trial", "--object", "wrench", "--bench", str(tmp_path / "bench.toml"),
+         "--out", str(tmp_path / "s")],
+        capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "[fakes] says that its devices are simulated" in done.stderr
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,114 @@
+"""Programs that are stopped or killed at a bench that counts as real: behind wires, its [fakes] cut out.
+
+What truly happened is asked of the world. `rig benchmark safety` does this at random moments of every phase.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fakes.wire.net.side_channel import Control
+from rig.bench.fakes_process import hosted_fakes
+from rig.config import BenchConfig
+from rig.config.write import write_bench
+
+pytestmark = pytest.mark.real_time
+GRASP_M, ABOVE_M = 0.06, 0.16
+"""Heights of the tool when it grasps, and from where it comes down."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """Running fakes, the bench file that names them, and the same one as that of a real bench."""
+
+    control: Control
+    simulated: Path
+    real: Path
+
+    def world(self) -> dict[str, Any]:
+        return self.control.call("world")
+
+    def height_m(self) -> float:
+        return self.world()["tool_m"][2]
+
+
+@pytest.fixture
+def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
+    with hosted_fakes(unhurried_bench, None) as (config, _):
+        assert config.fakes is not None
+        assert config.fakes.control is not None
+        simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
+        write_bench(simulated, config)
+        real.write_text(re.sub(r"\[fakes\]\n(?:.+\n)*", "", simulated.read_text()))
+        yield Served(Control(config.fakes.control), simulated, real)
+
+
+def trial(bench: Path, out: Path) -> subprocess.Popen[str]:
+    """A trial in a script: agreed to beforehand, nobody at a terminal."""
+    command = [sys.executable, "-m", "rig", "trial", "--lifts", "1", "--object", "wrench", "--no-report"]
+    return subprocess.Popen(
+        [*command, "--bench", str(bench), "--out", str(out), "--yes"],
+        stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+
+
+def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not so():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+@pytest.mark.timeout(200)
+def test_a_trial_that_is_stopped_on_its_way_down_stays_there(served: Served, tmp_path: Path) -> None:
+    served.control.call("place", object="wrench", seed=3)
+    process = trial(served.real, tmp_path / "s")
+    wait_until(lambda: GRASP_M + 0.075 < served.height_m() < ABOVE_M - 0.010, process)
+    process.send_signal(signal.SIGINT)
+    there = served.height_m()
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 3, error
+    assert "nothing held" in error
+    assert there - 0.025 < served.height_m() <= there + 0.001
+    assert served.world()["tool_moving"] is False
+
+
+@pytest.mark.timeout(200)
+def test_what_a_killed_program_left_hanging_is_neither_dropped_nor_moved_unasked(
+    served: Served, tmp_path: Path
+) -> None:
+    served.control.call("place", object="wrench", seed=3)
+    process = trial(served.real, tmp_path / "s")
+    wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
+    process.kill()
+    process.communicate()
+    time.sleep(1.0)
+    left = served.world()
+    assert left["held"]
+
+    again = trial(served.real, tmp_path / "s2")
+    _, error = again.communicate(timeout=90)
+    assert again.returncode == 3, error
+    assert "The hand holds wrench" in error
+    now = served.world()
+    assert (now["held"], now["finger_counts"]) == (True, left["finger_counts"])
+    assert now["tool_m"] == pytest.approx(left["tool_m"], abs=1e-4)
+
+    # an operator who agrees, as the one of the simulated bench does, sees it set down
+    last = trial(served.simulated, tmp_path / "s3")
+    heights = []
+    wait_until(lambda: heights.append(served.height_m()) or not served.world()["held"], last)
+    assert heights[-1] == pytest.approx(GRASP_M, abs=0.002)
+    _, error = last.communicate(timeout=120)
+    assert last.returncode == 0, error

@@ -1,0 +1,136 @@
+"""A lift on a simulated bench that nobody draws, and a person who presses Ctrl-C when something is so."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from drivers.bench import Bench, Hand
+from drivers.errors import DeviceError, OperatorStopError
+from drivers.types import ArmState, Frame, GripperState, HandState, Holding, Pose
+from fakes.clock import SimulatedClock
+from protocols.observer import Phase
+from protocols.slip_trial import LiftPlan, run_lift
+from rig.bench.learning import LearningBench, build_learning_bench
+from rig.config import load_bench
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.tactile.estimators import choose_estimator
+
+When = Callable[[], bool]
+WATCHED_NS = 8_000_000
+
+
+@dataclass
+class Touching:
+    """An observer that feels what the simulated fingers truly press on."""
+
+    made: LearningBench
+    phase_now: Phase | None = None
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        self.phase_now = phase
+
+    def frame(self, frame: Frame) -> None:
+        """Not looked at."""
+
+    def arm(self, state: ArmState) -> None:
+        """Not looked at."""
+
+    def gripper(self, state: GripperState) -> None:
+        """Not looked at."""
+
+    def touching(self, serial: str) -> bool:
+        return self.made.force_n(self.made.bench.clock.now_ns()) > 0.2
+
+
+@dataclass
+class LiftOf:
+    """A lift to be carried out, and what happened to the bench meanwhile."""
+
+    made: LearningBench
+    plan: LiftPlan
+    observer: Touching
+    trace: list[tuple[float, float, int, bool]] = field(default_factory=list)
+    """Tool's x and z, m, counts of the fingers, and whether they press on something, every 8 ms."""
+    interruptions: list[tuple[When, Exception]] = field(default_factory=list)
+    interrupted_at: list[int] = field(default_factory=list)
+    """Places in the trace."""
+    kept: list[HandState] = field(default_factory=list)
+
+    @property
+    def bench(self) -> Bench:
+        return self.made.bench
+
+    @property
+    def pose(self) -> Pose:
+        return self.bench.arm.state().base_T_tcp
+
+    @property
+    def height_m(self) -> float:
+        """Of the tool over the grasp."""
+        return self.pose.position_m[2] - self.plan.base_T_grasp.position_m[2]
+
+    @property
+    def counts(self) -> int:
+        return self.bench.gripper.state().position_counts
+
+    @property
+    def held(self) -> bool:
+        return self.made.force_n(self.bench.clock.now_ns()) > 0.0
+
+    def run(self) -> str:
+        """Carry it out; return how it ended: the notes of its error, or "done"."""
+        try:
+            run_lift(self.bench, self.plan, self.observer)
+        except (OperatorStopError, DeviceError) as error:
+            return "; ".join(getattr(error, "__notes__", []))
+        return "done"
+
+    def interrupt(self, when: When, by: Exception | None = None) -> None:
+        """Let a signal (or a fault) come as soon as something is so."""
+        self.interruptions.append((when, by or OperatorStopError("stopped")))
+
+    def see(self) -> None:
+        """Note how things are, and interrupt where the time has come."""
+        try:
+            x, _, z = self.pose.position_m
+            self.trace.append((x, z, self.counts, self.held))
+        except DeviceError:  # not connected
+            return
+        if self.interruptions and self.interruptions[0][0]():
+            self.interrupted_at.append(len(self.trace) - 1)
+            raise self.interruptions.pop(0)[1]
+
+
+@pytest.fixture
+def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
+    """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`."""
+    lifts: list[LiftOf] = []
+    passes = SimulatedClock.sleep_until
+
+    def sleep_until(clock: SimulatedClock, time_ns: int) -> None:
+        while lifts and clock.now_ns() + WATCHED_NS < time_ns:
+            passes(clock, clock.now_ns() + WATCHED_NS)
+            lifts[0].see()
+        passes(clock, time_ns)
+        if lifts:
+            lifts[0].see()
+
+    monkeypatch.setattr(SimulatedClock, "sleep_until", sleep_until)
+
+    def make(object_id: str = "t1") -> LiftOf:
+        config = load_bench("fake")
+        made = build_learning_bench(config, 3, None)
+        settings = TrialSettings(config, 0, choose_estimator())
+        plan = plan_lift(settings, LiftTask(1, object_id, 1), made.bench.base_T_table)
+        for device in (*made.bench.frame_sources, made.bench.gripper, made.bench.arm):
+            device.connect()
+        made.bench.gripper.activate()
+        made.place(object_id)
+        kept: list[HandState] = []
+        made = replace(made, bench=replace(made.bench, hand=Hand(HandState(Holding.FREE), kept.append)))
+        lift = LiftOf(made, plan, Touching(made), kept=kept)
+        lifts.append(lift)
+        return lift
+
+    return make

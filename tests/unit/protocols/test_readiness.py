@@ -1,0 +1,138 @@
+"""Before the first motion: what is in the hand is looked at, asked about where it has to be, and set down."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivers.bench import Hand
+from drivers.errors import OperatorStopError
+from drivers.types import HandState, Holding
+from protocols.observer import Phase
+from protocols.readiness import agree_to_carry, free_hand, make_ready
+from protocols.steps import CLEARANCE_M
+from rig.bench.operators import ConsoleOperator
+
+LiftOf = Callable[..., Any]
+
+
+class Person(ConsoleOperator):
+    """Says the same to every question; was asked `asked`. Agreed beforehand, as --yes does."""
+
+    def __init__(self, says: bool = True) -> None:
+        self.asked: list[str] = []
+        super().__init__(lambda question: self.asked.append(question) or says, agreed=True)
+
+
+def left_in_the_air(lift_of: LiftOf) -> Any:
+    """A lift whose program was killed while the object hung in the fingers."""
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
+    lift.interrupt(lambda: True)
+    assert "still holding" in lift.run()
+    lift.interruptions.clear()
+    lift.trace.clear()
+    return lift
+
+
+def restarted(lift: Any, state: HandState) -> Any:
+    """The same bench as another program finds it."""
+    return replace(lift.bench, hand=Hand(state, lift.kept.append))
+
+
+def test_a_free_hand_is_asked_about_by_nobody(lift_of: LiftOf) -> None:
+    lift, person = lift_of(), Person(says=False)
+    make_ready(lift.bench, person)
+    assert person.asked == []
+    assert lift.bench.hand.state == HandState(Holding.FREE, finger_counts=lift.counts)
+
+
+def test_what_the_last_program_held_is_set_down_where_it_took_it_not_dropped(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person()
+    bench = restarted(lift, lift.bench.hand.state)
+    make_ready(bench, person)
+    assert len(person.asked) == 1
+    assert "holds wrench" in person.asked[0]
+    assert "set down" in person.asked[0]
+    place = lift.plan.base_T_grasp.position_m[2]
+    assert next(z for _, z, _, held in lift.trace if not held) == pytest.approx(place, abs=1e-4)
+    assert lift.height_m == pytest.approx(CLEARANCE_M, abs=1e-6)
+    assert bench.hand.state.holding is Holding.FREE
+
+
+def test_without_an_answer_at_the_bench_it_goes_on_hanging_yes_or_not(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person(says=False)
+    before = (lift.pose, lift.counts)
+    with pytest.raises(OperatorStopError, match="nothing was moved"):
+        make_ready(restarted(lift, lift.bench.hand.state), person)
+    assert (lift.pose, lift.counts, lift.held) == (*before, True)
+
+
+def test_fingers_that_are_closed_for_a_reason_nobody_knows_open_only_after_a_look(lift_of: LiftOf) -> None:
+    lift = left_in_the_air(lift_of)
+    for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_counts=20)):
+        refusing = Person(says=False)
+        with pytest.raises(OperatorStopError):
+            free_hand(restarted(lift, known), refusing)
+        assert "not known what the fingers hold" in refusing.asked[0]
+        assert "Hold what may be between" in refusing.asked[0]
+        assert lift.held
+
+
+def test_fingers_that_stand_open_hold_nothing_whatever_was_known(lift_of: LiftOf) -> None:
+    lift, person = lift_of(), Person(says=False)
+    place = lift.plan.base_T_grasp
+    for known in (
+        HandState(Holding.UNKNOWN, "no record"),
+        HandState(Holding.HELD, "wrench", place, 0.012),
+        HandState(Holding.AROUND, "wrench", place, 0.012),  # it was on its way, and is far above
+    ):
+        bench = restarted(lift, known)
+        free_hand(bench, person)
+        assert bench.hand.state.holding is Holding.FREE
+    assert person.asked == []
+
+
+def test_what_hangs_elsewhere_is_held_by_somebody_before_the_fingers_open(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person()
+    elsewhere = replace(lift.bench.hand.state, base_T_grasp=lift.plan.base_T_grasp.translated(x_m=0.1))
+    make_ready(restarted(lift, elsewhere), person)
+    assert len(person.asked) == 1
+    assert "Hold what may be between the fingers" in person.asked[0]
+
+
+def test_a_gripper_that_met_something_is_believed(lift_of: LiftOf) -> None:
+    lift, person = lift_of(), Person(says=False)
+    lift.bench.arm.move_linear(lift.plan.base_T_grasp, 0.25, 1.0).wait(5.0)
+    lift.bench.gripper.move_to(255).wait(10.0)  # closes until it stalls at 15 N
+    assert lift.bench.gripper.state().gripping
+    with pytest.raises(OperatorStopError):
+        free_hand(restarted(lift, HandState(Holding.FREE)), person)
+    assert lift.held
+
+
+def test_an_arm_does_not_carry_something_off_unasked(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person(says=False)
+    with pytest.raises(OperatorStopError):
+        agree_to_carry(restarted(lift, lift.bench.hand.state), person)
+    assert "The arm will move with it" in person.asked[0]
+
+
+def test_a_free_hand_carries_nothing_and_nobody_is_asked(lift_of: LiftOf) -> None:
+    person = Person(says=False)
+    agree_to_carry(lift_of().bench, person)
+    assert person.asked == []
+
+
+def test_after_a_fault_somebody_looks_once(lift_of: LiftOf) -> None:
+    lift, person = lift_of(), Person()
+    make_ready(lift.bench, person, after_fault=True)
+    assert len(person.asked) == 1
+
+
+def test_after_a_fault_that_left_the_object_in_the_air_somebody_looks_once_as_well(lift_of: LiftOf) -> None:
+    lift, person = left_in_the_air(lift_of), Person()
+    make_ready(lift.bench, person, after_fault=True)
+    assert len(person.asked) == 1
+    assert "ended in a fault. The hand holds wrench" in person.asked[0]

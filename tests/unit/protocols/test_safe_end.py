@@ -1,0 +1,148 @@
+"""How a lift ends that ends early: by what is known of the hand; and a second Ctrl-C ends that, too."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivers.errors import DeviceError, OutOfLimitsError
+from drivers.types import Holding
+from fakes.devices.arm import FakeArm
+from protocols.observer import Phase
+from protocols.slip_trial import run_lift
+from protocols.steps import CLEARANCE_M
+
+LiftOf = Callable[..., Any]
+STOPPING_M = 0.0025
+"""The simulated arm stops at once; between two looks of the trace it moves by 2 mm."""
+
+
+def lowest(lift: Any, since: int) -> float:
+    return min(z for _, z, _, _ in lift.trace[since:])
+
+
+def test_a_lift_that_is_not_interrupted_leaves_a_free_hand(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    assert lift.run() == "done"
+    assert lift.bench.hand.state.holding is Holding.FREE
+    held = [state.holding for state in lift.kept]
+    assert held == [Holding.FREE, Holding.AROUND, Holding.HELD, Holding.AROUND, Holding.FREE]
+
+
+def test_nothing_held_and_not_around_the_object_it_stops_and_stays(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: 0.070 < lift.height_m < 0.083)
+    note = lift.run()
+    at, there = lift.interrupted_at[0], lift.trace[lift.interrupted_at[0]]
+    assert "nothing held" in note
+    assert abs(lift.pose.position_m[2] - there[1]) <= STOPPING_M
+    assert lowest(lift, at) >= there[1] - STOPPING_M
+    assert lift.bench.hand.state.holding is Holding.FREE
+
+
+def test_a_fault_before_the_approach_moves_nothing_at_all(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    before = lift.pose
+    lift.interrupt(lambda: True, DeviceError("gripper: no answer"))
+    lift.run()
+    assert lift.pose == before
+
+
+def test_around_the_object_the_fingers_open_and_the_arm_rises_straight_up(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.REFERENCE)
+    note = lift.run()
+    at = lift.interrupted_at[0]
+    assert "nothing held" in note
+    assert lift.height_m == pytest.approx(CLEARANCE_M, abs=1e-6)
+    assert max(abs(x - lift.trace[at][0]) for x, *_ in lift.trace[at:]) < 1e-6
+    assert lowest(lift, at) >= lift.trace[at][1] - STOPPING_M
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+def test_held_it_is_set_down_where_it_was_taken(lift_of: LiftOf, phase: Phase) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.015)
+    assert "set down" in lift.run()
+    place = lift.plan.base_T_grasp.position_m[2]
+    let_go = next(z for _, z, _, held in lift.trace[lift.interrupted_at[0] :] if not held)
+    assert let_go == pytest.approx(place, abs=1e-4)
+    assert lift.height_m == pytest.approx(CLEARANCE_M, abs=1e-6)
+    assert lift.bench.hand.state.holding is Holding.FREE
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+def test_a_second_ctrl_c_stops_the_teardown_and_stays(lift_of: LiftOf, phase: Phase) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.02)
+    lift.interrupt(lambda: lift.height_m < 0.017)
+    assert "stopped at once, still holding wrench" in lift.run()
+    there = lift.trace[lift.interrupted_at[1]][1]
+    assert lift.pose.position_m[2] == pytest.approx(there, abs=STOPPING_M)
+    assert lift.held
+    assert lift.bench.hand.state.holding is Holding.HELD
+
+
+def test_an_object_in_a_hand_that_is_not_above_its_place_stays_held(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
+    elsewhere = lift.plan.base_T_grasp.translated(x_m=0.05)
+    note = lift.bench.hand.note
+    lift.bench.hand.note = lambda state: note(replace(state, base_T_grasp=elsewhere))
+    assert "not above the place" in lift.run()
+    assert lift.held
+
+
+def test_a_gripper_that_is_lost_holds_on_and_the_arm_stays(lift_of: LiftOf) -> None:
+    lift = lift_of()
+
+    def lose() -> bool:
+        if lift.observer.phase_now is not Phase.HOLD:
+            return False
+        lift.height_at_loss = lift.height_m
+        lift.bench.gripper.disconnect()
+        return True
+
+    lift.interrupt(lose)
+    assert "still holding wrench (gripper" in lift.run()
+    assert lift.height_m == pytest.approx(lift.height_at_loss, abs=STOPPING_M)
+
+
+def test_a_stop_of_the_safety_system_is_seen_while_the_lift_waits_for_something_else(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    pressed_ns: list[int] = []
+
+    def stopped(_: FakeArm, now_ns: int) -> bool:
+        if lift.observer.phase_now is Phase.HOLD:
+            pressed_ns.append(now_ns)
+        return bool(pressed_ns)
+
+    monkeypatch.setattr(FakeArm, "_protective_stop", stopped)
+    assert "protective stop" in lift.run()
+    assert lift.bench.clock.now_ns() - pressed_ns[0] < 100_000_000  # three pictures of the camera
+    assert lift.held
+
+
+def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    before = (lift.pose, lift.counts)
+    lift.plan = replace(lift.plan, width_m=0.118)
+    with pytest.raises(OutOfLimitsError, match=r"118\.0 mm wide is too wide.*open 120\.0 mm"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert (lift.pose, lift.counts) == before
+
+
+def test_a_hand_that_stands_low_rises_before_it_goes_anywhere(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    low = lift.plan.base_T_grasp.translated(x_m=0.12, z_m=0.01)
+    lift.bench.arm.move_linear(low, 0.25, 1.0).wait(5.0)
+    started = len(lift.trace)
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.REFERENCE)
+    lift.run()
+    clear_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M - 1e-6
+    sideways = [z for x, z, _, _ in lift.trace[started:] if 1e-4 < low.position_m[0] - x < 0.119]
+    assert sideways
+    assert min(sideways) >= clear_m

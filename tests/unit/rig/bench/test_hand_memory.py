@@ -1,0 +1,85 @@
+"""What the hand does outlives the program: kept file by file, recalled by the next one."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Hand
+from drivers.errors import DeviceTimeoutError, RecordingError
+from drivers.types import Frame, HandState, Holding, Pose
+from rig.bench.hand_memory import HandMemory
+
+HELD = HandState(
+    Holding.HELD, "wrench", Pose.from_rotation((0.5, 0.0, 0.06), Rotation.from_euler("x", 180)), 0.012
+)
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return tmp_path
+
+
+def tips(*images: Any) -> Any:
+    """A bench of fingertips that show these images."""
+
+    def sensor(number: int, image: Any) -> Any:
+        frame = None if image is None else Frame(image, 0, 0, f"D{number}")
+
+        def next_frame(_: float) -> Frame:
+            if frame is None:
+                raise DeviceTimeoutError(f"D{number}: no frame")
+            return frame
+
+        return SimpleNamespace(serial=f"D{number}", next_frame=next_frame, newest_frame=next_frame)
+
+    return SimpleNamespace(fingertips=[SimpleNamespace(sensor=sensor(n, i)) for n, i in enumerate(images, 1)])
+
+
+def test_the_next_program_knows_what_this_one_held() -> None:
+    memory = HandMemory("192.0.2.10")
+    assert memory.recall().holding is Holding.UNKNOWN
+    hand = Hand(memory.recall(), memory.keep)
+    hand.note(HELD)
+    assert HandMemory("192.0.2.10").recall() == HELD
+    hand.note(HandState(Holding.FREE, finger_counts=171))
+    assert HandMemory("192.0.2.10").recall() == HandState(Holding.FREE, finger_counts=171)
+    assert HandMemory("192.0.2.11").recall().holding is Holding.UNKNOWN
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"holding": "free"}', '{"holding": "so"}', "\xff"])
+def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
+    HandMemory("arm").recall()
+    HandMemory("arm").keep(HELD)
+    (file,) = (state_home / "visuotactile-slip-rig" / "hands").iterdir()
+    file.write_text(text, "latin-1")
+    recalled = HandMemory("arm").recall()
+    assert recalled.holding is Holding.UNKNOWN
+    assert "damaged" in recalled.what
+
+
+def test_where_nothing_can_be_kept_no_run_begins_but_one_under_way_goes_on(
+    state_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (state_home / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(state_home / "file"))
+    memory = HandMemory("arm")
+    with pytest.raises(RecordingError, match="XDG_STATE_HOME"):
+        memory.recall()
+    memory.keep(HELD)
+
+
+def test_fingertips_are_compared_with_how_they_look_untouched(press: Any) -> None:
+    untouched, touched = press(None, seed=1), press(20.0, seed=2)
+    memory = HandMemory("arm")
+    memory.recall()
+    assert memory.touched(tips(touched, touched)) == []  # nothing to compare with
+    memory.keep_untouched(tips(untouched, press(None, seed=3)))
+    assert memory.touched(tips(press(None, seed=4), press(None, seed=5))) == []
+    assert memory.touched(tips(press(None, seed=4), touched)) == ["D2"]
+    assert memory.touched(tips(None, touched)) == ["D2"]
+    memory.keep_untouched(tips(None, untouched))
+    assert memory.touched(tips(touched, untouched)) == ["D1"]

@@ -1,0 +1,103 @@
+"""A bench is simulated only where running fakes name each of its devices as theirs; else it is a real one."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from drivers.errors import InputError
+from fakes.wire.net.side_channel import ControlServer
+from rig.bench.fakes_process import simulated_operator
+from rig.bench.identity import prove_simulated
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import session_bench, unconnected_bench
+from rig.config import BenchConfig, load_bench
+
+SERVED: dict[str, Any] = {
+    "arm": "127.0.0.9", "gripper": ["127.0.0.9", 40502],
+    "SIM-D0001": "http://127.0.0.9:40001/stream.mjpg", "SIM-D0002": "http://127.0.0.9:40002/stream.mjpg",
+    "SIM-C0001": "http://127.0.0.9:40003/stream.mjpg",
+}  # fmt: skip
+FAR = "192.0.2.10"
+
+
+@pytest.fixture
+def control() -> Iterator[ControlServer]:
+    """The side channel of fakes that serve these devices; nothing listens at their addresses."""
+    server = ControlServer({"identity": lambda: SERVED, "place": lambda object, seed: None})
+    server.start()
+    yield server
+    server.stop()
+
+
+def bench(control: str | None, **changed: Any) -> BenchConfig:
+    """A bench file's content as `rig fakes serve --write` leaves it, but for what is changed in it."""
+    values = load_bench("wire").model_dump()
+    served = SERVED | changed
+    values["fakes"] = {"control": control}
+    values["arm"]["host"] = served["arm"]
+    values["gripper"]["host"], values["gripper"]["port"] = served["gripper"]
+    for sensor in (*values["tactile"], values["camera"]):
+        sensor["address"] = served[sensor["serial"]]
+    return BenchConfig.model_validate(values)
+
+
+def test_fakes_that_name_every_device_prove_it(control: ControlServer) -> None:
+    prove_simulated(bench(control.address))
+    operator = simulated_operator(bench(control.address), seed=0)
+    operator.confirm("Anything?")
+    operator.look("Anything?")
+    operator.place("t1", "wrench")
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"arm": FAR}, f"arm at {FAR} is not on this computer"),
+        ({"arm": "robot.lab"}, "arm at robot.lab is not on this computer"),
+        ({"arm": "127.0.0.1"}, "arm at 127.0.0.1 is none of theirs"),
+        ({"gripper": [FAR, 502]}, "gripper at"),
+        ({"gripper": ["127.0.0.9", 502]}, "gripper at"),
+        ({"SIM-D0001": "/dev/video0"}, "SIM-D0001 at /dev/video0"),
+        ({"SIM-D0002": None}, "SIM-D0002 at None"),
+        ({"SIM-C0001": f"http://{FAR}/stream.mjpg"}, "SIM-C0001 at"),
+    ],
+)
+def test_one_device_that_is_not_theirs_makes_it_a_real_bench_and_its_fakes_a_mistake(
+    control: ControlServer, changed: dict[str, Any], named: str
+) -> None:
+    person = ConsoleOperator(lambda _: pytest.fail("nobody is to be asked"), agreed=True)
+    config = bench(control.address, **changed)
+    with pytest.raises(InputError, match=named), session_bench(config, person, "Begin?"):
+        pass
+    with pytest.raises(InputError, match=named), unconnected_bench(config):
+        pass
+
+
+def test_a_serial_line_that_is_not_theirs_is_named(control: ControlServer) -> None:
+    values = bench(control.address).model_dump()
+    values["gripper"] |= {"transport": "rtu", "device": "/dev/ttyUSB0", "preset": None}
+    with pytest.raises(InputError, match="gripper at /dev/ttyUSB0 is none of theirs"):
+        prove_simulated(BenchConfig.model_validate(values))
+
+
+def test_fakes_that_do_not_answer_prove_nothing(control: ControlServer) -> None:
+    config = bench(control.address)
+    operator = simulated_operator(config, seed=0)
+    operator.confirm("Activate it now?")
+    control.stop()
+    for ask in (operator.confirm, operator.look, operator.nudge):
+        with pytest.raises(InputError, match="no answer"):
+            ask("Activate it now?")
+    with pytest.raises(InputError, match="no answer"):
+        operator.place("t1", "wrench")
+    person = ConsoleOperator(lambda _: True)
+    with pytest.raises(InputError, match="real bench"), session_bench(config, person, "Begin?"):
+        pass
+
+
+def test_a_side_channel_elsewhere_proves_nothing() -> None:
+    with pytest.raises(InputError, match="not on this computer"):
+        prove_simulated(bench(f"{FAR}:5000"))
+    with pytest.raises(InputError, match="no side channel"):
+        prove_simulated(bench(None))

@@ -1,92 +1,21 @@
-"""Programs of the user's own, as far as a bench needs them: straight lines of calls and assignments.
+"""What a user's program may call: motions, stops, sleep, TCP, payload, outputs, registers, geometry."""
 
-Motions, stops, sleep, TCP, payload, outputs and registers are carried out. Control flow, threads
-and unknown functions are not: such a line is skipped and listed in `skipped`.
-"""
-
-import ast
 import math
-import operator
 from collections.abc import Callable
 from typing import Any
 
 from drivers.types import Vector6
-from fakes.wire.ur.body import ArmMover, JointMove, JointStop, LinearMove, LinearStop
+from fakes.wire.ur.body import ArmMover, JointMove, JointStop, LinearMove, LinearStop, SpeedMove
 from fakes.wire.ur.control_loop import Thread
 from fakes.wire.ur.frames import Frame, compose, from_ur, to_ur
-from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot
-from fakes.wire.ur.script import ScriptProgram, parse_call
+from fakes.wire.ur.robot import CYCLE_S, Robot
+from fakes.wire.ur.runtime import ProgramError
 
-_OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-}
 LONGEST_SLEEP_S = 3600.0
 
 
 class PoseValue(tuple[float, ...]):
     """p[...]: a pose, as against a list of joint angles."""
-
-
-class ScriptRun:
-    """One run of a user's program."""
-
-    def __init__(self, robot: Robot, program: ScriptProgram) -> None:
-        self._robot, self.name = robot, program.name
-        self.skipped: list[str] = []
-        self._names: dict[str, Any] = {"True": True, "False": False, "pi": math.pi}
-        self._main = self._run(program.lines)
-
-    def step(self) -> bool:
-        """One cycle; returns whether the program goes on. Raises `ProgramError`."""
-        try:
-            next(self._main)
-        except StopIteration:
-            return False
-        return True
-
-    def _run(self, lines: tuple[str, ...]) -> Thread:
-        for line in lines:
-            statement = parse_call(line)
-            try:
-                if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
-                    self._names[statement.targets[0].id] = self._value(statement.value)
-                elif isinstance(statement, ast.Call):
-                    yield from self._call(statement) or ()
-                else:
-                    raise LookupError(line)
-            except LookupError:
-                self.skipped.append(line)
-            except (TypeError, ValueError, ArithmeticError) as error:
-                raise ProgramError(f"'{line}': {error}") from error
-
-    def _call(self, call: ast.Call) -> Thread | None:
-        name = getattr(call.func, "id", "")
-        action = _ACTIONS[name]
-        values = [self._value(a) for a in call.args]
-        return action(self._robot, *values, **{k.arg or "": self._value(k.value) for k in call.keywords})
-
-    def _value(self, node: ast.expr) -> Any:
-        match node:
-            case ast.Constant(value):
-                return value
-            case ast.Name(name):
-                return self._names[name]
-            case ast.List(items):
-                return tuple(self._value(item) for item in items)
-            case ast.UnaryOp(ast.USub(), operand):
-                return -self._value(operand)
-            case ast.BinOp(left, kind, right):
-                return _OPERATORS[type(kind)](self._value(left), self._value(right))
-            case ast.Subscript(ast.Name("p"), ast.Tuple(items)):
-                return PoseValue(self._value(item) for item in items)
-            case ast.Subscript(value, index):
-                return self._value(value)[self._value(index)]
-            case ast.Call(ast.Name(name), arguments):
-                return _FUNCTIONS[name](self._robot, *(self._value(a) for a in arguments))
-        raise LookupError(ast.dump(node))
 
 
 def _joints(robot: Robot, target: tuple[float, ...]) -> Vector6:
@@ -120,6 +49,29 @@ def _move_l(
     return _until(robot, LinearMove(robot.body.tcp, robot.tcp_at(_joints(robot, target)), v, a))
 
 
+def _speed(joint: bool) -> Callable[..., Thread]:
+    """A speed, kept for `t`, at least for a cycle, and on until something else comes (speedj, speedl)."""
+
+    def keep(
+        robot: Robot, velocity: tuple[float, ...], a: float = 0.5, t: float = 0, t_min: float = 0
+    ) -> Thread:
+        body, (x, y, z, rx, ry, rz) = robot.body, velocity
+        mover = body.mover
+        if not isinstance(mover, SpeedMove) or mover.joint is not joint:
+            body.mover = mover = SpeedMove(body.qd if joint else body.twist, joint)
+        mover.target, mover.acceleration = (x, y, z, rx, ry, rz), a
+        yield from _sleep(robot, max(t, t_min, CYCLE_S))
+
+    return keep
+
+
+def _watchdog(robot: Robot, register: str, least_hz: float, action: str = "PAUSE") -> None:
+    if register not in robot.inputs:
+        raise ValueError(f"there is no input {register}")
+    if action.upper() != "IGNORE":
+        robot.watch(register, least_hz, pause=action.upper() == "PAUSE")
+
+
 def _sleep(robot: Robot, duration_s: float) -> Thread:
     for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
         yield
@@ -130,8 +82,7 @@ def _sync(robot: Robot) -> Thread:
 
 
 def _set_tcp(robot: Robot, pose: tuple[float, ...], *_: object) -> None:
-    robot.body.tool = _frame(pose)
-    robot.tool_changed()
+    robot.set_tool(_frame(pose))
 
 
 def _payload(robot: Robot, mass: float, cog: tuple[float, ...] | None = None, *_: object) -> None:
@@ -156,12 +107,14 @@ def _ignored(robot: Robot, *_: object, **__: object) -> None:
     """Has an effect on the pendant only."""
 
 
-_ACTIONS: dict[str, Callable[..., Thread | None]] = {
+ACTIONS: dict[str, Callable[..., Thread | None]] = {
     "movej": _move_j,
     "movel": _move_l,
     "movep": _move_l,
     "stopj": lambda robot, a=2.0: _until(robot, JointStop(robot.body.qd, a)),
     "stopl": lambda robot, a=2.0: _until(robot, LinearStop(robot.body.twist, a)),
+    "speedl": _speed(joint=False),
+    "speedj": _speed(joint=True),
     "sleep": _sleep,
     "sync": _sync,
     "set_tcp": _set_tcp,
@@ -176,10 +129,11 @@ _ACTIONS: dict[str, Callable[..., Thread | None]] = {
     "set_tool_digital_out": _output(16),
     "write_output_integer_register": _register("int"),
     "write_output_float_register": _register("double"),
+    "rtde_set_watchdog": _watchdog,
     "textmsg": _ignored,
     "popup": _ignored,
 }
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     "d2r": lambda _, angle: math.radians(angle),
     "r2d": lambda _, angle: math.degrees(angle),
     "get_actual_tcp_pose": lambda robot: PoseValue(to_ur(robot.body.tcp)),

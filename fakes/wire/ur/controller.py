@@ -16,7 +16,8 @@ import time
 from typing import Any
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import DeviceError, InputError
+from drivers.errors import InputError
+from fakes.wire.net.background import VitalThread
 from fakes.wire.ur.client_interfaces import (
     PRIMARY_CYCLES,
     REALTIME_CYCLES,
@@ -76,7 +77,7 @@ class URController:
         self._streams: dict[Connection, Stream] = {}
         self._lock = threading.RLock()
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: VitalThread | None = None
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
         self._program: ControlLoop | ScriptRun | None = None
@@ -88,8 +89,13 @@ class URController:
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
         self._stopping.clear()
-        self._thread = threading.Thread(target=self._serve, name=f"controller {self.host}", daemon=True)
+        self._thread = VitalThread(self._serve, f"simulated controller on {self.host}")
         self._thread.start()
+
+    @property
+    def failure(self) -> Exception | None:
+        """What ended the controller by itself; None where nothing did."""
+        return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
         """Close everything. Safe to call twice."""
@@ -134,16 +140,13 @@ class URController:
             }
 
     def _serve(self) -> None:
-        try:
-            while not self._stopping.is_set():
-                wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
-                ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
-                with self._lock:
-                    for key, _ in ready:
-                        self._attend(key.data)
-                    self._catch_up()
-        except DeviceError:
-            _log.exception("the simulated controller on %s ends", self.host)
+        while not self._stopping.is_set():
+            wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
+            ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
+            with self._lock:
+                for key, _ in ready:
+                    self._attend(key.data)
+                self._catch_up()
 
     def _catch_up(self) -> None:
         due = self._clock.now_ns() // CYCLE_NS

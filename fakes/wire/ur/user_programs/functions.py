@@ -55,11 +55,11 @@ def _speed(joint: bool) -> Callable[..., Thread]:
     def keep(
         robot: Robot, velocity: tuple[float, ...], a: float = 0.5, t: float = 0, t_min: float = 0
     ) -> Thread:
-        body, (x, y, z, rx, ry, rz) = robot.body, velocity
+        body, (x, y, z, rx, ry, rz), brake = robot.body, map(float, velocity), float(a)
         mover = body.mover
         if not isinstance(mover, SpeedMove) or mover.joint is not joint:
             body.mover = mover = SpeedMove(body.qd if joint else body.twist, joint)
-        mover.target, mover.acceleration = (x, y, z, rx, ry, rz), a
+        mover.target, mover.acceleration = (x, y, z, rx, ry, rz), brake
         yield from _sleep(robot, max(t, t_min, CYCLE_S))
 
     return keep
@@ -93,10 +93,13 @@ def _halt(robot: Robot) -> None:
     raise ProgramError("halt")
 
 
-def _output(first: int) -> Callable[[Robot, int, bool], None]:
-    return lambda robot, number, level: robot.io.set_digital(
-        1 << number + first, bool(level) << number + first
-    )
+def _output(first: int, count: int) -> Callable[[Robot, int, bool], None]:
+    def switch(robot: Robot, number: int, level: bool) -> None:
+        if number not in range(count):
+            raise ValueError(f"there is no output {number}")
+        robot.io.set_digital(1 << int(number) + first, bool(level) << int(number) + first)
+
+    return switch
 
 
 def _register(kind: str) -> Callable[[Robot, int, float], None]:
@@ -123,10 +126,10 @@ ACTIONS: dict[str, Callable[..., Thread | None]] = {
     "zero_ftsensor": lambda robot: robot.zero_force_sensor(),
     "protective_stop": lambda robot: robot.protective_stop(),
     "halt": _halt,
-    "set_standard_digital_out": _output(0),
-    "set_digital_out": _output(0),
-    "set_configurable_digital_out": _output(8),
-    "set_tool_digital_out": _output(16),
+    "set_standard_digital_out": _output(0, 8),
+    "set_digital_out": _output(0, 8),
+    "set_configurable_digital_out": _output(8, 8),
+    "set_tool_digital_out": _output(16, 2),
     "write_output_integer_register": _register("int"),
     "write_output_float_register": _register("double"),
     "rtde_set_watchdog": _watchdog,

@@ -107,8 +107,8 @@ def test_another_master_over_tcp(server: GripperServer) -> None:
     assert client.read_input_registers(0, 8) == [0, 0, 0x0600, 0x0006, 0, 0x0600, 0x0089, 0]
     assert client.write_single_register(0, 0x0100)
     assert _becomes(lambda: client.read_holding_registers(0, 1), [0x3100])
-    assert client.write_multiple_registers(0, [0x0900, 0x00FF, 0xFFFF])
-    assert _becomes(lambda: client.read_input_registers(0, 2), [0xF9FF, 0x00FF])
+    assert client.write_multiple_registers(0, [0x0900, 0x0030, 0xFFFF])
+    assert _becomes(lambda: client.read_input_registers(0, 2), [0xF9FF, 0x0030])
     assert client.write_read_multiple_registers(0, [0x0900, 0x0000, 0xFFFF], 0, 2)
     assert _becomes(lambda: client.read_input_registers(0, 3), [0xF9FF, 0x0000, 0x0600])
     assert client.read_input_registers(7, 2) is None
@@ -125,9 +125,9 @@ def test_another_master_on_the_serial_line(line: GripperRtu) -> None:
     gripper.serial.baudrate, gripper.serial.timeout = 115200, 1.0
     gripper.write_registers(0x03E8, [0x0100, 0, 0])
     assert _becomes(lambda: gripper.read_registers(0x07D0, 1), [0x3100])
-    gripper.write_register(0x03E9, 0x0080, functioncode=6)
-    gripper.write_registers(0x03E8, [0x0900, 0x0080, 0xFFFF])
-    assert _becomes(lambda: gripper.read_registers(0x07D0, 3, functioncode=4), [0xF9FF, 0x0080, 0x8000])
+    gripper.write_register(0x03E9, 0x0030, functioncode=6)
+    gripper.write_registers(0x03E8, [0x0900, 0x0030, 0xFFFF])
+    assert _becomes(lambda: gripper.read_registers(0x07D0, 3, functioncode=4), [0xF9FF, 0x0030, 0x3000])
     with pytest.raises(minimalmodbus.NoResponseError):
         gripper.read_register(0x1000)
     stranger = minimalmodbus.Instrument(line.device, 8)

@@ -226,6 +226,12 @@ def test_all_faults_are_explained() -> None:
     assert all(KINDS.values())
 
 
+def test_a_controller_that_fails_says_so(controller: URController, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert controller.failure is None
+    monkeypatch.setattr(controller.robot, "cycle", lambda time_ns: 1 / 0)
+    until(lambda: isinstance(controller.failure, ZeroDivisionError))
+
+
 def test_nonsense_ends_that_connection_only(controller: URController, connect: Connect) -> None:
     client = connect(controller.host)
     with socket.create_connection((controller.host, 30004), timeout=2.0) as connection:

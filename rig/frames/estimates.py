@@ -5,7 +5,6 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -41,6 +40,20 @@ class Estimate:
     zero: FrameTime | None
     zero_note: str
     unreadable: int
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateFigures:
+    """What an estimate amounts to. refused: frames by state. median_ms, p99_ms: wall time per frame."""
+
+    frames: int
+    answered: int
+    refused: dict[str, int]
+    unreadable: int
+    reference_time_s: float | None
+    reference: str
+    median_ms: float | None
+    p99_ms: float | None
 
 
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
@@ -84,7 +97,7 @@ def zeroed(
     )
 
 
-def rows(estimate: Estimate) -> list[dict[str, Any]]:
+def rows(estimate: Estimate) -> list[dict[str, object]]:
     """Return a row per frame: t_s (text as given), angle_deg, sigma_deg (None where refused), state."""
     return [
         {
@@ -108,24 +121,24 @@ def table(estimate: Estimate) -> str:
     return text.getvalue()
 
 
-def figures(estimate: Estimate) -> dict[str, Any]:
-    """Return frames, answered, refused by state, the zero, and wall time per frame in ms."""
+def figures(estimate: Estimate) -> EstimateFigures:
+    """Return what an estimate amounts to."""
     refused = Counter(
         answer.sample.state.value
         for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
         if angle is None
     )
     cost_ms = [1e3 * sum(a.sample.stage_s.values()) for a in estimate.answers if a.sample.stage_s]
-    return {
-        "frames": len(estimate.answers),
-        "answered": len(estimate.answers) - sum(refused.values()),
-        "refused": dict(sorted(refused.items())),
-        "unreadable": estimate.unreadable,
-        "reference_time_s": None if estimate.zero is None else float(estimate.zero.text),
-        "reference": estimate.zero_note,
-        "median_ms": round(float(np.median(cost_ms)), 3) if cost_ms else None,
-        "p99_ms": round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
-    }
+    return EstimateFigures(
+        frames=len(estimate.answers),
+        answered=len(estimate.answers) - sum(refused.values()),
+        refused=dict(sorted(refused.items())),
+        unreadable=estimate.unreadable,
+        reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
+        reference=estimate.zero_note,
+        median_ms=round(float(np.median(cost_ms)), 3) if cost_ms else None,
+        p99_ms=round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
+    )
 
 
 def _rounded(value: float | None) -> float | None:

@@ -56,6 +56,15 @@ def real_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def real_clips() -> Path:
+    """The folder of labelled real clips, as `rotation_clips/rebuild.py` makes it: RIG_CLIPS."""
+    folder = Path(os.environ.get("RIG_CLIPS", "clips that nobody named"))
+    if not folder.is_dir():
+        pytest.skip("no labelled real clips: make them with rotation_clips/rebuild.py and set RIG_CLIPS")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def light_bench() -> BenchConfig:
     """The simulated bench with its fingertips at half their rate: nothing but precision needs the others."""
     return with_half_the_frames()

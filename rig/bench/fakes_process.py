@@ -2,6 +2,7 @@
 
 import multiprocessing
 import signal
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,6 +23,8 @@ from rig.bench.operators import SimulatedOperator
 from rig.config import BenchConfig
 
 START_S = 60.0
+LOOK_S = 0.5
+"""How often the process of the fakes looks whether all their parts are alive."""
 STOP_S = 10.0
 
 
@@ -126,8 +129,11 @@ def _serve(config: BenchConfig, pipe: Connection) -> None:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        with hosted_fakes(config, host=None) as (served, _), suppress(EOFError, OSError):
+        with hosted_fakes(config, host=None) as (served, fakes), suppress(EOFError, OSError):
             pipe.send(served)
-            pipe.recv()
+            while not pipe.poll(LOOK_S):
+                fakes.check()
     except RigError as error:
-        pipe.send(error)
+        print(f"rig: {error}", file=sys.stderr, flush=True)
+        with suppress(OSError):
+            pipe.send(error)

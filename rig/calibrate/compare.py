@@ -13,11 +13,12 @@ from calibration.store import read_yaml
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 
+Figures = dict[str, float | None]
 WORKSPACE_M = 0.15
 """Half the side of the cube around the target's place in which hand-eye answers are compared."""
 
 
-def compare_files(one: Path, other: Path) -> dict[str, Any]:
+def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
     """Differences of two files of one kind. Raises `CalibrationError` for different or unknown kinds."""
     contents = [read_yaml(path) for path in (one, other)]
     kinds = [_kind(content, path) for content, path in zip(contents, (one, other), strict=True)]
@@ -25,7 +26,7 @@ def compare_files(one: Path, other: Path) -> dict[str, Any]:
         raise CalibrationError(
             f"{one} is a calibration of {kinds[0]}, {other} of {kinds[1]}: nothing to compare"
         )
-    compared: dict[str, Callable[[Any, Any], dict[str, Any]]] = {
+    compared: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Figures]] = {
         "hand-eye": _hand_eye,
         "gripper": _gripper,
         "tcp": _place,
@@ -49,7 +50,7 @@ def _kind(content: Mapping[str, Any], path: Path) -> str:
     return "camera"
 
 
-def _cameras(one: Path, other: Path) -> dict[str, Any]:
+def _cameras(one: Path, other: Path) -> Figures:
     lengths = np.linalg.norm(camera_difference_px(read_camera(one), read_camera(other)), axis=-1)
     middle = lengths[
         lengths.shape[0] // 3 : -lengths.shape[0] // 3, lengths.shape[1] // 3 : -lengths.shape[1] // 3
@@ -61,7 +62,7 @@ def _cameras(one: Path, other: Path) -> dict[str, Any]:
     }
 
 
-def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     """How far apart the two answers put what the camera sees in the workspace."""
     x, y = _pose(one), _pose(other)
     centre = x.inverse() @ _pose(one["target"]) if one.get("setup") == "eye-in-hand" else None
@@ -75,8 +76,8 @@ def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any
     }
 
 
-def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    found = {}
+def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+    found: Figures = {}
     for way in ("closing", "opening"):
         if way in one and way in other:
             a, b = one[way], other[way]
@@ -88,12 +89,12 @@ def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]
     return found
 
 
-def _place(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _place(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     apart = np.subtract(one["translation_m"], other["translation_m"])
     return {"move_mm": round(1e3 * float(np.linalg.norm(apart)), 3)}
 
 
-def _sync(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _sync(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     return {"offset_ms": round(1e3 * (other["add_to_stream_s"] - one["add_to_stream_s"]), 4)}
 
 

@@ -66,7 +66,7 @@ class Filed:
 
     path: Path
     page: Path
-    figures: dict[str, Any] = field(default_factory=dict)
+    figures: dict[str, object] = field(default_factory=dict)
 
 
 def file_result(outcome: CalibrationResult, folder: Path) -> Filed:

@@ -1,7 +1,7 @@
 """`rig estimate`: the angle of the contact in anyone's tactile frames."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -195,20 +195,22 @@ def _write(file: Path, text: str) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
 
 
-def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> dict[str, Any]:
+def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> dict[str, object]:
     """Say the summary on stderr and return it for JSON."""
+    from dataclasses import asdict
+
     from rig.frames.estimates import figures
 
     found = figures(result)
-    if found["unreadable"]:
-        common.say(f"warning: {found['unreadable']} frames could not be read; their rows say 'lost'")
-    refused = ", ".join(f"{count} {state}" for state, count in found["refused"].items()) or "none"
+    if found.unreadable:
+        common.say(f"warning: {found.unreadable} frames could not be read; their rows say 'lost'")
+    refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
     zero = "" if result.zero is None else f"{result.zero.text} s, "
     common.say(background_note)
     common.say(
-        f"{what}: {run.choice.name}, {found['frames']} frames, {found['answered']} answered, "
-        f"refused: {refused}; zero at {zero}{found['reference']}; "
-        f"{found['median_ms']} ms per frame (p99 {found['p99_ms']})"
+        f"{what}: {run.choice.name}, {found.frames} frames, {found.answered} answered, "
+        f"refused: {refused}; zero at {zero}{found.reference}; "
+        f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
     )
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": background_note}
-    return {"frames_from": what, **settings, **found}
+    return {"frames_from": what, **settings, **asdict(found)}

@@ -1,7 +1,8 @@
 """`rig segment`: contact masks of anyone's tactile images."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -70,21 +71,43 @@ def segment(
     make_folder(out)
     for note in dict.fromkeys(group.note for group in groups):
         say(note)
-    rows = []
+    rows: list[SegmentedFile] = []
     for done in segment_groups(groups, choice):
         if done.image is not None:
             _write_mask(names[done.file], done)
         rows.append(_row(done, names[done.file]))
         if done.state in ("black", "saturated", "unreadable"):
             say(f"warning: {done.file}: {done.state}")
-    if all(row["state"] == "unreadable" for row in rows):
+    if all(row.state == "unreadable" for row in rows):
         raise InputError(f"{images[0]}: not one complete image: copy it anew")
     figures = _figures(model, rows)
-    say(_summary(figures, out))
+    states = ", ".join(f"{count} {state}" for state, count in figures.states.items())
+    say(f"{figures.model}: {states}; {figures.median_ms} ms per image (median); masks in {out}")
     if json:
+        notes = [group.note for group in groups]
         emit_json(
-            {"out": str(out), "background": [group.note for group in groups], **figures, "images": rows}
+            {"out": str(out), "background": notes, **asdict(figures), "images": [asdict(row) for row in rows]}
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentedFile:
+    """What became of one image, as `--json` says it."""
+
+    image: str
+    mask: str | None
+    state: str
+    area_px: float
+    ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentFigures:
+    """What became of all images."""
+
+    model: str
+    states: dict[str, int]
+    median_ms: float | None
 
 
 def _write_mask(path: Path, done: "SegmentedImage") -> None:
@@ -94,26 +117,16 @@ def _write_mask(path: Path, done: "SegmentedImage") -> None:
     write_file(path, png(done.mask))
 
 
-def _row(done: "SegmentedImage", name: Path) -> dict[str, Any]:
+def _row(done: "SegmentedImage", name: Path) -> SegmentedFile:
     area = 0.0 if done.segmentation is None else done.segmentation.contact.area_px
-    return {
-        "image": str(done.file),
-        "mask": None if done.image is None else str(name),
-        "state": done.state,
-        "area_px": area,
-        "ms": round(1e3 * done.cost_s, 3),
-    }
+    mask = None if done.image is None else str(name)
+    return SegmentedFile(str(done.file), mask, done.state, area, round(1e3 * done.cost_s, 3))
 
 
-def _figures(model: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _figures(model: str, rows: list[SegmentedFile]) -> SegmentFigures:
     from collections import Counter
     from statistics import median
 
-    states = dict(sorted(Counter(row["state"] for row in rows).items()))
-    costs = [row["ms"] for row in rows if row["state"] != "unreadable"]
-    return {"model": model, "states": states, "median_ms": round(median(costs), 3) if costs else None}
-
-
-def _summary(figures: dict[str, Any], out: Path) -> str:
-    states = ", ".join(f"{count} {state}" for state, count in figures["states"].items())
-    return f"{figures['model']}: {states}; {figures['median_ms']} ms per image (median); masks in {out}"
+    states = dict(sorted(Counter(row.state for row in rows).items()))
+    costs = [row.ms for row in rows if row.state != "unreadable"]
+    return SegmentFigures(model, states, round(median(costs), 3) if costs else None)

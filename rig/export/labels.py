@@ -23,7 +23,8 @@ def export_coco(request: ExportRequest) -> Exported:
     said = _said(request, notes)
     document = coco_document(labelled, f"{request.session.name}; {'; '.join(said)}")
     (request.out / "annotations.json").write_text(json.dumps(document))
-    return Exported({"images": len(labelled), "annotations": len(document["annotations"])}, said)
+    annotated = sum(bool(image.polygons) for image in labelled)
+    return Exported({"images": len(labelled), "annotations": annotated}, said)
 
 
 def export_labelme(request: ExportRequest) -> Exported:

@@ -5,7 +5,6 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -43,6 +42,20 @@ class Estimate:
     unreadable: int
 
 
+@dataclass(frozen=True, slots=True)
+class EstimateFigures:
+    """What an estimate amounts to. refused: frames by state. median_ms, p99_ms: wall time per frame."""
+
+    frames: int
+    answered: int
+    refused: dict[str, int]
+    unreadable: int
+    reference_time_s: float | None
+    reference: str
+    median_ms: float | None
+    p99_ms: float | None
+
+
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
     return tuple(
@@ -62,8 +75,8 @@ def zeroed(
     """Take the angles from the zero, the answer at the reference time or of the first stable contact.
 
     keep_zero leaves the estimator's own zero, as the published script has one. sign: +1, or -1 for
-    a fingertip that sees the object from behind. Raises `InputError` for a reference time outside
-    the series or where there is no answer.
+    a fingertip that sees the object from behind. Where there is no angle at the reference time, the
+    first answer from there on is the zero. Raises `InputError` for a reference time outside the series.
     """
     unreadable = sum(
         answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 for answer in answers
@@ -84,7 +97,7 @@ def zeroed(
     )
 
 
-def rows(estimate: Estimate) -> list[dict[str, Any]]:
+def rows(estimate: Estimate) -> list[dict[str, object]]:
     """Return a row per frame: t_s (text as given), angle_deg, sigma_deg (None where refused), state."""
     return [
         {
@@ -108,24 +121,24 @@ def table(estimate: Estimate) -> str:
     return text.getvalue()
 
 
-def figures(estimate: Estimate) -> dict[str, Any]:
-    """Return frames, answered, refused by state, the zero, and wall time per frame in ms."""
+def figures(estimate: Estimate) -> EstimateFigures:
+    """Return what an estimate amounts to."""
     refused = Counter(
         answer.sample.state.value
         for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
         if angle is None
     )
     cost_ms = [1e3 * sum(a.sample.stage_s.values()) for a in estimate.answers if a.sample.stage_s]
-    return {
-        "frames": len(estimate.answers),
-        "answered": len(estimate.answers) - sum(refused.values()),
-        "refused": dict(sorted(refused.items())),
-        "unreadable": estimate.unreadable,
-        "reference_time_s": None if estimate.zero is None else float(estimate.zero.text),
-        "reference": estimate.zero_note,
-        "median_ms": round(float(np.median(cost_ms)), 3) if cost_ms else None,
-        "p99_ms": round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
-    }
+    return EstimateFigures(
+        frames=len(estimate.answers),
+        answered=len(estimate.answers) - sum(refused.values()),
+        refused=dict(sorted(refused.items())),
+        unreadable=estimate.unreadable,
+        reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
+        reference=estimate.zero_note,
+        median_ms=round(float(np.median(cost_ms)), 3) if cost_ms else None,
+        p99_ms=round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
+    )
 
 
 def _rounded(value: float | None) -> float | None:
@@ -134,7 +147,7 @@ def _rounded(value: float | None) -> float | None:
 
 def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple[int | None, str]:
     if reference is not None:
-        return _frame_at(answers, reference), "as asked"
+        return _place_at(answers, reference)
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
         return None, "none: no frame was answered"
@@ -153,17 +166,19 @@ def _is_stable(areas: np.ndarray) -> bool:
     return len(near) > STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
 
 
-def _frame_at(answers: Sequence[Answer], reference: FrameTime) -> int:
-    """Return the frame nearest to the reference time, which has to be answered."""
+def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:
+    """Return the frame nearest to the reference time, the first answer from there on where it has none."""
     first, last = answers[0].time, answers[-1].time
     if not first.time_ns <= reference.time_ns <= last.time_ns:
         raise InputError(
             f"--reference-time {reference.text}: the frames run from {first.text} to {last.text} s"
         )
     place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
-    if answers[place].sample.angle_deg is None:
-        state = answers[place].sample.state.value
-        raise InputError(
-            f"--reference-time {reference.text}: no angle there ({state}): choose a frame with one"
-        )
-    return place
+    answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
+    if place in answered:
+        return place, "as asked"
+    state = answers[place].sample.state.value
+    if not answered:
+        return None, f"none: no frame was answered; {state} at --reference-time {reference.text}"
+    instead = next((i for i in answered if i > place), answered[0])
+    return instead, f"first answer; no angle ({state}) at --reference-time {reference.text}"

@@ -5,7 +5,6 @@ Fields as https://cocodataset.org/#format-data lists them; ids count from 1.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ class LabelledImage:
     polygons: Sequence[Polygon]
 
 
-def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, Any]:
+def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, object]:
     """Return the JSON value for a set of images; categories are numbered in the order of their names.
 
     description: what the images are and where their outlines come from.
@@ -46,7 +45,7 @@ def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str
     }
 
 
-def _annotation(number: int, image_id: int, category: int, polygons: Sequence[Polygon]) -> dict[str, Any]:
+def _annotation(number: int, image_id: int, category: int, polygons: Sequence[Polygon]) -> dict[str, object]:
     corners = np.concatenate(polygons)
     (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
     return {

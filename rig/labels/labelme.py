@@ -5,7 +5,6 @@ pixels, `imageData` is empty where the image lies beside the file.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 from rig.labels.polygons import Polygon
 
@@ -15,7 +14,7 @@ FORMAT_VERSION = "5.5.0"
 
 def labelme_document(
     image_name: str, size: tuple[int, int], polygons: Sequence[Polygon], label: str, note: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the JSON value of one image's annotation.
 
     image_name: path of the image, relative to the file. size: width and height, px. note: where
@@ -32,7 +31,7 @@ def labelme_document(
     }
 
 
-def _shape(polygon: Polygon, label: str, note: str) -> dict[str, Any]:
+def _shape(polygon: Polygon, label: str, note: str) -> dict[str, object]:
     return {
         "label": label,
         "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],

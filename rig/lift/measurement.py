@@ -18,7 +18,7 @@ from rig.lift.fusion import FusedSample, TipAnswer, fuse
 from rig.lift.marker_truth import MarkerTruth, TruthSeries
 from rig.lift.onset import OnsetAlarm
 from rig.sessions.images import stored
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
@@ -180,17 +180,16 @@ class LiftMeasurement:
         for fused in self.fused:
             self._record_angle(FUSED_TOPIC, fused.angle_deg, fused.sigma_deg, fused)
         for time_ns, angle, sigma in zip(series.time_ns, series.angle_deg, series.sigma_deg, strict=True):
-            value = {"angle_deg": float(angle), "sigma_deg": float(sigma), "state": "tracking"}
-            self._recorder.values(TRUTH_TOPIC, "rig.Angle", int(time_ns), value)
+            recorded = RecordedAngle(int(time_ns), float(angle), float(sigma), State.TRACKING.value)
+            self._recorder.angle(TRUTH_TOPIC, recorded)
 
     def _record_angle(
         self, topic: str, angle: float | None, sigma: float | None, sample: SlipSample | FusedSample
     ) -> None:
-        value = {"angle_deg": angle, "sigma_deg": sigma, "state": sample.state.value}
-        if isinstance(sample, SlipSample):
-            value["contact_area_px"] = sample.contact_area_px
+        area = sample.contact_area_px if isinstance(sample, SlipSample) else None
         if self._recorder:
-            self._recorder.values(topic, "rig.Angle", sample.time_ns, value)
+            recorded = RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)
+            self._recorder.angle(topic, recorded)
 
     def _tactile(self, tip: TipTrack, frame: Frame) -> None:
         tip.count(frame.sequence)

@@ -10,6 +10,7 @@ import os
 import socket
 import threading
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -70,9 +71,9 @@ class Sender:
     lost: int = 0
     _socket: socket.socket = field(default_factory=lambda: socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
 
-    def send(self, kind: str, values: dict[str, Any], picture: bytes = b"") -> None:
+    def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         """Send a message to those who want it; never waits, never raises."""
-        data = Message(kind, values, picture).packed()
+        data = Message(kind, dict(values), picture).packed()
         if len(data) > LARGEST_BYTES:
             self.lost += 1
             return

@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from typing import Any
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
@@ -95,7 +95,7 @@ class LiveObserver(LiftObserver):
 
     def _show(self, frame: Frame) -> None:
         small, scale = _shrunk(frame.image)
-        values: dict[str, Any] = {"serial": frame.serial, "time_ns": frame.time_ns}
+        values: dict[str, object] = {"serial": frame.serial, "time_ns": frame.time_ns}
         if frame.serial not in self._watched.tips:
             values["source"] = "camera"
             corners = self._watched.truth.latest_corners_px()
@@ -121,7 +121,7 @@ class LiveObserver(LiftObserver):
         self._truth = []
         self._send("figures", values)
 
-    def _send(self, kind: str, values: dict[str, Any], picture: bytes = b"") -> None:
+    def _send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         self._sender.send(kind, {**self._lift, **values}, picture)
 
 

@@ -17,7 +17,7 @@ from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.layout import RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest
-from rig.sessions.reading import recorded_values
+from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
 from rig.sessions.records import LIFTS, FinishedLift, LiftHead, LiftRow, finished
 from rig.sessions.rows import readable_rows
@@ -155,13 +155,12 @@ def read_curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lif
 
 
 def _curve(path: Path, topic: str, zero_s: float) -> Curve:
-    ordered = sorted(recorded_values(path, topic), key=lambda v: v["time_ns"])
-
-    def column(key: str) -> np.ndarray:
-        return np.array([np.nan if v.get(key) is None else v[key] for v in ordered], float)
-
-    times = np.array([v["time_ns"] / NS_PER_S - zero_s for v in ordered], float)
-    return Curve(times, column("angle_deg"), column("sigma_deg"), tuple(v["state"] for v in ordered))
+    ordered = sorted(recorded_angles(path, topic), key=lambda angle: angle.time_ns)
+    times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
+    # None becomes nan
+    angles = np.array([angle.angle_deg for angle in ordered], float)
+    sigmas = np.array([angle.sigma_deg for angle in ordered], float)
+    return Curve(times, angles, sigmas, tuple(angle.state for angle in ordered))
 
 
 def _why(error: BaseException) -> str:

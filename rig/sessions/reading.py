@@ -1,20 +1,55 @@
 """Reading the lifts of a session back."""
 
-import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import ClassVar, TypeVar
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from pydantic import ConfigDict
 
 from drivers.errors import SessionError
-from drivers.types import ArmMode, ArmState, Frame, Pose
+from drivers.types import ArmMode, ArmState, Frame, Pose, Vector6
 from protocols.observer import LiftObserver, Phase
+from rig.sessions.codec import STRICT, Codec
 from rig.sessions.images import decoded
-from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, image_topic
+from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, RecordedAngle, image_topic
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class _Phase:
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    phase: Phase
+
+
+@dataclass(frozen=True)
+class _Joints:
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    joints_rad: Vector6
+    wrench: Vector6
+    mode: ArmMode
+
+
+@dataclass(frozen=True)
+class _Angle:
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    angle_deg: float | None
+    sigma_deg: float | None
+    state: str
+    contact_area_px: float | None = None
+
+
+_PHASE: Codec[_Phase] = Codec(_Phase)
+_JOINTS: Codec[_Joints] = Codec(_Joints)
+_ANGLE: Codec[_Angle] = Codec(_Angle)
 
 
 def show_again(path: Path, watch: LiftObserver) -> None:
@@ -25,11 +60,11 @@ def show_again(path: Path, watch: LiftObserver) -> None:
     pose = b""
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == PHASE_TOPIC:
-            watch.phase(Phase(json.loads(data)["phase"]), time_ns)
+            watch.phase(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == ARM_TOPIC:
             pose = data
         elif topic == JOINTS_TOPIC:
-            watch.arm(_arm_state(pose, json.loads(data), time_ns))
+            watch.arm(_arm_state(pose, _parsed(_JOINTS, data, path), time_ns))
         elif topic.startswith(image_topic("")):
             watch.frame(_frame(data, time_ns, sequence))
 
@@ -47,18 +82,22 @@ def recorded_arm_states(path: Path) -> Iterator[ArmState]:
         if topic == ARM_TOPIC:
             pose = data
         else:
-            yield _arm_state(pose, json.loads(data), time_ns)
+            yield _arm_state(pose, _parsed(_JOINTS, data, path), time_ns)
 
 
 def phase_times(path: Path) -> dict[Phase, int]:
     """Return when each phase of a recorded lift began, ns. Raises `SessionError`."""
-    return {Phase(value["phase"]): value["time_ns"] for value in recorded_values(path, PHASE_TOPIC)}
+    begun = recorded_messages(path, PHASE_TOPIC)
+    return {_parsed(_PHASE, data, path).phase: time_ns for _, time_ns, _, data in begun}
 
 
-def recorded_values(path: Path, topic: str) -> list[dict[str, Any]]:
-    """Return the JSON values of a topic, each with its `time_ns`. Raises `SessionError`."""
-    messages = recorded_messages(path, topic)
-    return [{"time_ns": time_ns, **json.loads(data)} for _, time_ns, _, data in messages]
+def recorded_angles(path: Path, topic: str) -> list[RecordedAngle]:
+    """Return the angles of a topic in the order they were written. Raises `SessionError`."""
+    found = []
+    for _, time_ns, _, data in recorded_messages(path, topic):
+        angle = _parsed(_ANGLE, data, path)
+        found.append(RecordedAngle(time_ns, angle.angle_deg, angle.sigma_deg, angle.state))
+    return found
 
 
 def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
@@ -89,17 +128,24 @@ def recorded_jpeg(data: bytes) -> bytes:
     return CompressedImage.FromString(data).data
 
 
+def _parsed(codec: Codec[Value], data: bytes, path: Path) -> Value:
+    try:
+        return codec.parsed(data)
+    except ValueError as error:
+        raise SessionError(f"{path}: the recording is damaged ({error})") from error
+
+
 def _frame(data: bytes, time_ns: int, sequence: int) -> Frame:
     message = CompressedImage.FromString(data)
     return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
 
 
-def _arm_state(data: bytes, joints: dict[str, Any], time_ns: int) -> ArmState:
+def _arm_state(data: bytes, joints: _Joints, time_ns: int) -> ArmState:
     """Put together what the recorder keeps as a pose and as joints."""
     return ArmState(
         time_ns=time_ns,
         base_T_tcp=recorded_pose(data),
-        joints_rad=tuple(joints["joints_rad"]),
-        wrench=tuple(joints["wrench"]),
-        mode=ArmMode(joints["mode"]),
+        joints_rad=joints.joints_rad,
+        wrench=joints.wrench,
+        mode=joints.mode,
     )

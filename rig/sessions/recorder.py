@@ -5,7 +5,9 @@ schema of their own, which viewers plot by field. Times are the bench's monotoni
 """
 
 import json
-from typing import IO, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import IO
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -25,7 +27,7 @@ ANGLE_PREFIX = "/angle/"
 TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
 FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
 _NUMBER = {"type": ["number", "null"]}
-_SCHEMAS: dict[str, dict[str, Any]] = {
+_SCHEMAS: dict[str, dict[str, object]] = {
     "rig.Phase": {"phase": {"type": "string"}},
     "rig.Joints": {
         "joints_rad": {"type": "array", "items": {"type": "number"}},
@@ -56,6 +58,17 @@ def slip_topic(serial: str) -> str:
     return f"{ANGLE_PREFIX}{serial}"
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedAngle:
+    """An angle as a recording holds it, deg, None where refused. contact_area_px: of a fingertip's alone."""
+
+    time_ns: int
+    angle_deg: float | None
+    sigma_deg: float | None
+    state: str
+    contact_area_px: float | None = None
+
+
 class LiftRecorder:
     """Writes the messages of one lift to a binary stream; `close` completes the file."""
 
@@ -81,7 +94,7 @@ class LiftRecorder:
         quaternion.x, quaternion.y, quaternion.z, quaternion.w = state.base_T_tcp.quaternion_xyzw
         self._protobuf(ARM_TOPIC, message, state.time_ns, 0)
         joints = {"joints_rad": state.joints_rad, "wrench": state.wrench, "mode": state.mode.value}
-        self.values(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
+        self._json(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
 
     def gripper(self, state: GripperState) -> None:
         """Keep the gripper's state."""
@@ -90,13 +103,23 @@ class LiftRecorder:
             "current_counts": state.current_counts,
             "moving": state.moving,
         }
-        self.values(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
+        self._json(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
 
     def phase(self, phase: str, time_ns: int) -> None:
         """Keep where a phase begins."""
-        self.values(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
+        self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
-    def values(self, topic: str, schema: str, time_ns: int, value: dict[str, Any]) -> None:
+    def angle(self, topic: str, angle: RecordedAngle) -> None:
+        """Keep an angle, of a fingertip, fused, or of the markers."""
+        value = {"angle_deg": angle.angle_deg, "sigma_deg": angle.sigma_deg, "state": angle.state}
+        area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
+        self._json(topic, "rig.Angle", angle.time_ns, {**value, **area})
+
+    def close(self) -> None:
+        """Complete the file (index and summary)."""
+        self._writer.finish()
+
+    def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
         """Keep a small JSON value under one of this module's schemas."""
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
@@ -104,10 +127,6 @@ class LiftRecorder:
             )
         data = json.dumps(value, separators=(",", ":")).encode()
         self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
-
-    def close(self) -> None:
-        """Complete the file (index and summary)."""
-        self._writer.finish()
 
     def _json_schema(self, name: str) -> int:
         if name not in self._schemas:
@@ -117,7 +136,9 @@ class LiftRecorder:
             )
         return self._schemas[name]
 
-    def _protobuf(self, topic: str, message: Any, time_ns: int, sequence: int) -> None:
+    def _protobuf(
+        self, topic: str, message: CompressedImage | PoseInFrame, time_ns: int, sequence: int
+    ) -> None:
         if topic not in self._channels:
             name = type(message).__name__
             if name not in self._schemas:

@@ -122,7 +122,7 @@ def _claim(out: Path) -> None:
         raise InputError(f"{out} is not empty: give another --out")
 
 
-def _train_wrist(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, Any]:
+def _train_wrist(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, object]:
     lifts, split = _wrists(settings, tell)
     parts = [sequences([x for x in lifts if x.object_id in ids]) for ids in _ids(split)]
     network, errors = train_wrist(parts[0], parts[1], settings.epochs, settings.seed, _shown(settings, tell))
@@ -138,7 +138,7 @@ def _train_wrist(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
     }
 
 
-def _train_angle_net(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, Any]:
+def _train_angle_net(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, object]:
     views, split = _views(settings, tell)
     train, validation, test = (views.of(ids) for ids in _ids(split))
     network, errors = train_angle_net(

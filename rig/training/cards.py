@@ -1,5 +1,6 @@
 """Model cards: what a trained network is, what it was trained on, how well it does."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -25,7 +26,7 @@ def model_card(
     data: tuple[Examples, Examples, Examples],
     training: Training,
     files: list[ExportedFile],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the card of a trained network, scored on the fold's test objects.
 
     data: frames to train on, to validate and to test with.
@@ -80,7 +81,7 @@ def _first_weights(settings: TrainSettings, architecture: Architecture) -> str |
     return settings.encoder_weights.name if settings.encoder_weights else "random"
 
 
-def table_row(card: dict[str, Any]) -> dict[str, Any]:
+def table_row(card: Mapping[str, Any]) -> dict[str, object]:
     """Return what a card adds to the table of networks and folds."""
     kept = (
         "title", "ms_per_frame", "settings", "size_px", "data", "units", "seed", "images", "training",

@@ -4,11 +4,11 @@ import warnings
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
 import torch
+from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from torch import nn
@@ -32,7 +32,7 @@ class ExportedFile:
     precision: str
     path: Path
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, str | int]:
         """Return what a model card says about the file."""
         data = self.path.read_bytes()
         return {"file": self.path.name, "bytes": len(data), "sha256": sha256(data).hexdigest()}
@@ -133,7 +133,7 @@ class _Frames(CalibrationDataReader):
     def __init__(self, examples: Examples, recipe: Recipe, size: tuple[int, int]) -> None:
         self._batches = plain_batches(examples, recipe.inputs, size, 1)
 
-    def get_next(self) -> dict[str, Any] | None:  # type: ignore[override] - None ends the data
+    def get_next(self) -> dict[str, NDArray[np.float32]] | None:  # type: ignore[override] - None ends the data
         """Return the next frame's planes, None after the last."""
         batch = next(self._batches, None)
         return None if batch is None else {INPUT: batch[0].numpy()}

@@ -12,11 +12,11 @@ from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import Phase
-from rig.lift.marker_truth import TruthSeries, interpolate
+from rig.lift.marker_truth import interpolate
 from rig.lift.measurement import ZERO_S
+from rig.lift.recorded_truth import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames, recorded_values
-from rig.sessions.recorder import TRUTH_TOPIC
+from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames
 from rig.sessions.records import finished
 from rig.sessions.rows import read_lifts
 from rig.training.examples import sized
@@ -148,10 +148,7 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
 
 
 def _opened(recording: Path, object_id: str, signs: dict[str, int]) -> StoredLift:
-    values = recorded_values(recording, TRUTH_TOPIC)
-    times = np.array([v["time_ns"] for v in values], np.int64)
-    angles, sigmas = (np.array([v[key] for v in values], float) for key in ("angle_deg", "sigma_deg"))
-    series = TruthSeries(times, angles, sigmas, 0.0, None, {})
+    series = recorded_truth(recording)
     return StoredLift(
         object_id, recording, signs, phase_times(recording), lambda time_ns: interpolate(series, time_ns)
     )

@@ -62,7 +62,7 @@ def train_one(
     fold: Fold,
     data: tuple[Examples, Examples, Examples],
     tell: Tell,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Train, score and export one network; return its card."""
     folder.mkdir(parents=True, exist_ok=True)
     train, validation, _ = data

@@ -12,6 +12,7 @@ LATE_S = 1.2
 
 IN_TRIAL = """if True:
     import tempfile
+    from types import SimpleNamespace
     from rig.cli.common import ask, stop_on_signals
     from rig.live.feed import Inbox, LiveFeed, Listener, Sender
     from rig.live.terminal import TrialView
@@ -21,7 +22,7 @@ IN_TRIAL = """if True:
     lift = {"number": 1, "attempt": 0, "object": "t1", "name": "wrench", "lift": 1, "sender": 7}
     sender.send("phase", {**lift, "phase": "A", "time_ns": 1})
     with TrialView(5, inbox, lambda row: "a lift") as view:
-        view(1, 5, {"number": 9})
+        view(1, 5, SimpleNamespace(number=9))
         %s
 """
 IN_RECORD = """if True:

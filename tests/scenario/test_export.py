@@ -18,7 +18,7 @@ from rig.config import load_bench
 from rig.experiments.record import RecordSettings, run_record
 from rig.export.formats import export_session
 from rig.sessions.layout import TRUE_MASKS
-from rig.sessions.reading import recorded_frames, recorded_values
+from rig.sessions.reading import recorded_angles, recorded_frames
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
@@ -48,9 +48,9 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
     assert (lift["re_mean_deg"], lift["object"]) == (row.re.mean_deg if row.re else None, "t2")
     angles = parquet.read_table(tmp_path / "parquet/angles.parquet").to_pylist()
     for source, topic in (("fused", FUSED_TOPIC), ("markers", TRUTH_TOPIC)):
-        stored = recorded_values(one_lift / "lifts/001.mcap", topic)
+        stored = recorded_angles(one_lift / "lifts/001.mcap", topic)
         lines = [line for line in angles if line["source"] == source]
-        assert [line["angle_deg"] for line in lines] == [value["angle_deg"] for value in stored]
+        assert [line["angle_deg"] for line in lines] == [value.angle_deg for value in stored]
         assert {line["phase"] for line in lines} <= {"A", "B", "C", "lower"}
     in_b = [line["t_lift_s"] for line in angles if line["phase"] == "B"]
     assert 0.0 <= min(in_b) < max(in_b) <= row.phases_s[Phase.HOLD] - row.phases_s[Phase.LIFT]

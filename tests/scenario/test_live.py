@@ -11,7 +11,7 @@ from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer, viewer_feed
-from rig.sessions.reading import recorded_values
+from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
@@ -44,8 +44,8 @@ def test_the_file_opens_in_rerun_with_pictures_markers_arm_and_the_whole_curves(
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
     pictures = {"/camera", "/tactile/SIM-D0001", "/tactile/SIM-D0002"}
     assert pictures | {"/camera/markers", "/arm/tcp", "/events", "/angle/estimate"} <= set(rows)
-    stored = recorded_values(one_lift / "lifts/001.mcap", FUSED_TOPIC)
-    answered = sum(value["angle_deg"] is not None for value in stored)
+    stored = recorded_angles(one_lift / "lifts/001.mcap", FUSED_TOPIC)
+    answered = sum(value.angle_deg is not None for value in stored)
     # one row more says how the curve is drawn; a message may be lost, ten figures at a time
     assert answered // 2 < rows["/angle/estimate"] <= answered + 1
     row = read_finished_lifts(one_lift)[0]

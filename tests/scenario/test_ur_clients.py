@@ -114,7 +114,7 @@ said["played"] = control.moveL(pose)
 dashboard.stop()
 reads(runs, off)
 said["stopped"] = control.moveL(pose)
-said["reuploaded"] = control.reuploadScript()
+said["reuploaded"], said["moves at once"] = control.reuploadScript(), control.moveL(pose)
 reads(runs, bool)
 said["moves"] = control.moveL(pose)
 dashboard.powerOff()
@@ -123,6 +123,13 @@ dashboard.powerOn()
 reads(mode, near(5, 1))
 dashboard.brakeRelease()
 said["on"] = reads(mode, near(7, 1))
+"""
+LATER = """
+receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
+time.sleep(2.0)
+said["reuploaded"] = control.reuploadScript()
+reads(control.isProgramRunning, bool)
+said["moves"] = control.moveL(receive.getActualTCPPose())
 """
 CALCULATIONS = """
 receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
@@ -237,8 +244,15 @@ def test_what_a_person_does_at_the_pendant(said: Callable[[str], dict[str, Any]]
     of = said(PENDANT)
     assert (of["paused"], of["played"], of["stopped"]) == (False, True, False)
     assert of["reuploaded"]
+    assert not of["moves at once"], "it is sent before the controller says that the program runs"
     assert of["moves"]
     assert (of["off"], of["on"]) == (3, 7)
+
+
+def test_states_that_nobody_reads_do_not_end_a_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ur-rtde leaves port 30003 unread, and sends its program there again hours later."""
+    monkeypatch.setattr("fakes.wire.ur.connections.GIVE_UP_S", 0.3)
+    assert said_by(LATER, VERSIONS[:1]) == [{"reuploaded": True, "moves": True}]
 
 
 def test_calculations_sensors_and_outputs(said: Callable[[str], dict[str, Any]]) -> None:

@@ -18,7 +18,7 @@ from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import write_json
 from rig.sessions.images import stored
 from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, slip_topic
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, PoseImage, PoseRow
 from rig.sessions.timing import LiftTiming, StageTimes
 
@@ -95,8 +95,7 @@ def lift_row() -> Callable[..., FinishedLift]:
 
 def _values(recorder: LiftRecorder, topic: str, times: Any, angles: Any) -> None:
     for time_s, angle in zip(times, angles, strict=True):
-        value = {"angle_deg": float(angle), "sigma_deg": 0.5, "state": "tracking"}
-        recorder.values(topic, "rig.Angle", round(float(time_s) * 1e9), value)
+        recorder.angle(topic, RecordedAngle(round(float(time_s) * 1e9), float(angle), 0.5, "tracking"))
 
 
 @pytest.fixture(scope="session")

@@ -231,7 +231,7 @@ class GripperModel:
         return {0: 3, 3: 2}.get(stopped, 1)
 
     def _refusal(self) -> int:
-        """The priority fault of a motion that has to wait: 5, 6 or 7."""
+        """The priority fault of a motion that has to wait: 5, 6 or 7, also where rACT comes with rGTO."""
         if not self._latched[0] & 8:
             return 0
         if not self._latched[0] & 1:

@@ -11,6 +11,7 @@ from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from fakes.wire.gripper import modbus_frames as frames
 from fakes.wire.gripper.model import IMAGE_BYTES, REFRESH_NS, GripperModel
+from fakes.wire.net.background import VitalThread
 from fakes.world.world import World
 
 BASES = {"rtu": (0x03E8, 0x07D0), "tcp": (0x0000, 0x0000), "tcp-2014": (0x03E8, 0x07D0)}
@@ -74,7 +75,7 @@ class WireGripper(ABC):
         self._requests = self._replies = 0
         self._random = random.Random(0)  # noqa: S311 - noise on a line, not a secret
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: VitalThread | None = None
         self._lock = threading.RLock()
         self._next_tick_ns = 0
 
@@ -82,8 +83,13 @@ class WireGripper(ABC):
         """Open the line and serve it from a thread. Raises `InputError` when it is taken."""
         self._stopping.clear()
         self._open()
-        self._thread = threading.Thread(target=self._serve, name="simulated gripper", daemon=True)
+        self._thread = VitalThread(self._serve, "simulated gripper")
         self._thread.start()
+
+    @property
+    def failure(self) -> Exception | None:
+        """What ended the gripper by itself; None where nothing did."""
+        return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
         """Stop serving. Safe to call twice."""

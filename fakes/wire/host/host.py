@@ -17,13 +17,31 @@ from fakes.wire.host.mirror import snapshot_of
 from fakes.wire.host.motion_log import MotionLog
 from fakes.wire.host.render import Renderer
 from fakes.wire.mjpeg.server import MjpegServer
+from fakes.wire.net.arguments import whole_number
+from fakes.wire.net.background import VitalThread
 from fakes.wire.net.side_channel import ControlServer
 from fakes.wire.ur.controller import POLYSCOPE, URController
+from fakes.world.fixture import parse_fixture
 from fakes.world.world import World
 
 TICK_S = 0.004
 SWITCH_S = 0.0005
 """How long a busy thread may keep the interpreter while the controller's next cycle is due."""
+
+
+LOOK_S = 0.5
+"""How often `wait` looks whether all parts are alive."""
+JOIN_S = 2.0
+MOST_SEED = 2**32 - 1
+
+
+class Vital(Protocol):
+    """A part without which there are no fakes."""
+
+    @property
+    def failure(self) -> Exception | None:
+        """What ended it by itself; None where nothing did."""
+        ...
 
 
 class Device(Protocol):
@@ -79,7 +97,7 @@ class FakesHost:
         self._served: dict[str, Any] = {}
         self._running = ExitStack()
         self._stopping = threading.Event()
-        self._lost: DeviceError | None = None
+        self._vital: list[Vital] = []
 
     def start(self) -> Addresses:
         """Start everything; return where it is. Raises `InputError` for a place that is taken."""
@@ -96,10 +114,17 @@ class FakesHost:
         self._running.close()
 
     def wait(self) -> None:
-        """Block until `stop`, or raise the `DeviceError` that ended the fakes on its own."""
-        while not self._stopping.wait(0.5):
-            if self._lost is not None:
-                raise self._lost
+        """Block until `stop`. Raises as `check` does."""
+        while not self._stopping.wait(LOOK_S):
+            self.check()
+
+    def check(self) -> None:
+        """Raise a `DeviceError` with its reason where a part of the fakes has ended by itself."""
+        for failure in (part.failure for part in self._vital):
+            if isinstance(failure, DeviceError):
+                raise failure
+            if failure is not None:
+                raise DeviceError(f"fakes: a part has ended: {type(failure).__name__}: {failure}")
 
     def _start(self) -> Addresses:
         arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
@@ -118,7 +143,7 @@ class FakesHost:
         self._served = {"arm": self._host, "gripper": where, **streams}
         control.start()
         self._running.callback(control.stop)
-        self._tick(renderer)
+        self._vital = [arm, gripper, control, self._ticker(renderer)]
         return Addresses(self._host, where, streams, control.address)
 
     def _gripper(self) -> GripperServer | GripperRtu:
@@ -127,22 +152,21 @@ class FakesHost:
             return GripperRtu(self._world, self._clock, wire.rtu, wire.fingers)
         return GripperServer(self._world, self._clock, self._host, preset=wire.preset, fingers=wire.fingers)
 
-    def _tick(self, renderer: Renderer) -> None:
+    def _ticker(self, renderer: Renderer) -> VitalThread:
         """Keep the world going and the cameras informed, whether or not a device asks."""
 
         def run() -> None:
-            try:
-                while not self._stopping.wait(TICK_S):
-                    snapshot = snapshot_of(self._world, self._clock.now_ns())
-                    self._motion.see(snapshot.moment.time_ns, snapshot.tool.position_m)
-                    renderer.feed(snapshot)
-            except DeviceError as error:
-                self._lost = error
+            while not self._stopping.wait(TICK_S):
+                snapshot = snapshot_of(self._world, self._clock.now_ns())
+                self._motion.see(snapshot.moment.time_ns, snapshot.tool.position_m)
+                renderer.feed(snapshot)
 
-        ticker = threading.Thread(target=run, daemon=True)
+        ticker = VitalThread(run, "world of the fakes")
         ticker.start()
-        self._running.callback(ticker.join)
+        # not for ever: it may be held up by cameras that take nothing more, whose process ends after it
+        self._running.callback(ticker.join, JOIN_S)
         self._running.callback(self._stopping.set)
+        return ticker
 
     def _commands(self) -> dict[str, Any]:
         return {
@@ -151,7 +175,13 @@ class FakesHost:
         }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
-        self._world.lay(object, seed)
+        """Do what an operator does, if it can be done: nothing is begun with what cannot be drawn."""
+        if not isinstance(object, str):
+            raise InputError(f"an object has an id or a name, not {object!r}")
+        fixture = parse_fixture(object)
+        if fixture is not None:
+            self._plan.camera.printed(fixture.spec)
+        self._world.lay(object, whole_number(seed, "seed", MOST_SEED))
 
     def _gap(self) -> dict[str, Any]:
         return {"gap_m": self._world.gap_at(self._clock.now_ns())}
@@ -161,6 +191,8 @@ class FakesHost:
         return self._served
 
     def _fault(self, device: str, kind: str, **arguments: Any) -> None:
+        if not isinstance(device, str) or not isinstance(kind, str):
+            raise InputError(f"device and kind are names, not {device!r} and {kind!r}")
         for name in self._named(device):
             self._devices[name].inject(kind, **arguments)
 

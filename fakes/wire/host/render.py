@@ -13,7 +13,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import cv2
 import numpy as np
 
-from drivers.errors import DeviceError, RigError
+from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import ask_for_realtime
 from drivers.types import Image
 from fakes.clock import SharedClock
@@ -23,8 +23,12 @@ from fakes.devices.plan import BenchPlan, unit_seed
 from fakes.faults import FaultScript
 from fakes.wire.host.mirror import MirroredWorld, Snapshot
 from fakes.wire.mjpeg.server import MjpegServer
+from fakes.wire.net.background import VitalThread
 
 START_S = 30.0
+STOP_S = 5.0
+LOOK_S = 0.25
+"""How often the process looks whether all of its threads are alive."""
 CAMERA_PHASE = 0.125
 """When within its period the camera captures: a quarter of a fingertip's period after the first of them."""
 SWITCH_S = 0.0005
@@ -58,7 +62,7 @@ class Renderer:
         try:
             self._feed.send(snapshot)
         except OSError as error:
-            raise DeviceError("fake cameras: their process has ended; start the fakes again") from error
+            raise self._reason() from error
 
     def call(
         self,
@@ -73,13 +77,22 @@ class Renderer:
             return self._answer(START_S)
 
     def stop(self) -> None:
-        """End the process."""
+        """End the process, whatever it is at."""
         self._feed.close()
         self._calls.close()
-        self._process.join(5.0)
+        self._process.join(STOP_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+
+    def _reason(self) -> DeviceError:
+        """Why the process has ended, in its own words where it left some."""
+        with self._lock, suppress(EOFError, OSError):
+            while self._calls.poll(STOP_S):
+                answer = self._calls.recv()
+                if isinstance(answer, DeviceError):
+                    return answer
+        return DeviceError("fake cameras: their process has ended; start the fakes again")
 
     def _answer(self, timeout_s: float) -> Any:
         try:
@@ -104,7 +117,8 @@ def _render(
     cv2.setNumThreads(1)
     clock = SharedClock(start_ns)
     world = MirroredWorld(plan.layout, first)
-    threading.Thread(target=_keep_fed, args=(world, feed), daemon=True).start()
+    feeder = VitalThread(lambda: _keep_fed(world, feed), "what the cameras are told")
+    feeder.start()
     servers: dict[str, MjpegServer] = {}
     try:
         # Sensors run freely. Here they share one processor, so each draws while the others rest.
@@ -113,7 +127,8 @@ def _render(
             drawn = source.make(world, clock, FaultScript())
             servers[source.serial] = _serve(drawn, clock, host, phase)
         calls.send({serial: server.url for serial, server in servers.items()})
-        _answer_calls(servers, calls)
+        while _answer_calls(servers, calls):
+            _require_alive(feeder, *servers.values())
     except RigError as error:
         calls.send(error)
     finally:
@@ -147,14 +162,26 @@ def _keep_fed(world: MirroredWorld, feed: Connection) -> None:
             world.feed(feed.recv())
 
 
-def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> None:
-    """Do what the parent asks of the servers, until it closes the pipe or is gone."""
-    while True:
-        try:
-            serial, method, arguments, named = calls.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            calls.send(method(servers[serial], *arguments, **named))
-        except RigError as error:
-            calls.send(error)
+def _require_alive(*threads: VitalThread | MjpegServer) -> None:
+    """Raise a `DeviceError` with its reason where a thread has ended by itself."""
+    for thread in threads:
+        if thread.failure is not None:
+            raise DeviceError(f"fake cameras: {type(thread.failure).__name__}: {thread.failure}")
+
+
+def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> bool:
+    """Do what the parent asks of the servers by now; return whether it may ask more.
+
+    It may not when it closed the pipe, or is gone.
+    """
+    try:
+        if not calls.poll(LOOK_S):
+            return True
+        serial, method, arguments, named = calls.recv()
+    except (EOFError, OSError):
+        return False
+    try:
+        calls.send(method(servers[serial], *arguments, **named))
+    except (RigError, TypeError) as error:
+        calls.send(InputError(f"{serial}: {error}") if isinstance(error, TypeError) else error)
+    return True

@@ -12,9 +12,10 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.types import Image
+from fakes.wire.net.arguments import duration_ns, whole_number
 
 Kind = Literal["digit", "camera"]
 Render = Callable[[int], Image]
@@ -25,6 +26,7 @@ DIGIT_MODES = {(320, 240): (30.0, 60.0), (640, 480): (15.0, 30.0)}
 """Raw size in px: rates in Hz; the first is what a change of size resets to."""
 GREEN_AFTER_OPENING = 3
 JPEG_QUALITY = 95
+MOST_FRAMES = 1_000_000
 _EMPTY_BUFFER_RGB = (0, 135, 0)
 """What a YUV buffer of zeros decodes to (ITU-R BT.601)."""
 _SHIFT_PX = 37
@@ -106,15 +108,17 @@ class MjpegSensor:
     def inject(self, kind: str, duration_s: float | None = None, frames: int | None = None) -> None:
         """Begin a fault, for a time or a number of images; "clear" ends all.
 
-        Raises `InputError` naming the known kinds.
+        Raises `InputError` naming the known kinds, or for numbers that are none.
         """
+        lasts_ns = duration_ns(duration_s, f"fault '{kind}'")
+        frames = whole_number(frames, f"fault '{kind}', frames", MOST_FRAMES)
         if kind not in (*FAULTS, "clear"):
             raise InputError(f"fault '{kind}' is unknown: use one of {', '.join(FAULTS)}, clear")
         with self._lock:
             if kind == "clear":
                 self._faults.clear()
                 return
-            until = None if duration_s is None else self._clock.now_ns() + to_ns(duration_s)
+            until = None if lasts_ns is None else self._clock.now_ns() + lasts_ns
             self._faults[kind] = _Fault(until, frames)
 
     def active(self, kind: str) -> bool:
@@ -183,9 +187,9 @@ class MjpegSensor:
         return np.roll(image, _SHIFT_PX, axis=1) if shift else image
 
     def _set_size(self, size: tuple[float, ...]) -> None:
-        wanted = (round(size[0]), round(size[1]))
-        if wanted not in self._rates:
-            raise InputError(f"sensor: no size {wanted}; there are {sorted(self._rates)}")
+        wanted = next((known for known in self._rates if known == size), None)
+        if wanted is None:
+            raise InputError(f"sensor: no size {size}; there are {sorted(self._rates)}")
         self._size = wanted
         self._set_rate(self._rates[wanted][0])
 

@@ -19,6 +19,7 @@ from zlib import crc32
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from fakes.wire.mjpeg.http import HttpSide
 from fakes.wire.mjpeg.sensor import Capture, Kind, MjpegSensor, OnLight, Render
+from fakes.wire.net.background import VitalThread
 
 LATENCY_S = 0.004
 """From capture to rendering: by then the world has come as far as the image shows it."""
@@ -58,7 +59,7 @@ class MjpegServer:
         self._changed = threading.Condition()
         self._clients: list[deque[Capture]] = []
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._work, name=f"render {serial}", daemon=True)
+        self._thread = VitalThread(self._work, f"stream of {serial}")
         self._counts = {"served": 0, "missed": 0, "withheld": 0, "skipped": 0}
         self._ranges: list[list[int]] = []
 
@@ -67,6 +68,11 @@ class MjpegServer:
         """Address of the stream."""
         host, port = self._http.host_port
         return f"http://{host}:{port}/stream.mjpg"
+
+    @property
+    def failure(self) -> Exception | None:
+        """What ended the stream by itself; None where nothing did."""
+        return self._thread.failure or self._http.failure
 
     def start(self) -> None:
         """Begin to answer; returns at once."""

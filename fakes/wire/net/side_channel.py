@@ -5,6 +5,7 @@ the simulation knows (where the tool truly is) goes this way, never through a de
 """
 
 import json
+import logging
 import socket
 import socketserver
 from collections.abc import Callable, Mapping
@@ -16,6 +17,7 @@ from fakes.wire.net.background import BackgroundServer
 Command = Callable[..., Mapping[str, Any] | None]
 TIMEOUT_S = 5.0
 LONGEST_LINE = 65536
+_log = logging.getLogger(__name__)
 
 
 class ControlServer(BackgroundServer):
@@ -66,14 +68,18 @@ class Control:
 
 class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = True
+    request_queue_size = 128
     allow_reuse_address = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is no event."""
 
 
 def _answer(commands: Mapping[str, Command], line: bytes) -> dict[str, Any]:
     try:
         request = json.loads(line)
         command = commands[request.pop("do")]
-    except (ValueError, KeyError, AttributeError, TypeError):
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         known = ", ".join(commands)
         return {"error": f'expected one JSON object a line, as {{"do": "status"}}; commands are {known}'}
     try:
@@ -82,3 +88,6 @@ def _answer(commands: Mapping[str, Command], line: bytes) -> dict[str, Any]:
         return {"error": str(error)}
     except TypeError as error:
         return {"error": f"wrong arguments: {error}"}
+    except Exception as error:  # what nobody thought of is said, and leaves the fakes as they are
+        _log.exception("side channel: %s", request)
+        return {"error": f"failed: {type(error).__name__}: {error}"}

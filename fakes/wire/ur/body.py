@@ -44,13 +44,15 @@ class ArmMover(Protocol):
 
 
 class Body:
-    """Where the arm is and how fast: `base_T_flange` by its joints, `flange_T_tcp` as set."""
+    """Where the arm is and how fast: `base_T_flange` by its joints, `flange_T_tcp` and payload as set."""
 
     def __init__(self, joints_rad: Vector6, flange_T_tcp: Frame = IDENTITY) -> None:  # noqa: N803
         self.q = joints_rad
         self.qd = STILL
         self.qdd = STILL
         self.twist = STILL
+        self.acceleration = STILL
+        self.payload_kg, self.payload_cog_m = 0.0, (0.0, 0.0, 0.0)
         self.flange = forward(joints_rad)
         self.tool = flange_T_tcp
         self.still_cycles = HISTORY_CYCLES
@@ -61,6 +63,11 @@ class Body:
     def tcp(self) -> Frame:
         """`base_T_tcp`."""
         return compose(self.flange, self.tool)
+
+    @property
+    def settled(self) -> bool:
+        """Whether it has stood still long enough for speeds and accelerations to be zero."""
+        return self.still_cycles > 2
 
     def reach(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
         """Joint angles nearest to `near` (or to now) that bring the TCP there; None when out of reach."""
@@ -97,14 +104,15 @@ class Body:
     def _differentiate(self, before: Vector6, tcp: Frame, dt_s: float, moved_now: bool) -> None:
         self.history.append(self.q)
         self.still_cycles = 0 if moved_now else self.still_cycles + 1
-        if self.still_cycles > 1:
+        if self.settled:
             return
         qd = _six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
         self.qdd = _six((a - b) / dt_s for a, b in zip(qd, self.qd, strict=True))
         now = self.tcp
         turn = rotation_between(tcp, now)
-        self.twist = _six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
-        self.qd = qd
+        twist = _six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
+        self.acceleration = _six((a - b) / dt_s for a, b in zip(twist, self.twist, strict=True))
+        self.twist, self.qd = twist, qd
 
 
 class JointMove:

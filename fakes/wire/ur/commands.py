@@ -133,8 +133,7 @@ def _target_payload(loop: ControlLoop) -> None:
 
 
 def _set_tcp(loop: ControlLoop) -> None:
-    loop.robot.body.tool = loop.frame(0)
-    loop.robot.tool_changed()
+    loop.robot.set_tool(loop.frame(0))
 
 
 def _answer(values: Callable[[ControlLoop], tuple[float, ...]]) -> Command:

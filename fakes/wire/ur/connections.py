@@ -9,21 +9,34 @@ from drivers.errors import InputError
 
 GIVE_UP_S = 10.0
 """A client that connects and does not read is dropped after about this long (users' reports)."""
-RECEIVE_BYTES = 65536
+RECEIVE_BYTES = SEND_BYTES = 65536
+MOST_PENDING = 1 << 20
+"""A client with more bytes of answers to fetch than this is closed."""
+MOST_CLIENTS = 100
+"""Connections at once; one process of a bench has a thousand files to share."""
 Feed = Callable[[bytes], bytes]
 
 
 @dataclass(slots=True, eq=False)
 class Connection:
-    """One client. feed: takes its bytes, returns the answer; raises `InputError` on nonsense."""
+    """One client. feed: takes its bytes, returns the answer; raises `InputError` on nonsense.
+
+    patient: it may leave what it is sent unread for as long as it likes.
+    """
 
     socket: socket.socket
     port: int
     feed: Feed
+    patient: bool = False
     pending: bytes = b""
     blocked_ns: int | None = None
     last: bytes = b""
     closed: bool = False
+
+    @property
+    def behind(self) -> bool:
+        """Whether it has not fetched all that was sent."""
+        return bool(self.pending)
 
     def receive(self) -> bytes | None:
         """Bytes that have arrived; None when the client is gone."""
@@ -36,7 +49,7 @@ class Connection:
 
     def send(self, data: bytes, time_ns: int, droppable: bool = False) -> None:
         """Send now what the socket takes and keep the rest; droppable data is left out while it does not."""
-        if self.pending and droppable:
+        if self.behind and droppable:
             data = b""
         self.pending += data
         try:
@@ -51,7 +64,9 @@ class Connection:
             self.blocked_ns = None
         elif self.blocked_ns is None or sent:
             self.blocked_ns = time_ns
-        elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
+        elif not self.patient and time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
+            self.closed = True
+        if len(self.pending) > MOST_PENDING:
             self.closed = True
 
     def hang_up(self) -> None:
@@ -93,6 +108,7 @@ class Listeners:
             return None
         client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         return client
 
     def close(self) -> None:

@@ -11,7 +11,8 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from drivers.types import Vector6
 from fakes.wire.ur.body import ArmMover, JointMove, JointStop, LinearMove, LinearStop
 from fakes.wire.ur.frames import Frame, from_ur
-from fakes.wire.ur.robot import ProgramError, Robot
+from fakes.wire.ur.robot import Robot
+from fakes.wire.ur.runtime import ProgramError
 from fakes.wire.ur.script import ControlProgram, Waypoint
 
 Thread = Generator[None, None, None]

@@ -1,8 +1,8 @@
 """A simulated UR5e controller on its own ports: what the real client libraries talk to.
 
-30004 real-time data exchange, 29999 dashboard, 30003/30002/30001 scripts (these three only take
-programs; the state streams that a controller sends there are not simulated). Ports are fixed in
-the clients, so each controller needs an address: 127.0.0.1, 127.0.0.2, ...
+30004 real-time data exchange, 29999 dashboard, 30003/30002/30001 client interfaces (programs in,
+states out). Ports are fixed in the clients, so each controller needs an address: 127.0.0.1,
+127.0.0.2, ...
 
 It must not live in the process of a ur-rtde client: that client's constructors keep the
 interpreter to themselves, and the answer they wait for would never come.
@@ -16,21 +16,31 @@ import time
 from typing import Any
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import DeviceError, InputError
+from drivers.errors import InputError
+from fakes.wire.net.background import VitalThread
+from fakes.wire.ur.client_interfaces import (
+    PRIMARY_CYCLES,
+    REALTIME_CYCLES,
+    StateStream,
+    realtime_state,
+    robot_state,
+    version_message,
+)
 from fakes.wire.ur.commands import COMMANDS
-from fakes.wire.ur.connections import Connection, Feed, Listeners
+from fakes.wire.ur.connections import MOST_CLIENTS, Connection, Feed, Listeners
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
 from fakes.wire.ur.faults import Faults
-from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
+from fakes.wire.ur.user_programs.run import ScriptRun
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 
-RTDE_PORT, DASHBOARD_PORT = 30004, 29999
-SCRIPT_PORTS = (30001, 30002, 30003)
+RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
+SCRIPT_PORTS = (30001, 30002, REALTIME_PORT)
+Stream = RtdeSession | StateStream
 TOO_LATE_NS = 250_000_000
 """Cycles missed by more than this are skipped, not caught up."""
 POLYSCOPE = "5.11.0"
@@ -64,10 +74,10 @@ class URController:
         self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
-        self._sessions: dict[Connection, RtdeSession] = {}
+        self._streams: dict[Connection, Stream] = {}
         self._lock = threading.RLock()
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: VitalThread | None = None
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
         self._program: ControlLoop | ScriptRun | None = None
@@ -79,8 +89,13 @@ class URController:
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
         self._stopping.clear()
-        self._thread = threading.Thread(target=self._serve, name=f"controller {self.host}", daemon=True)
+        self._thread = VitalThread(self._serve, f"simulated controller on {self.host}")
         self._thread.start()
+
+    @property
+    def failure(self) -> Exception | None:
+        """What ended the controller by itself; None where nothing did."""
+        return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
         """Close everything. Safe to call twice."""
@@ -103,7 +118,8 @@ class URController:
     def snapshot(self) -> dict[str, Any]:
         """What has happened so far, in JSON values."""
         with self._lock:
-            robot, sessions = self.robot, list(self._sessions.values())
+            robot = self.robot
+            sessions = [s for s in self._streams.values() if isinstance(s, RtdeSession)]
             return {
                 "host": self.host,
                 "version": ".".join(map(str, robot.version[:3])),
@@ -124,16 +140,13 @@ class URController:
             }
 
     def _serve(self) -> None:
-        try:
-            while not self._stopping.is_set():
-                wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
-                ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
-                with self._lock:
-                    for key, _ in ready:
-                        self._attend(key.data)
-                    self._catch_up()
-        except DeviceError:
-            _log.exception("the simulated controller on %s ends", self.host)
+        while not self._stopping.is_set():
+            wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
+            ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
+            with self._lock:
+                for key, _ in ready:
+                    self._attend(key.data)
+                self._catch_up()
 
     def _catch_up(self) -> None:
         due = self._clock.now_ns() // CYCLE_NS
@@ -152,10 +165,10 @@ class URController:
         faults, time_ns = self.faults, self.robot.time_ns
         if faults.silent or (faults.frozen and not faults.repeat):
             return
-        for connection, session in self._sessions.items():
-            if session.due(self._cycle):
-                if not (faults.frozen and connection.last):
-                    connection.last = session.data()
+        for connection, stream in self._streams.items():
+            if stream.due(self._cycle):
+                if not (connection.behind or (faults.frozen and connection.last)):
+                    connection.last = stream.data()
                 connection.send(connection.last, time_ns, droppable=True)
         self._bury()
 
@@ -169,42 +182,51 @@ class URController:
         client = self._listeners.accept(port)
         if client is None:
             return
-        feed, session = self._service(port)
-        connection = Connection(client, port, feed)
+        if len(self._connections) >= MOST_CLIENTS:
+            client.close()
+            return
+        feed, stream, greeting = self._service(port)
+        connection = Connection(client, port, feed, patient=port in SCRIPT_PORTS)
         self._connections.append(connection)
         self._selector.register(client, selectors.EVENT_READ, connection)
-        if session is not None:
-            self._sessions[connection] = session
-        if port == DASHBOARD_PORT and not self.faults.silent:
-            connection.send(BANNER.encode() + b"\n", self.robot.time_ns)
+        if stream is not None:
+            self._streams[connection] = stream
+        if not self.faults.silent:
+            connection.send(greeting, self.robot.time_ns)
 
-    def _service(self, port: int) -> tuple[Feed, RtdeSession | None]:
+    def _service(self, port: int) -> tuple[Feed, Stream | None, bytes]:
+        """What takes a client's bytes, what it is sent over and over, and what it is greeted with."""
+        robot = self.robot
         if port == RTDE_PORT:
-            robot = self.robot
             session = RtdeSession(robot.bank, robot.version, robot.write_inputs, self.faults.refused)
-            return session.feed, session
+            return session.feed, session, b""
         if port == DASHBOARD_PORT:
             lines = LineReader()
-            return lambda data: "".join(
-                self._dashboard.reply(t) + "\n" for t in lines.feed(data)
-            ).encode(), None
-        return self._take_programs(ProgramReader()), None
+
+            def answer(data: bytes) -> bytes:
+                return "".join(self._dashboard.reply(t) + "\n" for t in lines.feed(data)).encode()
+
+            return answer, None, BANNER.encode() + b"\n"
+        programs = self._take_programs(ProgramReader())
+        if port == REALTIME_PORT:
+            return programs, StateStream(REALTIME_CYCLES, lambda: realtime_state(robot)), b""
+        return programs, StateStream(PRIMARY_CYCLES, lambda: robot_state(robot)), version_message(robot)
 
     def _take_programs(self, reader: ProgramReader) -> Feed:
         def feed(data: bytes) -> bytes:
             for text in reader.feed(data):
                 if self.robot.safety.remote_control:
-                    self._run(recognise(text))
+                    self._run(recognise(text), len(text))
             return b""
 
         return feed
 
-    def _run(self, program: ControlProgram | ScriptProgram) -> bool:
+    def _run(self, program: ControlProgram | ScriptProgram, characters: int = 0) -> bool:
         if isinstance(program, ControlProgram):
             run = ControlLoop(self.robot, program, COMMANDS)
         else:
             run = ScriptRun(self.robot, program)
-        if not self.robot.run(run):
+        if not self.robot.run(run, characters):
             return False
         self._program = run
         return True
@@ -224,7 +246,7 @@ class URController:
     def _bury(self) -> None:
         for connection in [c for c in self._connections if c.closed]:
             self._connections.remove(connection)
-            self._sessions.pop(connection, None)
+            self._streams.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.close()
 

@@ -13,6 +13,8 @@ from fakes.wire.ur.script import ScriptProgram
 
 BANNER = "Connected: Universal Robots Dashboard Server"
 LONGEST_LINE = 4096
+UNNAMED = "<unnamed>"
+"""A program that came from outside, or none."""
 _SINCE_5S = (
     "Cannot unlock protective stop until 5s after occurrence. "
     "Always inspect cause of protective stop before unlocking"
@@ -28,6 +30,7 @@ class DashboardServer:
     serial_number: str
     start: Start
     program: str = ""
+    user_role: str = "NONE"
 
     def reply(self, line: str) -> str:
         """Answer one request."""
@@ -46,9 +49,8 @@ class DashboardServer:
 
     def state(self) -> str:
         """State and name of the program."""
-        if not self.robot.running:
-            return "STOPPED"
-        return f"{'PAUSED' if self.robot.paused else 'PLAYING'} {self.program or 'rtde_control.urp'}"
+        running = "PAUSED" if self.robot.paused else "PLAYING"
+        return f"{running if self.robot.running else 'STOPPED'} {self.program or UNNAMED}"
 
     def unlock(self) -> str:
         """Release a protective stop, unless it is too early."""
@@ -84,6 +86,11 @@ class DashboardServer:
         self.program = name
         return f"Loading program: {name}"
 
+    def set_user_role(self, role: str) -> str:
+        """Note the role of who stands at the pendant."""
+        self.user_role = role
+        return f"Setting user role: {role}"
+
     def power(self, mode: RobotMode, reply: str) -> str:
         """Switch on, release the brakes, or switch off."""
         return reply if self.robot.safety.power(mode, self.robot.time_ns) else "Failed: emergency stop"
@@ -109,7 +116,7 @@ _REQUESTS: dict[str, Callable[[DashboardServer, str], str]] = {
     "safetymode": lambda d, _: f"Safetymode: {_safety_text(d)}",
     "safetystatus": lambda d, _: f"Safetystatus: {_safety_text(d)}",
     "programState": lambda d, _: d.state(),
-    "isProgramSaved": lambda d, _: f"True {d.program or 'rtde_control.urp'}",
+    "isProgramSaved": lambda d, _: f"True {d.program or UNNAMED}",
     "get loaded program": lambda d, _: f"Loaded program: {d.program}" if d.program else "No program loaded",
     "play": lambda d, _: d.play(),
     "stop": lambda d, _: d.stop(),
@@ -121,15 +128,20 @@ _REQUESTS: dict[str, Callable[[DashboardServer, str], str]] = {
     "close popup": _said("closing popup"),
     "close safety popup": _said("closing safety popup"),
     "restart safety": _said("Restarting safety"),
-    "clear operational mode": _said("operational mode is no longer controlled by Dashboard Server"),
+    "clear operational mode": _said(
+        "No longer controlling the operational mode. Current operational mode: 'NONE'"
+    ),
+    "getUserRole": lambda d, _: d.user_role,
+    "saveLog": _said("Log saved to disk"),
     "quit": _said("Disconnected"),
     "shutdown": _said("Shutting down"),
 }
 _WITH_ARGUMENT: dict[str, Callable[[DashboardServer, str], str]] = {
+    "load installation ": lambda _, name: f"Loading installation: {name}",
     "load ": lambda d, name: d.load(name),
     "popup": _said("showing popup"),
     "addToLog": _said("Added log message"),
-    "setUserRole": lambda _, role: f"Setting user role: {role}",
+    "setUserRole": lambda d, role: d.set_user_role(role),
     "set operational mode": lambda _, mode: f"Operational mode '{mode}' is set",
 }
 

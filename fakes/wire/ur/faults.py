@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.clock import to_ns
 from drivers.errors import InputError
+from fakes.wire.net.arguments import duration_ns
 from fakes.wire.ur.robot import Robot
 
 KINDS = {
@@ -48,6 +48,7 @@ class Faults:
             )
         if arguments.get("reply", "IN_USE") not in ("IN_USE", "NOT_FOUND"):
             raise InputError("simulated controller: recipe_refused takes reply='NOT_FOUND' or 'IN_USE'")
+        duration_ns(arguments.get("duration_s"), "simulated controller")
 
     def begin(self, kind: str, arguments: dict[str, Any]) -> None:
         """Begin a fault that was checked."""
@@ -66,8 +67,9 @@ class Faults:
             "clear": self.clear,
         }
         actions[kind]()
-        if arguments.get("duration_s") is not None:
-            self._ends_ns = robot.time_ns + to_ns(float(arguments["duration_s"]))
+        lasts_ns = duration_ns(arguments.get("duration_s"), "simulated controller")
+        if lasts_ns is not None:
+            self._ends_ns = robot.time_ns + lasts_ns
 
     def refused(self, variable: str) -> str | None:
         """How a recipe with this variable is refused; None when it is not."""

@@ -15,8 +15,8 @@ _LOOK_EVERY = 4
 class ForceSensor:
     """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload that was set.
 
-    The sensor has an offset until it is zeroed. floor_z_m: the height at which the TCP meets
-    something hard.
+    The sensor has an offset until it is zeroed; `unzeroed` is its newest reading with that offset.
+    floor_z_m: the height at which the TCP meets something hard.
     """
 
     def __init__(self, world: World, floor_z_m: float = 0.0) -> None:
@@ -25,6 +25,7 @@ class ForceSensor:
         self._zero = self._slow = NOTHING
         self._cycle = 0
         self.contact_cycles = 0
+        self.unzeroed = NOTHING
 
     def sense(self, time_ns: int, tcp: Frame) -> Vector6:
         """The reading of this control cycle."""
@@ -35,7 +36,8 @@ class ForceSensor:
         self.contact_cycles = self.contact_cycles + 1 if depth >= 0.0 else 0
         a, b, c, d, e, f = self._slow
         push = max(depth, 0.0) * FLOOR_STIFFNESS_N_M
-        return _less(self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero)
+        self.unzeroed = self._sensor.shown((a, b, c + push, d, e, f), time_ns)
+        return _less(self.unzeroed, self._zero)
 
     def zero(self, wrench: Vector6) -> None:
         """Take the present reading as zero."""

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from typing import Protocol
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
@@ -12,7 +11,8 @@ from fakes.wire.ur.body import STILL, Body, JointStop, OutOfReachError
 from fakes.wire.ur.force import ForceSensor, magnitude
 from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, rotation_between, to_pose, to_ur
 from fakes.wire.ur.kinematics import forward, nearest_inverse, tool
-from fakes.wire.ur.outputs import IoBoard, constants
+from fakes.wire.ur.outputs import IoBoard, publish_constants, publish_on_demand
+from fakes.wire.ur.runtime import Program, ProgramError, Runtime
 from fakes.wire.ur.safety import Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
 from fakes.world.kinematics import ELBOW_UP
@@ -27,19 +27,8 @@ SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
 """rad/s^2 with which the arm stops at a safety stop, and when a program ends in motion."""
 STEADY_CYCLES = 250
 STOPPED, PLAYING, PAUSED = 1, 2, 4
+FARTHEST_TCP_M = 10.0
 PHYSICAL_TOOL = tool(TOOL_LENGTH_M)
-
-
-class ProgramError(Exception):
-    """A run-time error of a program: it ends, and a message is on the pendant."""
-
-
-class Program(Protocol):
-    """A program of the controller, run by cycles."""
-
-    def step(self) -> bool:
-        """One cycle; returns whether the program goes on. Raises `ProgramError`."""
-        ...
 
 
 class Robot:
@@ -62,14 +51,12 @@ class Robot:
         self.io = IoBoard(self.bank)
         self.commands: Counter[int] = Counter()
         self.time_ns = 0
-        self.paused = False
-        self.last_error = ""
-        self._world, self._force = world, ForceSensor(world)
+        self.force = ForceSensor(world)
+        self._world = world
         self._wrench: Vector6 = STILL
-        self._program: Program | None = None
-        self._written_ns: dict[str, int] = {}
-        self._watch: tuple[str, int] | None = None
-        constants(self.bank)
+        self._runtime = Runtime()
+        publish_constants(self.bank)
+        publish_on_demand(self)
         self._publish_pose()
 
     # What the control program asks for
@@ -111,7 +98,7 @@ class Robot:
 
     def contact_cycles(self) -> int:
         """For how many cycles the TCP has pressed on something; 0 without contact."""
-        return self._force.contact_cycles
+        return self.force.contact_cycles
 
     def steady(self) -> bool:
         """Whether the arm has stood still for half a second."""
@@ -119,22 +106,29 @@ class Robot:
 
     def zero_force_sensor(self) -> None:
         """Take the present force as zero."""
-        self._force.zero(self._wrench)
+        self.force.zero(self._wrench)
 
     def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
-        """Set the payload; its centre of gravity stays when None."""
+        """Set the payload; its centre of gravity stays when None. Raises `ProgramError`."""
+        if not all(map(math.isfinite, (mass_kg, *(cog_m or ())))):
+            raise ProgramError(f"payload {mass_kg} kg, centre of gravity {cog_m}")
+        self.body.payload_kg = mass_kg
         self.bank.set("payload", mass_kg)
         if cog_m is not None:
-            self.bank.set("payload_cog", cog_m)
+            x, y, z = cog_m
+            self.body.payload_cog_m = (x, y, z)
+            self.bank.set("payload_cog", (x, y, z))
 
-    def tool_changed(self) -> None:
-        """Publish the pose of a new TCP."""
+    def set_tool(self, flange_T_tcp: Frame) -> None:  # noqa: N803
+        """Set the TCP. Raises `ProgramError` where no tool reaches."""
+        if not all(abs(v) <= FARTHEST_TCP_M for v in flange_T_tcp[:3]):
+            raise ProgramError(f"TCP at {flange_T_tcp[:3]} m")
+        self.body.tool = flange_T_tcp
         self._publish_pose()
 
-    def watch(self, register: str, least_hz: float) -> None:
-        """Stop the program when a register is written less often than this (rtde_set_watchdog)."""
-        self._watch = (register, round(NS_PER_S / least_hz)) if least_hz > 0.0 else None
-        self._written_ns[register] = self.time_ns
+    def watch(self, register: str, least_hz: float, pause: bool = False) -> None:
+        """Stop, or pause, the program when a register is written less often (rtde_set_watchdog)."""
+        self._runtime.watch(register, least_hz, pause, self.time_ns)
 
     def jacobian(self) -> tuple[Vector6, ...]:
         """Column by column: how the TCP's twist follows each joint's speed."""
@@ -153,29 +147,52 @@ class Robot:
         """Take a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
-            self._written_ns[name] = self.time_ns
+            self._runtime.note_written(name, self.time_ns)
             if "_register" in name:
                 self.bank.set(name, value)
-        self.io.apply(values)
+        self.io.apply(values, self.inputs)
 
-    def run(self, program: Program) -> bool:
-        """Start a program in place of the running one; False where no program may run."""
+    def run(self, program: Program, characters: int = 0) -> bool:
+        """Start a program in place of the running one; False where no program may run.
+
+        It starts when a text of so many characters has been read; until then the other one goes on.
+        """
         if not self.safety.may_move:
             return False
-        self.end_program("replaced")
-        self._program, self.paused = program, False
+        self._runtime.load(program, self.time_ns, characters)
+        if not characters:
+            self._runtime.start_read(self.time_ns)
+            self._brake(PROGRAM_BRAKE)
         return True
 
     def end_program(self, reason: str) -> None:
-        """End the program; the arm brakes."""
-        if self._program is not None:
-            self._program, self._watch, self.last_error = None, None, reason
+        """End the program, also one that is still being read; the arm brakes."""
+        self._runtime.clear(reason)
         self._brake(PROGRAM_BRAKE)
 
     @property
     def running(self) -> bool:
         """Whether a program runs."""
-        return self._program is not None
+        return self._runtime.running
+
+    @property
+    def paused(self) -> bool:
+        """Whether the program is paused."""
+        return self._runtime.paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._runtime.paused = paused
+
+    @property
+    def last_error(self) -> str:
+        """Why the last program ended."""
+        return self._runtime.last_error
+
+    @property
+    def speed_scale(self) -> float:
+        """Share of its speed at which a motion runs: the slider's while a program runs."""
+        return 0.0 if self.paused else self.io.speed_scale if self.running else 1.0
 
     def protective_stop(self) -> None:
         """The arm stops itself."""
@@ -186,39 +203,27 @@ class Robot:
         before, tcp = self.body.flange, self.time_ns
         self.time_ns = time_ns
         self.safety.step(time_ns)
-        self._keep_safe()
-        self._run_program()
+        if not self.safety.may_move:
+            self._brake(SAFETY_BRAKE)
+            self._runtime.clear("safety stop")
+        if self._runtime.take_over(time_ns):
+            self._brake(PROGRAM_BRAKE)
+        if self._runtime.step():
+            self._brake(PROGRAM_BRAKE)
         if self._moved():
             self._move_world(before, tcp)
             self._publish_pose()
         self._publish()
 
-    def _keep_safe(self) -> None:
-        if self._watch is not None and self.time_ns - self._written_ns[self._watch[0]] > self._watch[1]:
-            self.end_program("watchdog: no communication")
-        if not self.safety.may_move:
-            self._brake(SAFETY_BRAKE)
-            self.end_program("safety stop")
-
     def _brake(self, deceleration: float) -> None:
         if self.body.mover is not None and not isinstance(self.body.mover, JointStop):
             self.body.mover = JointStop(self.body.qd, deceleration)
 
-    def _run_program(self) -> None:
-        if self._program is None or self.paused:
-            return
-        try:
-            if not self._program.step():
-                self.end_program("ended")
-        except ProgramError as error:
-            self.end_program(str(error))
-
     def _moved(self) -> bool:
-        was_moving = self.body.still_cycles == 0
-        scale = 0.0 if self.paused else self.io.speed_scale if self.running else 1.0
+        was_moving = not self.body.settled
         try:
-            return self.body.step(CYCLE_S, scale) or was_moving
-        except OutOfReachError:
+            return self.body.step(CYCLE_S, self.speed_scale) or was_moving
+        except (OutOfReachError, ArithmeticError, ValueError):  # what no arm can do ends as it would there
             self.protective_stop()
             self.body.mover = None
             return True
@@ -236,14 +241,14 @@ class Robot:
             put(f"{kind}_qd", body.qd)
             put(f"{kind}_TCP_pose", pose)
             put(f"{kind}_TCP_speed", body.twist)
+            put(f"{kind}_TCP_acceleration", body.acceleration)
         put("target_qdd", body.qdd)
 
     def _publish(self) -> None:
         put = self.bank.set
-        self._wrench = self._force.sense(self.time_ns, self.body.tcp)
+        self._wrench = self.force.sense(self.time_ns, self.body.tcp)
         put("timestamp", self.time_ns / NS_PER_S)
         put("actual_TCP_force", self._wrench)
-        put("ft_raw_wrench", self._wrench)
         put("tcp_force_scalar", magnitude(self._wrench))
         put("robot_mode", int(self.safety.robot_mode))
         put("safety_mode", int(self.safety.mode))

@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 
 from drivers.errors import InputError
-from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, output_type, unpacked
+from fakes.wire.ur.variables import OutputBank, Value, Version, input_type, output_type, unpacked
 
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
 CONTROL_HZ = 500
+LEAST_HZ = 1
 MAX_RECIPES = 255
 
 
@@ -130,7 +131,7 @@ class RtdeSession:
     def _setup_inputs(self, payload: bytes) -> bytes:
         """Recipes are numbered from 1 in the order of the requests; a refused one has no number."""
         names = _names(payload)
-        kinds = [self._refused(name) or INPUTS.get(name, "NOT_FOUND") for name in names]
+        kinds = [self._refused(name) or input_type(name, self._version) or "NOT_FOUND" for name in names]
         number = len(self._inputs) + 1
         if not names or {"NOT_FOUND", "IN_USE"} & set(kinds) or number > MAX_RECIPES:
             number = 0
@@ -161,7 +162,7 @@ def _names(payload: bytes) -> tuple[str, ...]:
 
 
 def _cycles(rate_hz: float) -> int:
-    """Control cycles between two packages."""
-    if not math.isfinite(rate_hz) or rate_hz <= 0.0:
+    """Control cycles between two packages: what a rate from 1 to 500 Hz leaves of 500; all without one."""
+    if not rate_hz > 0.0:
         return 1
-    return max(1, round(CONTROL_HZ / rate_hz))
+    return math.floor(CONTROL_HZ / min(max(rate_hz, LEAST_HZ), CONTROL_HZ))

@@ -4,7 +4,6 @@ The control program of ur-rtde is recognised, not interpreted: what differs betw
 register offset and the path it was given, and those are read. Any other program is kept as lines.
 """
 
-import ast
 import re
 from dataclasses import dataclass
 
@@ -56,13 +55,13 @@ class ProgramReader:
     def __init__(self) -> None:
         self._rest = b""
         self._lines: list[str] = []
-        self._depth = 0
+        self._depth = self._length = 0
 
     def feed(self, data: bytes) -> list[str]:
         """Take bytes; return the programs that are whole now. Raises `InputError` when one never ends."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         programs = [p for line in lines if (p := self._take(line.decode("utf-8", errors="replace")))]
-        if len(self._rest) + sum(map(len, self._lines)) > LONGEST_PROGRAM:
+        if len(self._rest) + self._length > LONGEST_PROGRAM:
             raise InputError(
                 f"script port: a program of more than {LONGEST_PROGRAM} characters; does it end?"
             )
@@ -73,12 +72,13 @@ class ProgramReader:
         if not self._lines and not line.strip():
             return None
         self._lines.append(line)
+        self._length += len(line) + 1
         if line[:1] not in (" ", "\t"):
             self._depth += bool(_OPENING.match(line)) - (line.strip() == "end")
         if self._depth > 0:
             return None
         program = "\n".join(self._lines)
-        self._lines, self._depth = [], 0
+        self._lines, self._depth, self._length = [], 0, 0
         return program
 
 
@@ -112,14 +112,3 @@ def _other(text: str) -> ScriptProgram:
     head = re.match(r"(?:def|sec)\s+(\w+)", lines[0])
     body = lines[1:-1] if head else lines
     return ScriptProgram(head[1] if head else "unnamed", tuple(line for line in body if line))
-
-
-def parse_call(line: str) -> ast.Call | ast.Assign | None:
-    """A line of a program as a call or an assignment; None for anything else (control flow)."""
-    try:
-        body = ast.parse(line.removeprefix("global ").strip()).body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
-    if len(body) == 1 and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Call):
-        return body[0].value
-    return body[0] if len(body) == 1 and isinstance(body[0], ast.Assign) else None

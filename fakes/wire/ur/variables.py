@@ -4,7 +4,7 @@ Universal Robots, "Real-Time Data Exchange (RTDE) Guide", tables of controller o
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from drivers.errors import InputError
 
@@ -25,24 +25,31 @@ FORMATS = {
 }
 STRUCTS = {name: struct.Struct(">" + code) for name, code in FORMATS.items()}
 REGISTERS = 48
-UPPER_RANGE_SINCE = (5, 3, 0, 0)
 
 _OUTPUTS = {
-    "DOUBLE": "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum "
-    "actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0 "
-    "standard_analog_input1 standard_analog_output0 standard_analog_output1 io_current tool_analog_input0 "
-    "tool_analog_input1 tool_output_current tool_temperature tcp_force_scalar payload",
+    "DOUBLE": "timestamp actual_execution_time target_execution_time speed_scaling target_speed_fraction "
+    "actual_momentum actual_main_voltage actual_robot_voltage actual_robot_current "
+    "actual_robot_energy_consumed actual_robot_braking_energy_dissipated standard_analog_input0 "
+    "standard_analog_input1 standard_analog_output0 standard_analog_output1 io_current "
+    "euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 "
+    "tool_output_current tool_temperature tcp_force_scalar payload joint_position_deviation_ratio "
+    "collision_detection_ratio",
     "VECTOR6D": "target_q target_qd target_qdd target_current target_moment actual_q actual_qd "
-    "actual_current joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force "
-    "target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage ft_raw_wrench "
-    "payload_inertia actual_current_as_torque",
-    "VECTOR3D": "actual_tool_accelerometer elbow_position elbow_velocity payload_cog",
+    "actual_current actual_current_window actual_current_as_torque joint_control_output "
+    "actual_TCP_pose actual_TCP_speed actual_TCP_force actual_TCP_acceleration target_TCP_pose "
+    "target_TCP_speed target_TCP_acceleration tcp_offset joint_temperatures actual_joint_voltage "
+    "ft_raw_wrench wrench_calc_from_currents payload_inertia target_base_acceleration target_base_wrench",
+    "VECTOR3D": "actual_tool_accelerometer elbow_position elbow_velocity payload_cog target_gravity",
     "VECTOR6INT32": "joint_mode",
-    "INT32": "robot_mode safety_mode safety_status tool_output_voltage",
+    "INT32": "robot_mode safety_mode safety_status tool_output_voltage encoder0_raw encoder1_raw "
+    "time_scale_source",
     "UINT32": "runtime_state robot_status_bits safety_status_bits analog_io_types tool_mode "
-    "tool_analog_input_types output_bit_registers0_to_31 output_bit_registers32_to_63 "
-    "input_bit_registers0_to_31 input_bit_registers32_to_63 script_control_line",
-    "UINT64": "actual_digital_input_bits actual_digital_output_bits",
+    "tool_analog_input_types euromap67_input_bits euromap67_output_bits output_bit_registers0_to_31 "
+    "output_bit_registers32_to_63 input_bit_registers0_to_31 input_bit_registers32_to_63 "
+    "script_control_line",
+    "UINT64": "actual_digital_input_bits actual_digital_output_bits "
+    "actual_configurable_digital_input_bits actual_configurable_digital_output_bits control_step",
+    "UINT8": "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode",
 }
 _INPUTS = {
     "UINT32": "speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
@@ -52,14 +59,25 @@ _INPUTS = {
     "standard_analog_output_mask standard_analog_output_type",
     "VECTOR6D": "external_force_torque",
 }
-_SINCE: dict[str, Version] = {
-    "payload": (5, 5, 1, 0),
-    "payload_cog": (5, 5, 1, 0),
-    "script_control_line": (5, 5, 1, 0),
-    "ft_raw_wrench": (5, 9, 0, 0),
-    "payload_inertia": (5, 11, 0, 0),
-    "actual_current_as_torque": (5, 23, 0, 0),
+_SINCE: dict[tuple[int, ...], str] = {
+    (5, 4): "safety_status",
+    (5, 5, 1): "payload payload_cog tcp_offset",
+    (5, 9): "ft_raw_wrench script_control_line",
+    (5, 11): "payload_inertia",
+    (5, 15): "collision_detection_ratio",
+    (5, 17): "time_scale_source",
+    (5, 23): "actual_current_as_torque actual_TCP_acceleration target_TCP_acceleration "
+    "target_execution_time actual_robot_energy_consumed actual_robot_braking_energy_dissipated "
+    "wrench_calc_from_currents",
+    (5, 26): "target_gravity target_base_acceleration control_step target_base_wrench",
 }
+"""The guide's "introduced in version"; what has none there is as old as the e-Series.
+
+Where the guide names none for a variable that it did not list before: tcp_offset by UR's driver, which
+needs 5.5.1 for it; those of 5.23 by the version whose guide was the first to list them.
+"""
+_UPPER_SINCE = (5, 3)
+"""Integer and floating-point registers from 24 on, and single bits."""
 
 
 def _table(groups: dict[str, str], direction: str) -> dict[str, str]:
@@ -73,13 +91,28 @@ INPUTS = _table(_INPUTS, "input")
 OUTPUTS = _table(_OUTPUTS, "output") | {name: kind for name, kind in INPUTS.items() if "_register" in name}
 
 
+def _first_versions() -> dict[str, tuple[int, ...]]:
+    """The version that brought a variable, for those that were not always there."""
+    first: dict[str, tuple[int, ...]] = {}
+    for version, names in _SINCE.items():
+        first |= dict.fromkeys(names.split(), version)
+    for kind, numbers in (("int", range(24, 48)), ("double", range(24, 48)), ("bit", range(64, 128))):
+        for direction in ("input", "output"):
+            first |= {f"{direction}_{kind}_register_{i}": _UPPER_SINCE for i in numbers}
+    return first
+
+
+_FIRST_VERSION = _first_versions()
+
+
 def output_type(name: str, version: Version) -> str | None:
     """Type of an output variable on a controller of this version; None where it has no such variable."""
-    upper = "_int_register_" in name or "_double_register_" in name
-    since = _SINCE.get(name, (0, 0, 0, 0))
-    if upper and int(name.rpartition("_")[2]) >= REGISTERS // 2:
-        since = UPPER_RANGE_SINCE
-    return OUTPUTS.get(name) if version >= since else None
+    return OUTPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
+
+
+def input_type(name: str, version: Version) -> str | None:
+    """Type of an input variable on a controller of this version; None where it has no such variable."""
+    return INPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
 
 
 class OutputBank:
@@ -88,6 +121,7 @@ class OutputBank:
     def __init__(self) -> None:
         self._values: dict[str, Value] = {}
         self._encoded: dict[str, bytes] = {}
+        self._derived: dict[str, Callable[[], Value]] = {}
         for name, kind in OUTPUTS.items():
             self.set(name, zero(kind))
 
@@ -95,18 +129,29 @@ class OutputBank:
         """Publish a value; vectors as tuples."""
         if self._values.get(name) == value:
             return
-        packer = STRUCTS[OUTPUTS[name]]
-        self._encoded[name] = packer.pack(*value) if isinstance(value, tuple) else packer.pack(value)
+        self._encoded[name] = _encoded(name, value)
         self._values[name] = value
+
+    def derive(self, name: str, work_out: Callable[[], Value]) -> None:
+        """Publish what is worked out whenever somebody asks for it."""
+        self._derived[name] = work_out
+        del self._values[name], self._encoded[name]
 
     def get(self, name: str) -> Value:
         """The published value."""
-        return self._values[name]
+        return self._values[name] if name in self._values else self._derived[name]()
 
     def packed(self, names: Iterable[str]) -> bytes:
         """The named values one after the other, as a data package carries them."""
         encoded = self._encoded
-        return b"".join([encoded[name] for name in names])
+        return b"".join(
+            [encoded[name] if name in encoded else _encoded(name, self._derived[name]()) for name in names]
+        )
+
+
+def _encoded(name: str, value: Value) -> bytes:
+    packer = STRUCTS[OUTPUTS[name]]
+    return packer.pack(*value) if isinstance(value, tuple) else packer.pack(value)
 
 
 def zero(kind: str) -> Value:

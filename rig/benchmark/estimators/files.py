@@ -7,7 +7,8 @@ from drivers.errors import InputError
 from rig.benchmark.estimators.benchmark import BenchmarkResult, as_json
 from rig.benchmark.estimators.page import page
 from rig.benchmark.estimators.picture import draw
-from rig.benchmark.estimators.tables import has_markers, marker_hint, readme_section, write_readme
+from rig.benchmark.estimators.tables import NAME, readme_section
+from rig.benchmark.readme import check_readme, write_section
 
 FIGURES, PICTURE, PAGE, TABLE = "results.json", "pareto.png", "index.html", "table.md"
 
@@ -19,8 +20,8 @@ def check_writable(folder: Path, readme: Path | None) -> None:
         (folder / FIGURES).touch()
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}): choose another --out") from error
-    if readme is not None and not has_markers(readme):
-        raise InputError(marker_hint(readme))
+    if readme is not None:
+        check_readme(readme, NAME)
 
 
 def write_results(folder: Path, result: BenchmarkResult, readme: Path | None = None) -> None:
@@ -31,4 +32,4 @@ def write_results(folder: Path, result: BenchmarkResult, readme: Path | None = N
     (folder / PAGE).write_text(page(result, picture), encoding="utf-8")
     (folder / TABLE).write_text(readme_section(result) + "\n", encoding="utf-8")
     if readme is not None:
-        write_readme(readme, result)
+        write_section(readme, NAME, readme_section(result))

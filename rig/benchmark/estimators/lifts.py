@@ -18,11 +18,11 @@ from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.config.models import TactileConfig
 from rig.experiments.replay import session_settings
 from rig.lift.fusion import FusedSample, fuse
-from rig.lift.marker_truth import TruthSeries, interpolate
+from rig.lift.marker_truth import interpolate
 from rig.lift.measurement import TipTrack
 from rig.lift.onset import OnsetAlarm, estimated_onset_ns
-from rig.sessions.reading import phase_times, recorded_frames, recorded_values
-from rig.sessions.recorder import TRUTH_TOPIC
+from rig.lift.recorded_truth import recorded_truth
+from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.contact.background import mean_background
@@ -163,11 +163,7 @@ def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[
 
 def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
     """Return the true angle in degrees at every tactile frame, None where there is no truth."""
-    values = recorded_values(lift.recording, TRUTH_TOPIC)
-    times, angles, sigmas = (
-        np.array([v[key] for v in values]) for key in ("time_ns", "angle_deg", "sigma_deg")
-    )
-    series = TruthSeries(times.astype(np.int64), angles.astype(float), sigmas.astype(float), 0.0, None, {})
+    series = recorded_truth(lift.recording)
     return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
 
 

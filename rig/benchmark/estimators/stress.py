@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import cv2
@@ -236,11 +237,11 @@ def _size() -> list[Condition]:
 
 
 def _round() -> list[Condition]:
-    of: dict[str, Any] = {"contacts": ROUND_CONTACTS, "refused": True}
+    refused = partial(Condition, "round", contacts=ROUND_CONTACTS, refused=True)
     return [
-        Condition("round", "smooth round contacts", **of),
-        Condition("round", "smooth round contacts, other unit", scene={"unit": 5}, **of),
-        Condition("round", "smooth round contacts, 1.5 N", scene={"force_n": 1.5}, full=True, **of),
+        refused("smooth round contacts"),
+        refused("smooth round contacts, other unit", scene={"unit": 5}),
+        refused("smooth round contacts, 1.5 N", scene={"force_n": 1.5}, full=True),
     ]
 
 

@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from drivers.errors import InputError
 from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.stress import NAMES, StressRow
 from rig.benchmark.estimators.timing import Spread
 from rig.benchmark.measured import Measured
+from rig.benchmark.readme import markdown_table
 from rig.results.metrics import Mare
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
-BEGIN, END = "<!-- rig benchmark estimators: begin -->", "<!-- rig benchmark estimators: end -->"
+NAME = "estimators"
+"""Of its section in a README."""
 ESTIMATOR_COLUMNS = (
     "estimator", "window", "ms per frame: median, 99 %", "MARE, B and C", "MARE, B", "refused held",
     "elongated", "worst lift", "answered", "within 2 sigma", "onset error, ms", "event within 50 ms",
@@ -102,49 +102,23 @@ def notes(result: BenchmarkResult) -> list[str]:
 
 
 def readme_section(result: BenchmarkResult) -> str:
-    """Return the README's section in Markdown, markers included."""
+    """Return the README's section in Markdown, without its markers."""
     rows = [
         _estimator_row(result, *key)[: len(README_COLUMNS)] for key in _usual(result) if key[0] != NO_SKIP
-    ]
-    lines = [
-        "| " + " | ".join(README_COLUMNS) + " |",
-        "|" + "---|" * len(README_COLUMNS),
-        *("| " + " | ".join(row) + " |" for row in rows),
     ]
     missed = [limit.name for limit in result.limits if not limit.met]
     of = machine()
     return "\n".join(
         [
-            BEGIN,
             f"{_simulated(result)}{result.lifts} lifts, seed {result.settings.seed}, {of['processor']}, "
             f"{of['cores']} cores, one thread. Errors in degrees, mean +- standard deviation "
             "[95 % interval].",
             "",
-            *lines,
+            markdown_table(README_COLUMNS, rows),
             "",
             f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept.",
-            END,
         ]
     )
-
-
-def has_markers(path: Path) -> bool:
-    """Whether a file has the two marker lines, once each and in order."""
-    text = path.read_text(encoding="utf-8") if path.is_file() else ""
-    return text.count(BEGIN) == text.count(END) == 1 and text.index(BEGIN) < text.index(END)
-
-
-def marker_hint(path: Path) -> str:
-    """Say what to do about missing markers."""
-    return f"{path}: put these two lines where the table belongs: {BEGIN} and {END}"
-
-
-def write_readme(path: Path, result: BenchmarkResult) -> None:
-    """Replace what stands between the two markers. Raises `InputError` where they are not there."""
-    if not has_markers(path):
-        raise InputError(marker_hint(path))
-    head, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
-    path.write_text(head + readme_section(result) + rest.partition(END)[2], encoding="utf-8")
 
 
 def _usual(result: BenchmarkResult) -> list[tuple[str, int]]:

@@ -1,7 +1,7 @@
 """`rig benchmark calibration`: the limits the calibrations have to keep."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -51,7 +51,7 @@ def calibration(
         raise typer.Exit(Exit.LIMIT_MISSED)
 
 
-def _plain(report: "CalibrationReport") -> dict[str, Any]:
+def _plain(report: "CalibrationReport") -> dict[str, object]:
     rows = [{"name": r.name, "value": r.value, "asked": r.asked, "met": r.met} for r in report.rows]
     cases = [
         {"group": c.case.group, "case": c.case.name, "said": c.said}

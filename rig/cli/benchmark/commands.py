@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from rig.cli.benchmark.calibration import calibration
+from rig.cli.benchmark.clips import clips
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.trials import trials
@@ -38,6 +39,7 @@ benchmark.command("wire")(wire)
 benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
+benchmark.command("clips")(clips)
 
 
 @benchmark.command("faults")

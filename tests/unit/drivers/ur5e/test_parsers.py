@@ -28,10 +28,11 @@ from drivers.ur5e.probe import parse_version, read_package
 from fakes.wire.ur.commands import COMMANDS
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
-from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession, package
-from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, parse_call, recognise
+from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
+from fakes.wire.ur.user_programs.run import ScriptRun
+from fakes.wire.ur.user_programs.statements import parse_line
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value
 from fakes.world.world import BenchLayout, World
 
@@ -104,7 +105,7 @@ def test_the_script_ports() -> None:
                     robot.cycle(robot.time_ns + CYCLE_NS)
         except InputError:
             reader = ProgramReader()
-        parse_call(text)
+        parse_line(text)
 
 
 def test_the_dashboard_and_the_drivers_view_of_it() -> None:

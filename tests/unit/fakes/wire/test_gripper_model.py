@@ -55,6 +55,23 @@ def test_going_before_the_activation_is_over_waits_and_says_so() -> None:
     assert (model.image[0], model.image[2], model.image[4]) == (0xFB, 0x00, 0x20)
 
 
+@pytest.mark.parametrize("before", [(), ("01",), ("01", "00", "01")])
+def test_an_action_waits_for_the_activation_however_it_was_asked_for(before: tuple[str, ...]) -> None:
+    """Manual, FAULT STATUS 0x05: the activation must be completed prior to the action, which is delayed.
+
+    rACT and rGTO may come together, as the ROS controller and robotiq3f_py send them, or one after the
+    other: until the activation is over gGTO reads 0 ("or performing activation") and gFLT 5.
+    """
+    model, now = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0), 0
+    for written in before:
+        now = run(model, written, now, 0.1)
+    for _ in range(3):  # the ROS node sends its command again and again
+        now = run(model, "09 00 00 30 FF FF", now, 0.1)
+        assert (model.image[0], model.image[2]) == (0x11, 0x05)
+    now = run(model, "09 00 00 30 FF FF", now, 6.0)
+    assert (model.image[0], model.image[2], model.image[4]) == (0xF9, 0x00, 0x30)
+
+
 def test_a_finger_in_contact_stays_until_sent_back_pressed_harder_or_set_going_anew() -> None:
     """Manual, OBJECT STATUS; two of three fingers stopped early is gSTA 1."""
     world = make_world()

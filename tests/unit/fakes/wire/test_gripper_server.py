@@ -97,6 +97,56 @@ def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> N
     server.stop()
 
 
+def test_another_master_over_tcp(server: GripperServer) -> None:
+    """pyModbusTCP: reads, single and block writes, and both at once."""
+    client_module = pytest.importorskip(
+        "pyModbusTCP.client", reason="pip install pyModbusTCP: not installed here"
+    )
+    host, port = server.address
+    client = client_module.ModbusClient(host, port, unit_id=9, timeout=2.0)
+    assert client.read_input_registers(0, 8) == [0, 0, 0x0600, 0x0006, 0, 0x0600, 0x0089, 0]
+    assert client.write_single_register(0, 0x0100)
+    assert _becomes(lambda: client.read_holding_registers(0, 1), [0x3100])
+    assert client.write_multiple_registers(0, [0x0900, 0x0030, 0xFFFF])
+    assert _becomes(lambda: client.read_input_registers(0, 2), [0xF9FF, 0x0030])
+    assert client.write_read_multiple_registers(0, [0x0900, 0x0000, 0xFFFF], 0, 2)
+    assert _becomes(lambda: client.read_input_registers(0, 3), [0xF9FF, 0x0000, 0x0600])
+    assert client.read_input_registers(7, 2) is None
+    assert client.last_except == 2, "illegal data address"
+    client.close()
+
+
+def test_another_master_on_the_serial_line(line: GripperRtu) -> None:
+    """minimalmodbus, on the pseudo-terminal."""
+    minimalmodbus = pytest.importorskip(
+        "minimalmodbus", reason="pip install minimalmodbus: not installed here"
+    )
+    gripper = minimalmodbus.Instrument(line.device, 9)
+    gripper.serial.baudrate, gripper.serial.timeout = 115200, 1.0
+    gripper.write_registers(0x03E8, [0x0100, 0, 0])
+    assert _becomes(lambda: gripper.read_registers(0x07D0, 1), [0x3100])
+    gripper.write_register(0x03E9, 0x0030, functioncode=6)
+    gripper.write_registers(0x03E8, [0x0900, 0x0030, 0xFFFF])
+    assert _becomes(lambda: gripper.read_registers(0x07D0, 3, functioncode=4), [0xF9FF, 0x0030, 0x3000])
+    with pytest.raises(minimalmodbus.NoResponseError):
+        gripper.read_register(0x1000)
+    stranger = minimalmodbus.Instrument(line.device, 8)
+    stranger.serial.timeout = 0.2
+    with pytest.raises(minimalmodbus.NoResponseError):
+        stranger.read_register(0x07D0)
+    gripper.serial.close()
+
+
+def _becomes(ask: Callable[[], list[int] | None], wanted: list[int], limit_s: float = 10.0) -> bool:
+    """Whether registers come to hold what is wanted."""
+    give_up = time.monotonic() + limit_s
+    while ask() != wanted:
+        if time.monotonic() > give_up:
+            return False
+        time.sleep(0.01)
+    return True
+
+
 def test_rtu_frames_are_the_manuals(line: GripperRtu) -> None:
     """Manual 2014, pages 66 to 74, with the CRCs printed there."""
     assert talk_hex(line, "09 10 03 E8 00 03 06 01 00 00 00 00 00 72 E1") == "09 10 03 E8 00 03 01 30"

@@ -2,6 +2,8 @@
 
 import math
 import socket
+import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
 from fakes.wire.host.mirror import MirroredWorld, snapshot_of
 from fakes.wire.host.motion_log import MotionLog
+from fakes.wire.net.background import VitalThread
 from fakes.wire.net.loopback import require_free, taken_ports
 from fakes.wire.net.side_channel import Control, ControlServer
 from fakes.world.motion import FingerPath, ToolPath
@@ -107,6 +110,64 @@ def test_rubbish_on_the_side_channel_is_answered_not_fatal(rubbish_heap: str, ru
         connection.sendall(rubbish.replace(b"\n", b"") + b"\n")
         assert b"expected one JSON object" in connection.makefile("rb").readline()
     assert Control(rubbish_heap).call("world") == {"fine": True}
+
+
+RUBBISH: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"do": "place", "object": "charuco:8x6:25:18:DICT_5X5_99@tool"}, "no dictionary"),
+    ({"do": "place", "object": "charuco:9999x9999:25:18:DICT_5X5_100@tool"}, "not understood"),
+    ({"do": "place", "object": ["t1"]}, "id or a name"),
+    ({"do": "place", "object": "t1", "seed": 1.5}, "whole number"),
+    ({"do": "place", "object": "t1", "seed": -1}, "whole number"),
+    ({"do": "place", "object": "t1", "seed": 10**400}, "whole number"),
+    ({"do": "place", "object": "t1", "seed": True}, "whole number"),
+    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": "x"}, "give 0 to"),
+    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": -1}, "give 0 to"),
+    ({"do": "fault", "device": ["arm"], "kind": "silent"}, "names"),
+    ({"do": "fault", "device": "gripper", "kind": "delay", "delay_s": float("inf")}, "not a number"),
+    ({"do": "fault", "device": "SIM-D0001", "kind": "freeze", "duration_s": 1e308}, "give 0 to"),
+    ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "frames": "x"}, "whole number"),
+    ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "x": 1}, "unexpected"),
+)
+
+
+def test_after_rubbish_on_the_side_channel_everything_works_and_ends() -> None:
+    with hosted_fakes(load_bench("wire"), host=None) as (served, fakes):
+        control = fakes_control(served)
+        for request, refusal in RUBBISH:
+            with pytest.raises(InputError, match=refusal):
+                control.call(request.pop("do"), **request)
+        control.call("place", object="charuco:8x6:25:18:DICT_5X5_100@tool")
+        with urllib.request.urlopen(served.camera.address.replace("stream.mjpg", "snapshot.jpg")) as picture:
+            assert picture.status == 200
+        time.sleep(0.5)
+        fakes.check()
+        began = time.monotonic()
+    assert time.monotonic() - began < 5.0
+
+
+def test_a_part_that_dies_ends_the_fakes_with_its_reason() -> None:
+    with hosted_fakes(load_bench("wire"), host=None) as (_, fakes):
+        fakes._world.seed = 1.5  # type: ignore[assignment] - no sensor can be drawn with it
+        with pytest.raises(DeviceError, match="fake cameras: TypeError: SeedSequence"):
+            fakes.wait()
+        began = time.monotonic()
+    assert time.monotonic() - began < 10.0
+
+
+def test_a_thread_says_what_ended_it(caplog: pytest.LogCaptureFixture) -> None:
+    thread = VitalThread(lambda: 1 / 0, "what divides")  # type: ignore[arg-type,return-value]
+    thread.start()
+    thread.join()
+    assert isinstance(thread.failure, ZeroDivisionError)
+    assert "what divides has ended" in caplog.text
+
+
+def test_what_nobody_thought_of_is_answered(caplog: pytest.LogCaptureFixture) -> None:
+    server = ControlServer({"divide": lambda: {"by": 1 / 0}})
+    server.start()
+    with pytest.raises(InputError, match="failed: ZeroDivisionError"):
+        Control(server.address).call("divide")
+    server.stop()
 
 
 def test_a_side_channel_where_nobody_answers_is_a_device_error() -> None:

@@ -98,6 +98,12 @@ def test_two_clients_see_the_same_bytes(server: MjpegServer) -> None:
     ("path", "body", "words"),
     [
         ("/control", b'{"size_px": [800, 600]}', "no size"),
+        ("/control", b'{"size_px": [Infinity, NaN]}', "no size"),
+        ("/control", b'{"rate_hz": NaN}', "no rate"),
+        ("/fault", b'{"kind": "freeze", "duration_s": 1e308}', "give 0 to"),
+        ("/fault", b'{"kind": "freeze", "duration_s": "long"}', "give 0 to"),
+        ("/fault", b'{"kind": "drop", "frames": 1.5}', "give a whole number"),
+        ("/fault", b'{"kind": ["drop"]}', "unknown"),
         ("/control", b'{"rate_hz": 61}', "no rate 61"),
         ("/control", b'{"rate_hz": "fast"}', "give 1 number"),
         ("/control", b'{"light": [1, 1]}', "give 3 numbers"),

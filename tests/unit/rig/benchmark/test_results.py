@@ -20,19 +20,14 @@ from rig.benchmark.estimators.files import check_writable, write_results
 from rig.benchmark.estimators.limits import judge
 from rig.benchmark.estimators.picture import Point, pareto, spread_labels
 from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
-from rig.benchmark.estimators.tables import (
-    BEGIN,
-    END,
-    README_COLUMNS,
-    estimator_table,
-    has_markers,
-    stress_table,
-)
+from rig.benchmark.estimators.tables import NAME, README_COLUMNS, estimator_table, stress_table
+from rig.benchmark.readme import check_readme, markers
 from rig.experiments.replay import replay_lift, session_settings
 from rig.sessions.rows import read_finished_lifts
 from support.benches import with_half_the_frames
 
 README = Path(__file__).resolve().parents[4] / "README.md"
+BEGIN, END = markers(NAME)
 
 
 Told = list[tuple[str, int, int]]
@@ -132,7 +127,7 @@ def test_tables_have_a_cell_per_column(result: BenchmarkResult) -> None:
 
 
 def test_the_readme_has_the_benchmarks_table() -> None:
-    assert has_markers(README)
+    check_readme(README, NAME)
     assert table_columns(README.read_text(encoding="utf-8")) == README_COLUMNS
 
 

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
-from fakes.wire.ur.interpreter import ScriptRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.safety import RobotMode
+from fakes.wire.ur.user_programs.run import ScriptRun
 from fakes.world.world import BenchLayout, World
 
 
@@ -35,7 +35,9 @@ def run(dashboard: DashboardServer, duration_s: float) -> None:
         ("robotmode", "Robotmode: RUNNING"),
         ("safetymode", "Safetymode: NORMAL"),
         ("safetystatus", "Safetystatus: NORMAL"),
-        ("programState", "STOPPED"),
+        ("programState", "STOPPED <unnamed>"),
+        ("load installation cell.installation", "Loading installation: cell.installation"),
+        ("saveLog", "Log saved to disk"),
         ("stop", "Stopped"),
         ("pause", "Failed to execute: pause"),
         ("play", "Failed to execute: play"),

@@ -69,7 +69,9 @@ def test_nothing_is_sent_before_start_and_after_pause() -> None:
     assert not client.session.due(0)
 
 
-@pytest.mark.parametrize(("rate_hz", "cycles"), [(500.0, 1), (125.0, 4), (100.0, 5), (1e9, 1), (-1.0, 1)])
+@pytest.mark.parametrize(
+    ("rate_hz", "cycles"), [(500.0, 1), (125.0, 4), (100.0, 5), (300.0, 1), (1e9, 1), (-1.0, 1)]
+)
 def test_the_rate_is_a_whole_number_of_control_cycles(rate_hz: float, cycles: int) -> None:
     client = Client()
     client.outputs("timestamp", rate_hz)
@@ -77,12 +79,54 @@ def test_the_rate_is_a_whole_number_of_control_cycles(rate_hz: float, cycles: in
     assert [c for c in range(20) if client.session.due(c)] == list(range(0, 20, cycles))
 
 
+@pytest.mark.parametrize("rate_hz", [5e-324, 1e-300, 0.5, float("inf"), float("nan")])
+def test_a_rate_that_no_controller_has_is_the_nearest_it_has(rate_hz: float) -> None:
+    client = Client()
+    assert client.outputs("timestamp", rate_hz)[0] == 1
+    client.ask("S")
+    assert sum(client.session.due(cycle) for cycle in range(500)) in (1, 500)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["output_int_register_x", "output_int_register_", "input_double_register_1e9", "output_bit_register_²"],
+)
+def test_a_register_that_does_not_exist_is_not_found(name: str) -> None:
+    client = Client()
+    assert client.outputs(name) == b"\x00NOT_FOUND"
+    assert client.ask("I", name.encode()) == b"\x00NOT_FOUND"
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("tcp_offset", "VECTOR6D"), ("actual_current_window", "VECTOR6D"), ("tool_output_mode", "UINT8")),
+        *((f"tool_digital_output{i}_mode", "UINT8") for i in (0, 1)),
+        *((f"encoder{i}_raw", "INT32") for i in (0, 1)),
+        *((f"euromap67_{way}_bits", "UINT32") for way in ("input", "output")),
+        *((f"euromap67_24V_{what}", "DOUBLE") for what in ("voltage", "current")),
+        *((f"actual_configurable_digital_{way}_bits", "UINT64") for way in ("input", "output")),
+        ("joint_position_deviation_ratio", "DOUBLE"),
+    ],
+)
+def test_urs_record_example_finds_what_it_asks_for(name: str, kind: str) -> None:
+    assert Client().outputs(name) == b"\x01" + kind.encode()
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
+        ("safety_status", (5, 3), (5, 4)),
         ("ft_raw_wrench", (5, 8), (5, 9)),
+        ("script_control_line", (5, 8), (5, 9)),
         ("payload", (5, 5), (5, 6)),
+        ("payload_inertia", (5, 10), (5, 11)),
+        ("collision_detection_ratio", (5, 14), (5, 15)),
+        ("time_scale_source", (5, 16), (5, 17)),
         ("actual_current_as_torque", (5, 22), (5, 23)),
+        ("target_gravity", (5, 25), (5, 26)),
+        ("output_double_register_24", (5, 2), (5, 3)),
+        ("output_bit_register_64", (5, 2), (5, 3)),
     ],
 )
 def test_a_variable_comes_with_its_version(name: str, old: tuple[int, int], new: tuple[int, int]) -> None:
@@ -91,6 +135,19 @@ def test_a_variable_comes_with_its_version(name: str, old: tuple[int, int], new:
     client = Client((*old, 0, 0))
     assert client.outputs(f"timestamp,{name}") == b"\x00DOUBLE,NOT_FOUND"
     assert client.ask("S") == b"\x00"
+
+
+def test_an_upper_input_register_comes_with_its_version() -> None:
+    assert Client((5, 2, 0, 0)).ask("I", b"input_int_register_24") == b"\x00NOT_FOUND"
+    assert Client((5, 3, 0, 0)).ask("I", b"input_int_register_24") == b"\x01INT32"
+
+
+def test_what_is_worked_out_when_asked_for_is_sent_as_it_is_then() -> None:
+    client, seen = Client(), iter((1.0, 2.0))
+    client.bank.derive("speed_scaling", lambda: next(seen))
+    client.outputs("speed_scaling")
+    sent = [struct.unpack(">d", client.session.data()[4:]) for _ in range(2)]
+    assert sent == [(1.0,), (2.0,)]
 
 
 def test_input_recipes_are_numbered_from_one_and_write_their_values() -> None:

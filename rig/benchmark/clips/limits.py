@@ -1,0 +1,53 @@
+"""What is asked of an estimator on labelled clips."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from drivers.errors import InputError
+from rig.benchmark.clips.labelled import LabelledClip
+from rig.benchmark.clips.scores import ClipScore
+from rig.benchmark.measured import Measured, at_least, at_most
+
+WITHIN, CONFIDENTLY_WRONG, TWO_SIGMA, P99_MS = 0.5, 0.04, 0.88, 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class ClipLimits:
+    """Limits for the first estimator; None is not asked. group: the clips that count, all where None."""
+
+    group: str | None = None
+    within: float | None = WITHIN
+    confidently_wrong: float | None = CONFIDENTLY_WRONG
+    two_sigma: float | None = TWO_SIGMA
+    false_rest: float | None = None
+    mean_small_deg: float | None = None
+    p99_ms: float | None = P99_MS
+
+    def check(self, clips: Sequence[LabelledClip]) -> None:
+        """Raise `InputError` where no clip is of the group."""
+        names = sorted({clip.group for clip in clips})
+        if self.group is not None and self.group not in names:
+            raise InputError(f"no clip is in the group '{self.group}': groups are {', '.join(names)}")
+
+
+def judge(score: ClipScore, limits: ClipLimits) -> tuple[Measured, ...]:
+    """Return every limit that is asked, and whether it was kept."""
+    rows = (
+        _row(at_least, "share of labels within max(3 degrees, 2 label sigmas)", score.within, limits.within),
+        _row(at_most, "share of labels confidently wrong", score.confidently_wrong, limits.confidently_wrong),
+        _row(at_least, "share of answers within two sigma", score.two_sigma, limits.two_sigma),
+        _row(at_most, "share of turned labels told as rest", score.false_rest, limits.false_rest),
+        _row(at_most, "mean error up to 30 degrees", score.mean_small_deg, limits.mean_small_deg),
+        _row(at_most, "time per frame, 99 %, ms", score.p99_ms, limits.p99_ms),
+    )
+    return tuple(row for row in rows if row is not None)
+
+
+def _row(
+    compare: Callable[[str, float, float], Measured], name: str, value: float | None, limit: float | None
+) -> Measured | None:
+    if limit is None:
+        return None
+    if value is None:
+        return Measured(name, None, f"{limit:g}", False)
+    return compare(name, value, limit)

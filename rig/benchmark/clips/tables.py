@@ -1,0 +1,99 @@
+"""The tables of `rig benchmark clips`: for the terminal, the page and the README."""
+
+from collections.abc import Sequence
+
+from rig.benchmark.clips.benchmark import ClipsResult
+from rig.benchmark.clips.scores import ClipScore
+from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.measured import Measured
+from rig.benchmark.readme import markdown_table
+
+NAME = "clips"
+"""Of its section in a README."""
+SCORE_COLUMNS = (
+    "labels", "within 3 deg", "within 3 deg or 2 label sigmas", "mean, up to 30 deg", "mean, all",
+    "median, up to 30 deg", "median, all", "useful", "within 2 sigma", "confidently wrong", "false rest",
+    "ms per frame: median, 99 %",
+)  # fmt: skip
+NONE = "-"
+EVERY = "all"
+
+
+def overall_table(result: ClipsResult) -> BenchmarkTable:
+    """Return a row per estimator and group, all clips first."""
+    rows = [
+        (of.name if group == EVERY else "", group, *_cells(found))
+        for of in result.estimators
+        for group, found in {EVERY: of.overall, **_groups(of.groups)}.items()
+    ]
+    return BenchmarkTable(
+        "Hand-measured angles, errors in degrees", ("estimator", "clips", *SCORE_COLUMNS), rows
+    )
+
+
+def clip_table(result: ClipsResult) -> BenchmarkTable:
+    """Return a row per clip for the first estimator, worst first."""
+    first = result.estimators[0]
+    worst = sorted(first.runs, key=lambda run: -run.score.mean_deg)
+    rows = [(run.clip.name, run.clip.group, *_cells(run.score)) for run in worst]
+    return BenchmarkTable(f"'{first.name}' by clip, worst first", ("clip", "group", *SCORE_COLUMNS), rows)
+
+
+def limit_table(result: ClipsResult) -> BenchmarkTable:
+    """Return every limit, what was measured and whether it was kept."""
+    rows = [
+        (limit.name, _value(limit), limit.asked, "kept" if limit.met else "MISSED") for limit in result.limits
+    ]
+    of = result.group or "all clips"
+    title = f"Limits for '{result.estimators[0].name}', {of}"
+    return BenchmarkTable(title, ("limit", "measured", "asked", ""), rows)
+
+
+def readme_section(result: ClipsResult) -> str:
+    """Return the README's section in Markdown, without its markers."""
+    table, clips = overall_table(result), result.estimators[0].runs
+    labels, of = sum(len(run.labels) for run in clips), machine()
+    head = f"{len(clips)} clips, {labels} labels, {of['processor']}, {of['cores']} cores, one thread. "
+    head += "Errors in degrees."
+    return "\n".join([head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)])
+
+
+def verdict(limits: Sequence[Measured]) -> str:
+    """Say which limits were missed."""
+    missed = [f"{limit.name} {_value(limit)}, asked {limit.asked}" for limit in limits if not limit.met]
+    return f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."
+
+
+def _groups(groups: dict[str, ClipScore]) -> dict[str, ClipScore]:
+    """Return the groups; one group is all clips and says nothing."""
+    return groups if len(groups) > 1 else {}
+
+
+def _cells(score: ClipScore) -> tuple[str, ...]:
+    return (
+        str(score.labels),
+        _share(score.within_3),
+        _share(score.within),
+        _number(score.mean_small_deg),
+        _number(score.mean_deg),
+        _number(score.median_small_deg),
+        _number(score.median_deg),
+        _share(score.useful),
+        _share(score.two_sigma),
+        _share(score.confidently_wrong),
+        _share(score.false_rest),
+        f"{score.median_ms:.2f}, {score.p99_ms:.2f}",
+    )
+
+
+def _value(limit: Measured) -> str:
+    return NONE if limit.value is None else f"{limit.value:.3g}"
+
+
+def _number(value: float | None) -> str:
+    return NONE if value is None else f"{value:.2f}"
+
+
+def _share(value: float | None) -> str:
+    return NONE if value is None else f"{value:.0%}"

@@ -1,0 +1,126 @@
+"""`rig benchmark clips`: estimators against angles measured by hand."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.common import Exit, JsonOption, emit_json, say
+
+if TYPE_CHECKING:
+    from rig.benchmark.clips.benchmark import ClipsResult
+
+
+def clips(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder with a folder per clip: frames/ or a video, background.png, labels.csv, "
+            "timestamps.csv."
+        ),
+    ],
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            help="Repeat for more; limits are for the first. Default: slip, ecc, polar, ellipse, pca, "
+            "anglenet.",
+        ),
+    ] = None,
+    groups: Annotated[
+        Path | None,
+        typer.Option(
+            "--groups",
+            help="CSV with columns clip,group. Default: groups.csv in the folder, or a column of labels.csv.",
+        ),
+    ] = None,
+    group: Annotated[
+        str | None,
+        typer.Option("--group", help="The group whose figures limits are for. Default: all clips."),
+    ] = None,
+    within: Annotated[
+        float, typer.Option("--within", help="Least share of labels within max(3 degrees, 2 label sigmas).")
+    ] = 0.5,
+    confidently_wrong: Annotated[
+        float,
+        typer.Option(
+            "--confidently-wrong", help="Most labels more than 10 degrees and 3 sigma off, a share."
+        ),
+    ] = 0.04,
+    two_sigma: Annotated[
+        float, typer.Option("--two-sigma", help="Least share of answers within two sigma.")
+    ] = 0.88,
+    false_rest: Annotated[
+        float | None,
+        typer.Option("--false-rest", help="Most turned labels told as rest, a share. Default: no limit."),
+    ] = None,
+    mean_deg: Annotated[
+        float | None,
+        typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn. Default: no limit."),
+    ] = None,
+    p99_ms: Annotated[float, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = 8.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for results.json, index.html and table.md.")
+    ] = None,
+    readme: Annotated[
+        Path | None, typer.Option("--readme", help="Put the table between its markers in this file.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Let estimators answer labelled clips, real or simulated, and compare with the labels.
+
+    labels.csv has the columns reference_frame, keyframe, angle_deg (counter-clockwise as seen, 0 at the
+    reference), sigma_deg; frames count from 0; `rig label-angle` makes one. Every label counts: a
+    refused one is not within, and enters the means with the last angle answered. Exit code 4 when a
+    limit of the first estimator was missed.
+
+    Examples:
+      rig benchmark clips clips/ --out clips_page
+
+      rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
+
+    """
+    from rig.benchmark.clips.benchmark import ESTIMATORS, as_json, run_clips
+    from rig.benchmark.clips.files import write_clips
+    from rig.benchmark.clips.limits import ClipLimits
+    from rig.benchmark.clips.tables import NAME
+    from rig.benchmark.readme import check_readme
+    from rig.cli.printing import WorkProgress
+    from rig.frames.masks import make_folder
+    from rig.tactile.estimators import choose_estimator
+
+    choices = [choose_estimator(name) for name in estimator or ESTIMATORS]
+    limits = ClipLimits(group, within, confidently_wrong, two_sigma, false_rest, mean_deg, p99_ms)
+    if out is not None:
+        make_folder(out)
+    if readme is not None:
+        check_readme(readme, NAME)
+    with WorkProgress(0, "clips") as progress:
+        result = run_clips(folder, choices, limits, groups, progress.show)
+    if out is not None:
+        write_clips(out, result, readme)
+    _print(result, json)
+    if json:
+        emit_json({"out": None if out is None else str(out), **as_json(result)})
+    for limit in (limit for limit in result.limits if not limit.met):
+        value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
+        say(f"rig: limit missed: {limit.name}: {value}, asked {limit.asked}")
+    if not all(limit.met for limit in result.limits):
+        raise typer.Exit(Exit.LIMIT_MISSED)
+
+
+def _print(result: "ClipsResult", to_stderr: bool) -> None:
+    from rich.table import Table as RichTable
+
+    from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
+    from rig.cli.printing import table_console
+
+    console = table_console(to_stderr, width=200)
+    for table in (clip_table(result), overall_table(result), limit_table(result)):
+        shown = RichTable(title=table.title)
+        for place, column in enumerate(table.columns):
+            shown.add_column(column, justify="left" if place < 2 else "right")
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
+    console.print(f"{result.wall_s:.0f} s", highlight=False)

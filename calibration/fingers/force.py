@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from calibration.fingers.opening import Opening
 from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 
@@ -25,16 +24,6 @@ class ForceTable:
     force_n: Array
     misfit_n: float
     judgement: Assessment
-
-    def force_at(self, signal: float, allow_beyond: bool = False) -> Opening:
-        """Force in N. Raises `CalibrationError` beyond what was measured, unless allowed."""
-        beyond = not self.signal[0] <= signal <= self.signal[-1]
-        if not np.isfinite(signal) or (beyond and not allow_beyond):
-            raise CalibrationError(
-                f"gripper force: {signal:g} lies beyond what was measured "
-                f"({self.signal[0]:g} to {self.signal[-1]:g})"
-            )
-        return Opening(float(np.interp(signal, self.signal, self.force_n)), beyond)
 
 
 def fit_force(signal: Array, force_n: Array) -> ForceTable:

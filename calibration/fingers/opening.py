@@ -19,7 +19,6 @@ Array = NDArray[np.floating]
 
 MOST_COUNTS = 255
 FEWEST_COUNTS = 3
-_WRONG_BY_M = 2e-3
 
 
 class Direction(StrEnum):
@@ -39,14 +38,6 @@ class OpeningSample:
     direction: Direction
 
 
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """A looked-up value; `extrapolated` where the table has no measurement there."""
-
-    value: float
-    extrapolated: bool
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class OpeningTable:
     """counts (N,) increasing, opening_m (N,) not increasing, sigma_m (N,), for one direction."""
@@ -55,24 +46,14 @@ class OpeningTable:
     opening_m: Array
     sigma_m: Array
 
-    def opening_at(self, counts: float, allow_beyond: bool = False) -> Opening:
-        """Opening in m at a count. Raises `CalibrationError` beyond what was measured, unless allowed."""
-        return self._look(counts, self.counts, self.opening_m, allow_beyond, "counts")
-
-    def counts_at(self, opening_m: float, allow_beyond: bool = False) -> Opening:
-        """Counts for an opening in m, not rounded. Raises `CalibrationError` likewise."""
-        return self._look(opening_m, self.opening_m[::-1], self.counts[::-1], allow_beyond, "m")
-
-    def _look(self, at: float, known: Array, values: Array, allow_beyond: bool, unit: str) -> Opening:
-        if not np.isfinite(at):
-            raise CalibrationError(f"gripper table: asked for {at} {unit}")
-        beyond = not known[0] <= at <= known[-1]
-        if beyond and not allow_beyond:
+    def opening_at(self, counts: float) -> float:
+        """Opening in m at a count. Raises `CalibrationError` beyond what was measured."""
+        if not self.counts[0] <= counts <= self.counts[-1]:
             raise CalibrationError(
-                f"gripper table: {at:.4g} {unit} lies beyond what was measured "
-                f"({known[0]:.4g} to {known[-1]:.4g} {unit}); measure there with rig calibrate gripper"
+                f"gripper table: {counts:.4g} counts lie beyond what was measured "
+                f"({self.counts[0]:.4g} to {self.counts[-1]:.4g}); measure there with rig calibrate gripper"
             )
-        return Opening(float(np.interp(at, known, values)), beyond)
+        return float(np.interp(counts, self.counts, self.opening_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

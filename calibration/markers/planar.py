@@ -145,15 +145,6 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     )
 
 
-def paper_angle_deg(angle_deg: float) -> float:
-    """The paper's ground truth angle, arccos(p.q / |p||q|) of the vectors between the markers.
-
-    It has no sign and lies in [0, 180]; the value here is the magnitude of the signed angle, free
-    of what arccos does near zero (its mean there is 0.8 sigma, and rounding can make it NaN).
-    """
-    return abs(float(np.remainder(angle_deg + 180.0, 360.0)) - 180.0)
-
-
 def _in_plane(plane_T_image: Array, ideal_px: Array) -> NDArray[np.complex128]:  # noqa: N803
     """(V, 8) complex, centred: the corners through each of V homographies."""
     flat = ideal_px.reshape(-1, 2)

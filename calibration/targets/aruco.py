@@ -34,13 +34,6 @@ class Refusal(StrEnum):
     OLD_TIME = "time not later than the last"
 
 
-def find_markers(gray: Image, dictionary: str) -> dict[int, Corners]:
-    """Search a whole (H, W) uint8 picture: refined (4, 2) px corners of every id seen exactly once."""
-    single = {i: quads[0] for i, quads in detect_all(detector(dictionary), gray).items() if len(quads) == 1}
-    refined = {i: refine(gray, quad[None]) for i, quad in single.items()}
-    return {i: corners[0] for i, corners in refined.items() if not isinstance(corners, Refusal)}
-
-
 def detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     """A detector with three threshold windows and no refinement. Raises `InputError`."""
     return cv2.aruco.ArucoDetector(_dictionary(dictionary), _parameters())

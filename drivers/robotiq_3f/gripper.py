@@ -29,10 +29,10 @@ from drivers.robotiq_3f.commands import (
 )
 from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
 from drivers.robotiq_3f.poller import GripperLine, StatusSample
-from drivers.robotiq_3f.registers import Command, GraspMode, ObjectStatus, Stage, Status, pack_command
+from drivers.robotiq_3f.registers import Command, ObjectStatus, Stage, Status, pack_command
 from drivers.types import GripperLimits, GripperState
 
-__all__ = ["NOMINAL_LIMITS", "GraspMode", "Robotiq3F", "rtu_link", "tcp_link"]
+__all__ = ["NOMINAL_LIMITS", "Robotiq3F", "rtu_link", "tcp_link"]
 
 NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=0.155 / 249)
 """Bare fingers; 6 is what an open finger reads (manual, status example after opening)."""
@@ -40,7 +40,6 @@ ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
 ACTIVATION_TIMEOUT_S = 30.0
 """The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D."""
-MODE_CHANGE_TIMEOUT_S = 25.0
 """Interference ends in fault 0x0E after 20 s (manual, FAULT STATUS)."""
 
 
@@ -114,16 +113,6 @@ class Robotiq3F(Gripper):
             self._send(Command(activate=True))
             self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
             self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
-
-    def set_mode(self, mode: GraspMode) -> None:
-        """Turn the scissor axis to a grasping mode: fingers B and C move, so only on request.
-
-        Raises `GripperFaultError` (0x0E: something was in the way) and `DeviceTimeoutError`.
-        """
-        with self._as_sequence("mode change"):
-            require_ready(self._status(), self._link.name)
-            self._send(Command(activate=True, mode=mode))
-            self._watch("the mode", lambda s: self._sound(s).ready and s.mode is mode, MODE_CHANGE_TIMEOUT_S)
 
     def state(self) -> GripperState:
         """Newest state, from the last 10 ms while the line is good.

@@ -168,30 +168,6 @@ def pack_command(command: Command) -> tuple[int, ...]:
     return _to_registers([action, options, 0, *axes])
 
 
-def unpack_command(registers: Sequence[int]) -> Command:
-    """Read a command image back, the inverse of `pack_command`. Raises `DeviceError`."""
-    data = _to_bytes(registers)
-    return Command(
-        activate=bool(data[0] & 1),
-        mode=GraspMode(data[0] >> 1 & 3),
-        go_to=bool(data[0] >> 3 & 1),
-        release=bool(data[0] >> 4 & 1),
-        glove=bool(data[1] & 1),
-        individual_fingers=bool(data[1] >> 2 & 1),
-        individual_scissor=bool(data[1] >> 3 & 1),
-        axes=tuple(AxisRequest(*data[start : start + 3]) for start in (3, 6, 9, 12)),
-    )
-
-
-def pack_status(status: Status) -> tuple[int, ...]:
-    """Return the 8 registers of a status, the inverse of `unpack_status`."""
-    gripper = status.activated | status.mode << 1 | status.go_to << 3
-    gripper |= status.stage << 4 | status.motion << 6
-    objects = sum(axis.status << 2 * number for number, axis in enumerate(status.axes))
-    axes = [value for axis in status.axes for value in (axis.requested, axis.position, axis.current)]
-    return _to_registers([gripper, objects, status.fault, *axes])
-
-
 def unpack_status(registers: Sequence[int]) -> Status:
     """Read the gripper's status image. Raises `DeviceError` unless it is 8 registers of 16 bits."""
     data = _to_bytes(registers)

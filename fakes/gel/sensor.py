@@ -1,7 +1,7 @@
 """One simulated DIGIT: renders the picture of a dented gel, and the contact behind it.
 
 What turns in the picture is the object's surface; the LEDs stay where they are, so the colours
-of a turning contact change. Only fakes may look at the truth (`contact_mask`).
+of a turning contact change. Only fakes may look at the truth (`touching`).
 """
 
 import cv2
@@ -79,15 +79,6 @@ class GelSensor:
         if imprint is None:
             return np.zeros(self._pad.shape, np.uint8)
         return self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
-
-    def contact_mask(self, imprint: Imprint) -> NDArray[np.uint8]:
-        """Return where object and gel touch as (H, W) uint8, 0 or 255; gaps of a texture are filled."""
-        touching = self.touching(imprint)
-        reach = max(round(0.9 / self._pad.mm_per_px[0]), 1) | 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-        padded = cv2.copyMakeBorder(touching, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-        closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-        return np.asarray(closed[reach:-reach, reach:-reach], np.uint8)
 
     def _marked(
         self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint

@@ -35,7 +35,6 @@ def test_a_readme_without_markers_is_refused_at_once(tmp_path: Path) -> None:
     assert readme.read_text() == "nothing here\n"
 
 
-@pytest.mark.timeout(300)
 def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
     one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

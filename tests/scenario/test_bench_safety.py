@@ -70,7 +70,6 @@ def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
         time.sleep(0.005)
 
 
-@pytest.mark.timeout(200)
 def test_a_trial_that_is_stopped_on_its_way_down_stays_there(served: Served, tmp_path: Path) -> None:
     served.control.call("place", object="wrench", seed=3)
     process = trial(served.real, tmp_path / "s")
@@ -84,7 +83,6 @@ def test_a_trial_that_is_stopped_on_its_way_down_stays_there(served: Served, tmp
     assert served.world()["tool_moving"] is False
 
 
-@pytest.mark.timeout(200)
 def test_what_a_killed_program_left_hanging_is_neither_dropped_nor_moved_unasked(
     served: Served, tmp_path: Path
 ) -> None:

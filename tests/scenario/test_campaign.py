@@ -90,7 +90,6 @@ def kept_rows(out: Path) -> list[ReplayRow]:
     return read_rows(out / "replays.jsonl", REPLAYS)
 
 
-@pytest.mark.timeout(300)
 def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     command = [
@@ -123,7 +122,6 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     assert "another estimator" in other.stderr
 
 
-@pytest.mark.timeout(300)
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     pytest.importorskip("joblib")

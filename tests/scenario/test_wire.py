@@ -25,7 +25,6 @@ SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
 pytestmark = pytest.mark.real_time
 
 
-@pytest.mark.timeout(300)
 def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -48,10 +47,11 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
 
 
-@pytest.mark.timeout(300)
 def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
-    tmp_path: Path, unhurried_bench: BenchConfig
+    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
+        monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     cases = tuple(case for case in CASES if case.name in SOME)
     results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
     assert [result.case.name for result in results] == list(SOME)

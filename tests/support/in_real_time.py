@@ -53,24 +53,33 @@ def pytest_runtest_teardown(item: pytest.Item) -> Generator[None]:
 
 
 def _in_time(item: pytest.Item) -> Generator[None]:
-    """Go on with a test marked `real_time`; where it fails and the computer had no time, skip it.
-
-    What no lack of time explains, as a calibration refused, fails all the same.
-    """
+    """Go on with a test marked `real_time`; where it fails and the computer had no time, skip it."""
     watch = item.stash.get(_watch, None)
     try:
         return (yield)
     except LATENESS as failure:
-        if watch is None or watch.poll() is not None or CalibrationError.__name__ in str(failure):
+        if watch is None or watch.poll() is not None:
             raise
-        seen = json.loads(watch.communicate(timeout=30)[0])
-        if seen["late_s"] <= MOST_LATE_S and seen["others_cores"] <= MOST_OTHERS_CORES:
+        excuse = excuse_for(failure, **json.loads(watch.communicate(timeout=30)[0]))
+        if excuse is None:
             raise
-        said = str(failure).partition("\n")[0]
-        pytest.skip(
-            f"{REASON}: this one stood still for {seen['late_s']:.2f} s, and other programs took "
-            f"{seen['others_cores']:.1f} cores ({said})"
-        )
+        pytest.skip(excuse)
+
+
+def excuse_for(failure: BaseException, late_s: float, others_cores: float) -> str | None:
+    """What the computer did that explains a failure; None where it had time.
+
+    late_s, others_cores: as `support.waking` saw them. What no lack of time explains, as a
+    calibration refused, has no excuse.
+    """
+    busy = late_s > MOST_LATE_S or others_cores > MOST_OTHERS_CORES
+    if not busy or CalibrationError.__name__ in str(failure):
+        return None
+    said = str(failure).partition("\n")[0]
+    return (
+        f"{REASON}: this one stood still for {late_s:.2f} s, and other programs took {others_cores:.1f} "
+        f"cores ({said})"
+    )
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -78,7 +87,7 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None]:
     """Say at the very end what a busy computer has left out."""
     yield
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if reporter is None or "PYTEST_XDIST_WORKER" in os.environ:
+    if reporter is None or "PYTEST_XDIST_WORKER" in os.environ or session.config.option.collectonly:
         return
     late = [report.nodeid for report in reporter.stats.get("skipped", ()) if REASON in str(report.longrepr)]
     names = f"{len(late)}: {', '.join(late)}" if late else "none"

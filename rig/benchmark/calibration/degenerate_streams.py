@@ -151,13 +151,13 @@ def _shuffled(rng: Rng) -> CaseAnswer:
 def _looked(_: Rng, at: float, keep: Direction | None = None) -> CaseAnswer:
     samples = [s for s in _openings() if keep is None or s.direction is keep]
     found = calibrate_opening(samples).tables[Direction.CLOSING].opening_at(at)
-    return answered(abs(found.value - (0.12 - 0.0005 * at)), 1e-6)
+    return answered(abs(found - (0.12 - 0.0005 * at)), 1e-6)
 
 
 def _one_bad(_: Rng, counts: float, opening_m: float) -> CaseAnswer:
     found = calibrate_opening([*_openings(), OpeningSample("bad", counts, opening_m, Direction.CLOSING)])
     named = [r.id for r in found.rejected] == ["bad"]
-    return answered(abs(found.tables[Direction.CLOSING].opening_at(100.0).value - 0.07) + (not named), 1e-6)
+    return answered(abs(found.tables[Direction.CLOSING].opening_at(100.0) - 0.07) + (not named), 1e-6)
 
 
 def _few(_: Rng, count: int) -> CaseAnswer:

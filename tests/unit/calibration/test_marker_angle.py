@@ -6,11 +6,12 @@ import pytest
 
 from calibration.markers.angle import MarkerAngle, Refinement, assess_markers
 from calibration.markers.planar import Intrinsics, PlanarAngle
-from calibration.targets.aruco import Refusal, detector, find_markers
+from calibration.targets.aruco import Refusal, detector
 from calibration.targets.edges import find_corners, refine_edges
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from fakes.studio.marker_pictures import MarkerPictures
+from support.markers import find_markers
 
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
 

@@ -10,10 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.markers.pair import FORGET_AFTER_FRAMES, MarkerTracker
-from calibration.targets.aruco import Refusal, find_markers
+from calibration.targets.aruco import Refusal
 from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
+from support.markers import find_markers
 
 FACING = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 ROOT = Path(__file__).parents[3]

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.planar import Intrinsics, fit_plane, in_plane_angle, paper_angle_deg
+from calibration.markers.planar import Intrinsics, fit_plane, in_plane_angle
 from drivers.errors import CalibrationError
 
 CAMERA = np.array([[700.0, 0.0, 319.5], [0.0, 700.0, 239.5], [0.0, 0.0, 1.0]])
@@ -138,10 +138,3 @@ def test_corners_that_are_not_numbers_are_refused():
     broken[0, 0, 0] = np.inf
     with pytest.raises(CalibrationError, match="finite"):
         in_plane_angle(broken, fit_plane(still()))
-
-
-@settings(deadline=None, max_examples=50)
-@given(angle=st.floats(-720, 720))
-def test_paper_angle_is_what_arccos_says(angle):
-    expected = np.degrees(np.arccos(np.clip(np.cos(np.radians(angle)), -1.0, 1.0)))
-    assert paper_angle_deg(angle) == pytest.approx(expected, abs=1e-5)

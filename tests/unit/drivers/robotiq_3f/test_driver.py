@@ -5,16 +5,20 @@ import time
 from collections.abc import Callable
 
 import pytest
+from pymodbus.client import ModbusTcpClient
 
 from drivers.clock import SystemClock
 from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
+    GripperFaultError,
     InputError,
     OutOfLimitsError,
 )
-from drivers.robotiq_3f.gripper import GraspMode, Robotiq3F, tcp_link
+from drivers.interfaces import Motion
+from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.robotiq_3f.modbus import Link
+from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_command, unpack_status
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import World
 
@@ -87,16 +91,38 @@ def test_a_status_without_the_echo_is_not_believed(
     assert "did not take it up" in str(error)
 
 
+def set_mode(server: GripperServer, mode: GraspMode) -> None:
+    """Set a grasping mode as another master on the wire does, and wait until the scissor axis has turned."""
+    host, port = server.address
+    with ModbusTcpClient(host, port=port) as client:
+        client.write_registers(0, list(pack_command(Command(activate=True, mode=mode))), device_id=2)
+        while True:
+            status = unpack_status(client.read_input_registers(0, count=8, device_id=2).registers)
+            if status.ready and status.mode is mode:
+                return
+            time.sleep(0.005)
+
+
+def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
+    """Ask for a motion until the driver has seen the mode change end too: meanwhile it is refused."""
+    while True:
+        try:
+            return gripper.move_to(counts)
+        except GripperFaultError as error:
+            if error.code != FaultCode.MODE_CHANGE_PENDING:
+                raise
+            time.sleep(0.005)
+
+
 def test_modes_change_only_on_request_and_motions_keep_them(
     gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
-    gripper.set_mode(GraspMode.WIDE)
+    set_mode(server, GraspMode.WIDE)
     assert written(server)[0] == 0b0101
-    gripper.move_to(20).wait(5.0)
+    moved_after_the_change(gripper, 20).wait(5.0)
     assert written(server)[0] == 0b1101
-    gripper.set_mode(GraspMode.SCISSOR)
-    motion = gripper.move_to(90)
-    motion.wait(5.0)
+    set_mode(server, GraspMode.SCISSOR)
+    moved_after_the_change(gripper, 90).wait(5.0)
     assert gripper.state().position_counts == 90, "in scissor mode the scissor axis grasps"
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
 

@@ -94,7 +94,7 @@ def make_robot() -> Robot:
 
 
 def test_the_script_ports() -> None:
-    rng, robot, reader = random.Random(2), make_robot(), ProgramReader()
+    rng, robot, reader, ran = random.Random(2), make_robot(), ProgramReader(), 0
     for _ in range(CASES["script"]):
         text = "".join(rng.choices(WORDS, k=rng.randrange(1, 8))) + rng.choice(("\n", "\nend\n", ""))
         try:
@@ -103,9 +103,12 @@ def test_the_script_ports() -> None:
                 if isinstance(program, ScriptProgram):
                     robot.run(ScriptRun(robot, program))
                     robot.cycle(robot.time_ns + CYCLE_NS)
+                    ran += 1
         except InputError:
             reader = ProgramReader()
         parse_line(text)
+    assert ran > 100, "some of it is a program"
+    assert all(abs(q) < 1e3 for q in robot.body.q), "no nonsense reaches the joints"
 
 
 def test_the_dashboard_and_the_drivers_view_of_it() -> None:

@@ -14,8 +14,8 @@ from drivers.errors import DeviceError, DeviceTimeoutError, InputError, OutOfLim
 from drivers.video.digit import Digit
 from drivers.video.jpeg import decode
 from fakes.gel.sensor import GelSensor
-from fakes.wire.mjpeg.frame_files import write_folder
 from fakes.wire.mjpeg.server import MjpegServer
+from support.frame_files import write_folder
 
 GEL = GelSensor(5)
 

@@ -14,7 +14,7 @@ from drivers.video.buffer import FrameBuffer
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
 from drivers.video.jpeg import encode
-from fakes.wire.mjpeg.frame_files import write_folder, write_video
+from support.frame_files import write_folder, write_video
 
 RATE_HZ = 100.0
 

@@ -1,5 +1,6 @@
 """Spoilt images are told from good ones: on simulated units, on real frames, on what is neither."""
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,9 @@ from rig.config import load_bench
 SHIFTS = (3, 5, 12, 37, 160, 317)
 
 
+@cache
 def unit(seed: int, frame: int = 0) -> np.ndarray:
+    """A frame of a sensor of its own, to be looked at only."""
     return GelSensor(seed).render(None, 0.0, np.random.default_rng(frame))
 
 

@@ -55,7 +55,6 @@ def result(run: tuple[BenchmarkResult, Told]) -> BenchmarkResult:
     return run[0]
 
 
-@pytest.mark.timeout(300)
 def test_progress_names_the_part_and_how_far_it_is(run: tuple[BenchmarkResult, Told]) -> None:
     assert run[1] == [("lifts", 1, 1), ("timing", 1, 1), ("estimators", 1, 1)]
 

@@ -35,7 +35,7 @@ def hosted_fakes(
     """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
 
     They stand for hardware, so they are not late because the computer is busy, where that is granted.
-    host: a loopback address; None takes the first that is free. polyscope: the version that the
+    host: a loopback address; None takes one that is free. polyscope: the version that the
     controller announces. Raises `InputError` for a bench file without [fakes], an address that is
     taken, and a version that is none.
     """

@@ -32,7 +32,7 @@ SWITCH_S = 0.0005
 LOOK_S = 0.5
 """How often `wait` looks whether all parts are alive."""
 JOIN_S = 2.0
-MOST_SEED = 2**32 - 1
+MOST_SEED = 2**63 - 1
 
 
 class Vital(Protocol):

@@ -1,5 +1,6 @@
 """Addresses of this computer's loopback network: a controller's ports are fixed, addresses are many."""
 
+import os
 import socket
 from contextlib import ExitStack
 
@@ -10,8 +11,12 @@ ADDRESSES = tuple(f"127.0.0.{number}" for number in range(1, 33))
 
 
 def free_address() -> str:
-    """Return the first address whose controller ports are free. Raises `InputError` when none is."""
-    for address in ADDRESSES:
+    """Return an address whose controller ports are free. Raises `InputError` when none is.
+
+    Each process begins to look at another address: two that look at once do not take the same one.
+    """
+    first = os.getpid() % len(ADDRESSES)
+    for address in (*ADDRESSES[first:], *ADDRESSES[:first]):
         if not taken_ports(address):
             return address
     raise InputError(

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from contextlib import suppress
 
-import numpy as np
-
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, ProtectiveStopError, StaleFrameError
 from drivers.interfaces import FrameSource
+from drivers.tally import FROZEN_FRAMES, FrameTally
 from drivers.types import ArmMode, ArmState, Frame
 from protocols.observer import LiftObserver
 
@@ -16,8 +15,6 @@ FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
 """Share of its period by which a frame may be captured before it is due."""
 CATCH_UP_S = 3.0
-FROZEN_FRAMES = 20
-"""A live sensor has noise: this many identical frames in a row mean that it froze."""
 
 
 class Pump:
@@ -93,7 +90,7 @@ class _Stream:
         self.waiting: Frame | None = None
         self._earliest_ns = 0
         self._last: Frame | None = None
-        self._repeats = 0
+        self._tally = FrameTally()
 
     @property
     def next_ns(self) -> int:
@@ -131,9 +128,8 @@ class _Stream:
         return frame
 
     def _accept(self, frame: Frame) -> None:
-        same = self._last is not None and _same_picture(frame, self._last)
-        self._repeats = self._repeats + 1 if same else 0
-        if self._repeats >= FROZEN_FRAMES:
+        self._tally.add(frame)
+        if self._tally.frozen:
             raise StaleFrameError(
                 f"{self.source.serial}: {FROZEN_FRAMES} identical frames in a row, the sensor froze; "
                 "replug it, then start again"
@@ -148,10 +144,3 @@ def require_running(state: ArmState) -> None:
         return
     kind = ProtectiveStopError if state.mode is ArmMode.PROTECTIVE_STOP else DeviceError
     raise kind(f"arm: its safety system says '{state.mode.value}'; look at arm and pendant, clear the cause")
-
-
-def _same_picture(one: Frame, other: Frame) -> bool:
-    """Whether two frames are equal to the last bit; their encoded bytes tell at once."""
-    if one.jpeg is not None and other.jpeg is not None:
-        return one.jpeg == other.jpeg
-    return np.array_equal(one.image, other.image)

@@ -44,13 +44,6 @@ def decode_frame(shot: RawFrame, size_px: tuple[int, int] | None, upright: bool)
     return picture
 
 
-def same_picture(one: DecodedFrame, other: DecodedFrame) -> bool:
-    """Whether two pictures are equal to the last bit, as no live sensor's are."""
-    if one.jpeg is not None and other.jpeg is not None:
-        return one.jpeg == other.jpeg
-    return one.image.shape == other.image.shape and bool((one.image == other.image).all())
-
-
 def _picture(shot: RawFrame) -> DecodedFrame:
     if shot.image is not None:
         return DecodedFrame(shot.image, None)

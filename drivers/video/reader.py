@@ -13,9 +13,10 @@ from dataclasses import dataclass, field
 from drivers.clock import Clock
 from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
 from drivers.interfaces import FrameSource
+from drivers.tally import FrameTally
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
-from drivers.video.decode import DecodedFrame, same_picture
+from drivers.video.decode import DecodedFrame
 from drivers.video.sequence import MeasuredRate, SequenceCounter
 from drivers.video.stream import CaptureTimes, FrameStream, RawFrame
 
@@ -187,9 +188,9 @@ class FrameReader(FrameSource):
         try:
             self._warm_up(run, stream)
             self._opened(run)
-            last: DecodedFrame | None = None
+            tally = FrameTally()
             while not run.stopping.is_set():
-                last = self._take(run, stream, times, last)
+                self._take(run, stream, times, tally)
         finally:
             stream.close()
 
@@ -207,10 +208,8 @@ class FrameReader(FrameSource):
         self._count.opened(wanted=failed_before)
         self._rate.clear()
 
-    def _take(
-        self, run: _Run, stream: FrameStream, times: CaptureTimes, last: DecodedFrame | None
-    ) -> DecodedFrame | None:
-        """Read, judge and deliver one image; return it, or the last one where it was damaged."""
+    def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, tally: FrameTally) -> None:
+        """Read, judge and deliver one image."""
         shot = stream.read()
         time_ns = times.time_of(shot)
         sequence = self._count.sequence_of(shot.number, time_ns, times.kind != "arrival")
@@ -218,17 +217,17 @@ class FrameReader(FrameSource):
             picture = self._develop(shot)
         except DamagedFrameError as error:
             self._withhold(run, "damaged", str(error))
-            return last
+            return
         if picture.flaw is not None:
             self._withhold(run, picture.flaw, f"its images are {picture.flaw}; check its cable")
-            return picture
-        self._counts["frozen"] += last is not None and same_picture(picture, last)
+            return
         frame = Frame(picture.image, time_ns, sequence, self._serial, picture.jpeg)
+        tally.add(frame)
+        self._counts["frozen"] += tally.repeated
         self._times = times
         self._rate.add(time_ns)
         self._counts["frames"] += 1
         self._counts["unread"] += run.buffer.put(frame)
-        return picture
 
     def _withhold(self, run: _Run, kind: str, remark: str) -> None:
         self._counts[kind] += 1

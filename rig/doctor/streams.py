@@ -11,6 +11,7 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.interfaces import FrameSource
+from drivers.tally import FrameTally
 from drivers.types import Frame
 from rig.doctor.actuators import reached, unreachable
 from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
@@ -24,15 +25,15 @@ OLD_MS = 50.0
 
 @dataclass(frozen=True, slots=True)
 class SourceRecord:
-    """What came of one source: all frames' times (ns), ages when read (s), numbers, and the last frame.
+    """What came of one source: all frames' times (ns), ages when read (s), and the last frame.
 
-    counted: what the driver counted meanwhile (frozen, shifted, green, reopened ...).
+    missed: frames that never came. counted: what the driver counted meanwhile (frozen, green, reopened ...).
     """
 
     times_ns: list[int]
     ages_s: list[float]
-    numbers: list[int]
     last: Frame
+    missed: int
     counted: dict[str, int]
 
 
@@ -74,7 +75,7 @@ def look_at_streams(
 
 
 def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceRecord | RigError:
-    times, ages, numbers = [], [], []
+    times, ages, tally = [], [], FrameTally()
     try:
         last = source.newest_frame(1.0)
         before = source.counters()
@@ -83,13 +84,13 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceReco
             last = source.next_frame(FRAME_S)
             times.append(last.time_ns)
             ages.append((clock.now_ns() - last.time_ns) / NS_PER_S)
-            numbers.append(last.sequence)
+            tally.add(last)
     except RigError as error:
         return error
     if len(times) < 2:
         return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
     counted = {name: count - before.get(name, 0) for name, count in source.counters().items()}
-    return SourceRecord(times, ages, numbers, last, counted)
+    return SourceRecord(times, ages, last, tally.dropped, counted)
 
 
 def _judged(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> list[Finding]:
@@ -104,11 +105,11 @@ def _judged(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int])
 def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
     gaps = np.diff(stream.times_ns) / NS_PER_S
     rate_hz = len(gaps) / float(gaps.sum())
-    missed = stream.numbers[-1] - stream.numbers[0] + 1 - len(stream.numbers)
     interval = percentiles_ms(gaps)
-    good = rate_hz >= RATE_SHARE * source.rate_hz and missed == 0
+    good = rate_hz >= RATE_SHARE * source.rate_hz and stream.missed == 0
     seen = (
-        f"{rate_hz:.2f} of {source.rate_hz:g} a second, {missed} missed; {percentiles_text(interval)} apart"
+        f"{rate_hz:.2f} of {source.rate_hz:g} a second, {stream.missed} missed; "
+        f"{percentiles_text(interval)} apart"
     )
     todo = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
     return Finding(
@@ -117,7 +118,7 @@ def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
         Severity.GOOD if good else Severity.WARNING,
         seen,
         "" if good else todo,
-        {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": missed, **interval},
+        {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": stream.missed, **interval},
     )
 
 

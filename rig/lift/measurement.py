@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
+from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.observer import Phase
 from protocols.slip_trial import SETTLE_S
@@ -29,6 +30,8 @@ ZERO_S = 0.4
 Where a slow camera or a hidden marker leaves fewer, all the time at rest before the lift is looked at.
 """
 FALLEN_S = 0.2
+CAMERA = "camera"
+"""The external camera's name among the sources that are counted; fingertips go by serial."""
 TOUCH_FRAMES = 2
 """Contact counts when this many frames in a row show it, so that one noisy frame stops nothing."""
 
@@ -44,9 +47,6 @@ class TipTrack:
     zero_deg: float | None = None
     zero_sample: SlipSample | None = None
     touching_frames: int = 0
-    first_sequence: int | None = None
-    last_sequence: int = 0
-    frames: int = 0
 
     def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
         """Sign an estimate and take it from its zero; without a zero there is no answer."""
@@ -75,25 +75,13 @@ class TipTrack:
             return None
         return self.sign * (sample.angle_deg - self.zero_deg)
 
-    def count(self, sequence: int) -> None:
-        """Count a frame; gaps in the sequence are drops."""
-        self.first_sequence = sequence if self.first_sequence is None else self.first_sequence
-        self.last_sequence = sequence
-        self.frames += 1
-
-    @property
-    def dropped(self) -> int:
-        """Frames that were captured but never arrived."""
-        if self.first_sequence is None:
-            return 0
-        return self.last_sequence - self.first_sequence + 1 - self.frames
-
 
 class LiftMeasurement:
     """Watches one lift.
 
     signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
     time_shift_s: added to a sensor's times, by serial, where its clock was calibrated.
+    `tallies` counts each source's frames, by serial and `CAMERA`.
     """
 
     def __init__(
@@ -106,7 +94,7 @@ class LiftMeasurement:
         time_shift_s: Mapping[str, float] | None = None,
     ) -> None:
         self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
-        self.camera = TipTrack(0)
+        self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
         self.truth = truth
         self.fused: list[FusedSample] = []
         self.alarm = OnsetAlarm()
@@ -152,12 +140,11 @@ class LiftMeasurement:
         if frame.serial in self._shift_ns:
             frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
         tip = self.tips.get(frame.serial)
+        self.tallies[CAMERA if tip is None else frame.serial].add(frame)
         if tip is not None:
             self._tactile(tip, frame)
-        else:
-            self.camera.count(frame.sequence)
-            if self._tcp is not None and Phase.GRASP in self.phases:
-                self.truth.update(frame.image, frame.time_ns, self._tcp)
+        elif self._tcp is not None and Phase.GRASP in self.phases:
+            self.truth.update(frame.image, frame.time_ns, self._tcp)
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""
@@ -192,7 +179,6 @@ class LiftMeasurement:
             self._recorder.angle(topic, recorded)
 
     def _tactile(self, tip: TipTrack, frame: Frame) -> None:
-        tip.count(frame.sequence)
         if tip.estimator is None:
             tip.reference.append(frame.image)
             return

@@ -34,7 +34,6 @@ def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
     since_zero = watched.truth.series_since_zero()
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     answers = [(s.time_ns, s.angle_deg) for s in watched.fused]
-    sources = {**watched.tips, "camera": watched.camera}
     samples = [s for tip in watched.tips.values() for s in tip.samples]
     figures = LiftFigures(
         outcome=_outcome(watched, onset, end_ns),
@@ -51,8 +50,8 @@ def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
         onset_alarm_s=_since(watched.alarm.raised_ns, lift_ns),
         phases_s={phase: time_ns / NS_PER_S for phase, time_ns in watched.phases.items()},
-        frames={name: source.frames for name, source in sources.items()},
-        dropped={name: source.dropped for name, source in sources.items()},
+        frames={name: tally.frames for name, tally in watched.tallies.items()},
+        dropped={name: tally.dropped for name, tally in watched.tallies.items()},
         states={state.value: sum(s.state is state for s in samples) for state in State},
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement},

@@ -107,7 +107,6 @@ class LiveObserver(LiftObserver):
         fused = self._watched.fused[self._fused_sent :]
         self._fused_sent = len(self._watched.fused)
         tips = self._watched.tips
-        sources = {**tips, "camera": self._watched.camera}
         values = {
             "time_ns": time_ns,
             "phase": self._phase,
@@ -116,7 +115,7 @@ class LiveObserver(LiftObserver):
             "rates_hz": {
                 serial if serial in tips else "camera": _rate(times) for serial, times in self._times.items()
             },
-            "dropped": {name: source.dropped for name, source in sources.items()},
+            "dropped": {name: tally.dropped for name, tally in self._watched.tallies.items()},
         }
         self._truth = []
         self._send("figures", values)

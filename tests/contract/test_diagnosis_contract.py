@@ -1,0 +1,28 @@
+"""What every device says of itself for `rig doctor`: real ones something, simulated ones nothing false."""
+
+import math
+
+from drivers.bench import Bench
+
+
+def test_every_device_can_be_diagnosed(bench: Bench, kind: str) -> None:
+    for device in (bench.arm, bench.gripper, *bench.frame_sources):
+        assert all(isinstance(text, str) for text in device.identity().values())
+        assert all(count >= 0 for count in device.counters().values())
+        assert all(0.0 < taken_s < 1.0 for taken_s in device.round_trips_s())
+        if kind != "fake":
+            assert device.identity()
+            assert device.counters()
+
+
+def test_where_a_device_has_a_clock_or_answers_requests_that_is_told(bench: Bench, kind: str) -> None:
+    offset_s = bench.arm.clock_offset_s()
+    if kind == "fake":
+        assert offset_s is None
+        assert not bench.gripper.round_trips_s()
+    else:
+        assert offset_s is not None
+        assert math.isfinite(offset_s)
+        assert bench.gripper.round_trips_s()
+        assert bench.arm.counters()["samples"] > 0
+    assert all(source.clock_offset_s() is None for source in bench.frame_sources)

@@ -1,0 +1,59 @@
+"""The one waiting motion: it asks until the device says done, and stops what takes too long."""
+
+import pytest
+
+from drivers.clock import to_ns, wait_until
+from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.motion import POLL_S, PolledMotion
+from fakes.clock import SimulatedClock
+
+
+class Device:
+    """Ends a motion by itself at a time, or by a stop."""
+
+    def __init__(self, ends_s: float, breaks_s: float = 1e9) -> None:
+        self.clock = SimulatedClock()
+        self.stops = 0
+        self._ends_ns, self._breaks_ns = to_ns(ends_s), to_ns(breaks_s)
+
+    def ended(self) -> bool:
+        if self.clock.now_ns() >= self._breaks_ns:
+            raise DeviceError("hand: broken")
+        return self.clock.now_ns() >= self._ends_ns
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def motion(self) -> PolledMotion:
+        return PolledMotion("hand", self.clock, self.ended, self.stop)
+
+
+def test_waiting_ends_with_the_motion() -> None:
+    device = Device(ends_s=0.5)
+    motion = device.motion()
+    assert not motion.done()
+    motion.wait(1.0)
+    assert motion.done()
+    assert 0.5 <= device.clock.now_ns() / 1e9 <= 0.5 + POLL_S
+    assert device.stops == 0
+
+
+def test_a_motion_that_takes_too_long_is_stopped() -> None:
+    device = Device(ends_s=5.0)
+    with pytest.raises(DeviceTimeoutError, match="not finished after"):
+        device.motion().wait(1.0)
+    assert 1.0 <= device.clock.now_ns() / 1e9 <= 1.0 + POLL_S
+    assert device.stops == 1
+
+
+def test_what_is_wrong_with_the_device_ends_the_wait() -> None:
+    with pytest.raises(DeviceError, match="hand: broken"):
+        Device(ends_s=5.0, breaks_s=0.2).motion().wait(1.0)
+
+
+def test_a_condition_that_is_met_costs_no_time() -> None:
+    clock = SimulatedClock()
+    assert wait_until(clock, lambda: True, 0.0, 0.1)
+    assert clock.now_ns() == 0
+    assert not wait_until(clock, lambda: False, 0.25, 0.1)
+    assert clock.now_ns() == to_ns(0.3)

@@ -63,7 +63,7 @@ class FakeSource:
 
     def connect(self) -> None:
         """Start capturing: the first frame is the next one due."""
-        self._next = self._newest_index() + 1
+        self._next = max(self._newest_index() + 1, 0)
 
     def disconnect(self) -> None:
         """Stop capturing."""

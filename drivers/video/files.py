@@ -11,7 +11,8 @@ from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, InputError
 from drivers.video.stream import FrameStream, RawFrame
 
-IMAGE_ENDINGS = {".png", ".jpg", ".jpeg"}
+PLAYED_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""What a camera could have sent: other kinds of image are left out of a folder that is played."""
 
 
 class RecordedStream(FrameStream):
@@ -95,11 +96,11 @@ class VideoStream(RecordedStream):
 def image_files(folder: Path) -> list[Path]:
     """Return a folder's images in order. Raises `InputError` when there are none."""
     try:
-        files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS]
+        files = [file for file in folder.iterdir() if file.suffix.lower() in PLAYED_SUFFIXES]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from error
     if not files:
-        raise InputError(f"{folder}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}); check the path")
+        raise InputError(f"{folder}: no images in it ({', '.join(PLAYED_SUFFIXES)}); check the path")
     return sorted(files, key=lambda file: ([int(n) for n in re.findall(r"[0-9]+", file.stem)], file.name))
 
 

@@ -6,13 +6,10 @@ first (markers: ITU-T T.81, table B.1; byte stuffing: B.1.1.5).
 
 import re
 
-import cv2
-import numpy as np
-
 from drivers.errors import DamagedFrameError
+from drivers.images import decode_image
 from drivers.types import Image
 
-QUALITY = 95
 MAX_PIXELS = 50_000_000
 _START, _END = b"\xff\xd8", b"\xff\xd9"
 _SCAN = 0xDA
@@ -68,22 +65,12 @@ def turned_left(jpeg: bytes) -> bytes:
     return _START + _TURN_LEFT + jpeg[2:]
 
 
-def decode(jpeg: bytes) -> Image:
+def decode(encoded: bytes) -> Image:
     """Decode to (H, W, 3) uint8 RGB, upright by its orientation header. Raises `DamagedFrameError`."""
-    try:
-        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
-    except cv2.error as error:
-        raise DamagedFrameError(f"image of {len(jpeg)} bytes: refused by the decoder") from error
+    image = decode_image(encoded)
     if image is None:
-        raise DamagedFrameError(f"image of {len(jpeg)} bytes: cannot be decoded")
-    return np.asarray(image, np.uint8)
-
-
-def encode(image: Image) -> bytes:
-    """Encode (H, W, 3) uint8 RGB at the quality recordings have."""
-    options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-    encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1]
-    return encoded.tobytes()
+        raise DamagedFrameError(f"image of {len(encoded)} bytes: cannot be decoded; check the cable")
+    return image
 
 
 def _possible(size: tuple[int, int] | None) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
-from drivers.video.jpeg import encode
+from drivers.images import encode_jpeg
 from drivers.video.stream import FrameStream, RawFrame
 from drivers.video.udev import VideoNode
 
@@ -73,7 +73,7 @@ class V4l2Stream(FrameStream):
         arrived_ns = self._clock.now_ns()
         stamped_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         # A device without JPEG is encoded here, once, so that what is stored is what is judged.
-        encoded = data.tobytes() if self._encoded else encode(np.asarray(data[..., ::-1], np.uint8))
+        encoded = data.tobytes() if self._encoded else encode_jpeg(np.asarray(data[..., ::-1], np.uint8))
         return RawFrame(arrived_ns, encoded, None, stamped_ns if stamped_ns > 0 else None)
 
     def set_zoom(self, value: int) -> None:

@@ -9,15 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from drivers.bench import Bench
 from drivers.errors import DeviceError, RecordingError
+from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
 from drivers.types import HandState, Holding, Image, Pose
 from rig.sessions.files import write_file, write_json
-from rig.sessions.images import png
 from rig.tactile.contact.finder import ContactFinder
 
 LOOKS = 3
@@ -63,18 +60,17 @@ class HandMemory:
         """Keep how the fingertips look now, untouched; without a picture where there is none."""
         for tip in bench.fingertips:
             with suppress(DeviceError, RecordingError):
-                write_file(self._picture(tip.sensor), png(tip.sensor.newest_frame(FRAME_S).image))
+                write_file(self._picture(tip.sensor), encode_png(tip.sensor.newest_frame(FRAME_S).image))
 
     def touched(self, bench: Bench) -> list[str]:
         """Serials of the fingertips that look touched, by what they looked like untouched."""
         return [tip.sensor.serial for tip in bench.fingertips if self._looks_touched(tip.sensor)]
 
     def _looks_touched(self, sensor: FrameSource) -> bool:
-        picture = self._picture(sensor)
-        before = cv2.imread(str(picture), cv2.IMREAD_COLOR_RGB) if picture.exists() else None
+        before = load_image(self._picture(sensor))
         if before is None:
             return False
-        finder = ContactFinder(np.asarray(before, np.uint8))
+        finder = ContactFinder(before)
         try:
             return all(_shows_contact(finder, sensor.next_frame(FRAME_S).image) for _ in range(LOOKS))
         except DeviceError:  # whoever waits for its frames will say so

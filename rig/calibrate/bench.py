@@ -5,13 +5,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibration.camera.files import read_camera
 from calibration.camera.model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
+from drivers.images import encode_png
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.observer import Phase
 from protocols.operator import Operator
@@ -143,6 +143,7 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
 
 def write_picture(path: Path, image: Image) -> None:
     """Keep a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
-    stored = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
-    if not cv2.imwrite(str(path), stored):
-        raise RecordingError(f"{path}: cannot be written; choose another --out")
+    try:
+        path.write_bytes(encode_png(image))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error

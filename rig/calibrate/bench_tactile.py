@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibration.gel.reference import Drift, Reference, compare, judge_reference, make_reference
 from calibration.store import write_text
 from drivers.errors import CalibrationError, InputError
+from drivers.images import load_image
 from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
@@ -139,7 +139,7 @@ def _numbers(reference: Reference, drift: Drift | None) -> dict[str, str]:
 
 
 def _earlier(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = load_image(path)
     if image is None:
         raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start anew")
     return image.astype(np.float32)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from drivers.images import encode_png
 from drivers.types import Image
 from rig.pages.palette import ESTIMATE, SERIES, WARNING
 
@@ -103,13 +104,13 @@ def scatter(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: st
 
 def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:
     """A small picture, (H, W) or (H, W, 3) RGB, with points marked."""
-    colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture[..., ::-1].copy()
+    colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB) if picture.ndim == 2 else picture.copy()
     for points in marks:
         for x, y in np.asarray(points, int):
-            cv2.circle(colour, (int(x), int(y)), 4, (0, 120, 255), 2)
+            cv2.circle(colour, (int(x), int(y)), 4, (255, 120, 0), 2)
     scale = 320.0 / colour.shape[1]
     small = cv2.resize(np.asarray(colour, np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".png", small)[1].tobytes()
+    return encode_png(np.asarray(small, np.uint8))
 
 
 def _figure(height: float) -> Figure:

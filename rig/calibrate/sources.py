@@ -3,7 +3,6 @@
 import csv
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,29 +10,28 @@ from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
 from calibration.time_offset import TimedSignal, make_stream
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
+from drivers.images import SUFFIXES, load_image
 from drivers.types import Image, Pose
-
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
     """Pictures of a folder, by name. Raises `InputError` for a folder without any."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; --from takes the folder of the samples")
-    found = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in PICTURES)
+    found = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in SUFFIXES)
     if not found:
-        raise InputError(f"{folder}: no pictures named {pattern} here ({', '.join(PICTURES)})")
+        raise InputError(f"{folder}: no pictures named {pattern} here ({', '.join(SUFFIXES)})")
     return found
 
 
 def read_grey(path: Path) -> Image:
     """A picture as (H, W) uint8. Raises `InputError`."""
-    return _read(path, cv2.IMREAD_GRAYSCALE)
+    return _read(path, grey=True)
 
 
 def read_rgb(path: Path) -> Image:
     """A picture as (H, W, 3) uint8 RGB. Raises `InputError`."""
-    return _read(path, cv2.IMREAD_COLOR_RGB)
+    return _read(path, grey=False)
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
@@ -115,8 +113,8 @@ def _pose(row: dict[str, str], where: str) -> Pose:
     raise CalibrationError(f"{where}: no orientation; qx, qy, qz, qw or rx_rad, ry_rad, rz_rad are needed")
 
 
-def _read(path: Path, flags: int) -> Image:
-    image = cv2.imread(str(path), flags)
+def _read(path: Path, grey: bool) -> Image:
+    image = load_image(path, grey)
     if image is None:
         raise InputError(f"{path}: is no picture that can be read")
-    return np.asarray(image, np.uint8)
+    return image

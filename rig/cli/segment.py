@@ -111,10 +111,10 @@ class SegmentFigures:
 
 
 def _write_mask(path: Path, done: "SegmentedImage") -> None:
+    from drivers.images import encode_png
     from rig.sessions.files import write_file
-    from rig.sessions.images import png
 
-    write_file(path, png(done.mask))
+    write_file(path, encode_png(done.mask))
 
 
 def _row(done: "SegmentedImage", name: Path) -> SegmentedFile:

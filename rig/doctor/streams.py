@@ -5,11 +5,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
+from drivers.images import encode_png
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame
@@ -157,11 +157,9 @@ def _saved(folder: Path, frame: Frame) -> Finding:
     path = folder / f"{frame.serial}.png"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        written = cv2.imwrite(str(path), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+        path.write_bytes(encode_png(frame.image))
     except OSError as error:
         raise InputError(
             f"{folder}: cannot be written ({error.strerror}); give another --snapshot"
         ) from error
-    if not written:
-        raise InputError(f"{path}: cannot be written; give another --snapshot")
     return Finding(frame.serial, "snapshot", Severity.NOTE, str(path))

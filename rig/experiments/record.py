@@ -13,11 +13,11 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError, InputError, SessionError
+from drivers.images import encode_png, load_image
 from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
 from protocols.operator import Operator
@@ -30,7 +30,6 @@ from rig.config import BenchConfig
 from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose, refuse_too_wide
 from rig.experiments.pose_capture import PoseCapture, ReferenceCapture
 from rig.experiments.seeds import derived_seed
-from rig.sessions.images import png
 from rig.sessions.layout import TRUE_MASKS
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseImage, PoseRow
@@ -170,7 +169,7 @@ def _references(
             free_hand(bench, operator)
             record_reference(bench, watch)
         for serial, name in names.items():
-            session.write(name, png(mean_background(watch.frames[serial])))
+            session.write(name, encode_png(mean_background(watch.frames[serial])))
     return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}
 
 
@@ -262,9 +261,9 @@ def _keep_images(
     files = []
     for number, (frame, grip_counts, area) in enumerate(watch.taken):
         name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
-        session.write(name, png(frame.image))
+        session.write(name, encode_png(frame.image))
         if frame.serial in watch.true_masks:
-            session.write(f"{TRUE_MASKS}/{Path(name).stem}.png", png(watch.masks[number]))
+            session.write(f"{TRUE_MASKS}/{Path(name).stem}.png", encode_png(watch.masks[number]))
         files.append(
             PoseImage(
                 file=name,
@@ -289,7 +288,7 @@ def _manifest_csv(rows: list[PoseRow]) -> str:
 
 
 def _read_png(path: Path) -> Image:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = load_image(path)
     if image is None:
         raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
-    return np.asarray(image, np.uint8)
+    return image

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from drivers.errors import SessionError
+from drivers.images import load_image
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.export.result import ExportRequest
@@ -88,7 +88,7 @@ def _read(path: Path) -> Image:
 
 
 def _mask(path: Path, picture: Image) -> Image:
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    mask = load_image(path, grey=True)
     if mask is None or mask.shape != picture.shape[:2]:
         raise SessionError(f"{path}: the true mask cannot be read or is not of its image's size")
-    return np.asarray(mask, np.uint8)
+    return mask

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.frames.series import (
-    IMAGE_ENDINGS,
     FrameSeries,
     TimedFrame,
     make_background,
@@ -229,9 +229,9 @@ def _files(path: Path) -> list[Path]:
         raise InputError(f"{path}: there is no such file or folder: check the path")
     if path.is_file():
         return [path]
-    files = sorted(f for f in path.iterdir() if f.suffix.lower() in IMAGE_ENDINGS and f.name[0] != ".")
+    files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != ".")
     if not files:
-        raise InputError(f"{path}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}): check the path")
+        raise InputError(f"{path}: no images in it ({', '.join(SUFFIXES)}): check the path")
     return files
 
 

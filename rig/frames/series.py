@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import SUFFIXES, decode_image
 from drivers.types import Image
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
 
-IMAGE_ENDINGS = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 FOLDER_FPS = 60.0
 # Without --background the background is made from the frames; fewer than this say too little.
 ENOUGH_FRAMES = 9
@@ -70,7 +70,7 @@ def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = 
         raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: check the path")
-    if path.is_dir() or path.suffix.lower() in IMAGE_ENDINGS:
+    if path.is_dir() or path.suffix.lower() in SUFFIXES:
         return _image_series(path, timestamps, fps)
     return _video_series(path, timestamps, fps)
 
@@ -161,9 +161,9 @@ def _image_files(folder: Path) -> list[Path]:
         inside = list(folder.iterdir())
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
-    files = [f for f in inside if f.suffix.lower() in IMAGE_ENDINGS and not f.name.startswith(".")]
+    files = [f for f in inside if f.suffix.lower() in SUFFIXES and not f.name.startswith(".")]
     if not files:
-        raise InputError(f"{folder}: no images in it ({', '.join(sorted(IMAGE_ENDINGS))}): check the path")
+        raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): check the path")
     return sorted(files, key=_natural)
 
 
@@ -183,11 +183,7 @@ def _decoded(path: Path) -> Image | None:
     # In the second half: a JPEG's preview in its head has an end of its own.
     if not data or (end is not None and data.rfind(end) < len(data) // 2):
         return None
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
-    except cv2.error:
-        return None
-    return None if image is None else np.asarray(image, np.uint8)
+    return decode_image(data)
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

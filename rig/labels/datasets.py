@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import SUFFIXES
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
-from rig.frames.series import IMAGE_ENDINGS, read_image
+from rig.frames.series import read_image
 from rig.labels.outline import contact_label
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
@@ -165,7 +166,7 @@ def _file(image: Path, owner: Path, read_label: Callable[[tuple[int, int]], Imag
 
 def _beside(stem: Path) -> Path | None:
     """Return the image of a name without ending."""
-    for ending in sorted(IMAGE_ENDINGS):
+    for ending in SUFFIXES:
         for path in (stem.with_name(stem.name + ending), stem.with_name(stem.name + ending.upper())):
             if path.is_file():
                 return path

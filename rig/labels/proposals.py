@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError
+from drivers.images import encode_png
 from drivers.types import Image
 from rig.labels.coco import LabelledImage, coco_document
 from rig.labels.labelme import labelme_document
 from rig.labels.polygons import mask_polygons
 from rig.labels.shapes import labelme_mask
 from rig.sessions.files import write_file, write_json
-from rig.sessions.images import png
 
 LABEL = "contact"
 COCO, MASKS = "coco.json", "masks"
@@ -47,7 +47,7 @@ def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
     """Write each label as PNG, 0 or 255, of its image's name; yield the masks. Raises `InputError`."""
     for file in files:
         mask = labelme_mask(read_label(file.path), (file.size[1], file.size[0]), str(file.path))
-        write_file(folder / f"{file.path.stem}.png", png(mask))
+        write_file(folder / f"{file.path.stem}.png", encode_png(mask))
         yield mask
 
 

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.images import encode_jpeg
 from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.observer import LiftObserver, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
-from rig.sessions.images import jpeg
 from rig.sessions.records import LiftHead
 
 MOST_PER_S = 10.0
@@ -101,7 +101,7 @@ class LiveObserver(LiftObserver):
             corners = self._watched.truth.latest_corners_px()
             # OpenCV has whole numbers at a pixel's middle, viewers have halves
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
-        self._send("frame", values, jpeg(small, PICTURE_QUALITY))
+        self._send("frame", values, encode_jpeg(small, PICTURE_QUALITY))
 
     def _figures(self, time_ns: int) -> None:
         fused = self._watched.fused[self._fused_sent :]

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.images import load_image
 from drivers.types import Image
 from rig.report.parts import Notice, joined
 from rig.report.session import read_usable
@@ -54,7 +55,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
     """Read the images of a recording; what is missing or damaged is named and left out."""
     rows, problems = read_usable(folder / RESULTS["record"], POSES)
     rows.sort(key=lambda row: (row.pose, row.attempt))
-    references = {s: _read(folder / "reference" / f"{s}.png") for s in _serials(rows)}
+    references = {s: load_image(folder / "reference" / f"{s}.png") for s in _serials(rows)}
     without = [serial for serial, reference in references.items() if reference is None]
     if without:
         what = f"The reference image of {joined(without)} cannot be read."
@@ -65,7 +66,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
     taken, missing = [], []
     for row in rows:
         for about in row.images:
-            image = _read(folder / about.file)
+            image = load_image(folder / about.file)
             reference = references.get(about.serial)
             if image is None:
                 missing.append(about.file)
@@ -87,10 +88,3 @@ def _taken(row: PoseRow, about: PoseImage, image: Image, reference: Image) -> Ta
 
 def _serials(rows: list[PoseRow]) -> list[str]:
     return sorted({about.serial for row in rows for about in row.images})
-
-
-def _read(path: Path) -> Image | None:
-    if not path.is_file():
-        return None
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    return None if image is None else np.asarray(image, np.uint8)

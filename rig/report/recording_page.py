@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import encode_jpeg
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
 from rig.pages.page import render
@@ -23,7 +24,6 @@ from rig.report.recording_charts import (
 )
 from rig.report.strips import JPEG_QUALITY
 from rig.report.text import made_text
-from rig.sessions.images import jpeg
 
 THUMB_PX = (72, 96)
 ACROSS, GAP_PX = 8, 3
@@ -136,7 +136,7 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
         {
             "title": f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°",
             "caption": f"{len(taken)} images, grips of {_grips(taken)} counts",
-            "jpeg": jpeg(_montage(taken), JPEG_QUALITY),
+            "jpeg": encode_jpeg(_montage(taken), JPEG_QUALITY),
         }
         for pose, taken in sorted(poses.items())
     ]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
+from drivers.images import encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
 from rig.report.curves import Curve, LiftCurves, truth_at
 from rig.report.text import angle_text
 from rig.results.metrics import Floats
-from rig.sessions.images import jpeg
 from rig.sessions.reading import recorded_frames
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import Contact, ContactFinder
@@ -64,7 +64,7 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) ->
         time_s = (frame.time_ns - zero_ns) / NS_PER_S
         estimate, truth = angles_at(lift, serial, time_s)
         picture = drawn(frame.image, tip, estimate, truth)
-        stills.append(Still(jpeg(picture, JPEG_QUALITY), caption(time_s, estimate, truth)))
+        stills.append(Still(encode_jpeg(picture, JPEG_QUALITY), caption(time_s, estimate, truth)))
     return stills
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibration.camera.checks import judge_camera
@@ -13,6 +12,7 @@ from calibration.targets.views import View
 from calibration.verdict import Verdict
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.measured import Measured, at_most, informative, not_there
+from rig.calibrate.sources import read_grey
 
 _PUBLISHED_CHESSBOARD = (535.92, 342.28, 235.57)
 """Focal length and centre, px, as OpenCV publishes them for its left photos."""
@@ -77,6 +77,5 @@ def _from_published(result: CameraFit) -> float:
 
 
 def _found(target: Target, photos: list[Path]) -> list[View]:
-    pictures = ((p.name, np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), np.uint8)) for p in photos)
-    views = [target.find(picture, name) for name, picture in pictures]
+    views = [target.find(read_grey(photo), photo.name) for photo in photos]
     return [view for view in views if isinstance(view, View)]

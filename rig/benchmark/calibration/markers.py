@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibration.markers.angle import MarkerAngle
@@ -14,6 +13,7 @@ from calibration.targets.edges import find_corners
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
 from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
+from rig.calibrate.sources import read_grey
 
 _FRAMES = 300
 _AT_REST = 150
@@ -82,7 +82,7 @@ def _gold(data: Path | None) -> list[Measured]:
     missing, worst = 0, 0.0
     for name in np.unique(gold["image"]):
         dictionary = str(folder / "tutorial_dict.yml") if name.startswith("gb") else "DICT_6X6_250"
-        grey = np.asarray(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE), np.uint8)
+        grey = read_grey(folder / name)
         found = find_corners(grey, dictionary)
         for row in gold[gold["image"] == name]:
             corners = np.array([[row[f"x{i}"], row[f"y{i}"]] for i in range(4)], np.float64)

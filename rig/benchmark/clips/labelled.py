@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
+from drivers.images import SUFFIXES
 from drivers.types import Image
-from rig.frames.series import IMAGE_ENDINGS, FrameSeries, read_frames, read_image
+from rig.frames.series import FrameSeries, read_frames, read_image
 
 LABELS, TIMES, GROUPS = "labels.csv", "timestamps.csv", "groups.csv"
 FRAMES, BACKGROUND = "frames", "background"
@@ -107,7 +108,7 @@ def _frames_of(folder: Path) -> Path:
 
 
 def _background_of(folder: Path) -> Path:
-    files = [path for path in folder.glob(f"{BACKGROUND}.*") if path.suffix.lower() in IMAGE_ENDINGS]
+    files = [path for path in folder.glob(f"{BACKGROUND}.*") if path.suffix.lower() in SUFFIXES]
     if len(files) != 1:
         raise InputError(f"{folder}: {len(files)} images named '{BACKGROUND}': give one without contact")
     return files[0]

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import to_ns
+from drivers.images import encode_jpeg
 from drivers.types import Image
 from fakes.studio.clips import Clip
+from rig.sessions.images import decoded
 
 Disturbance = Callable[[Clip, np.random.Generator], Clip]
 Filter = Callable[[Image], Image]
@@ -138,9 +140,7 @@ def _blurred(sigma_px: float, image: Image) -> Image:
 
 
 def _recoded(quality: int, image: Image) -> Image:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB), np.uint8)
+    return decoded(encode_jpeg(image, quality))
 
 
 def _resized(size: tuple[int, int], image: Image) -> Image:

@@ -73,12 +73,12 @@ def segmentation(
 
 
 def _write_picture(report: "SegmentationReport", path: Path) -> None:
+    from drivers.images import encode_png
     from rig.benchmark.segmentation.panels import panels_picture
     from rig.sessions.files import write_file
-    from rig.sessions.images import png
 
     if report.panels is not None:
-        write_file(path, png(panels_picture(report.panels, report.masks)))
+        write_file(path, encode_png(panels_picture(report.panels, report.masks)))
 
 
 def _print(report: "SegmentationReport", to_stderr: bool) -> None:

@@ -9,11 +9,11 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
+from drivers.images import encode_jpeg
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
-from drivers.video.jpeg import encode
 from support.frame_files import write_folder, write_video
 
 RATE_HZ = 100.0
@@ -102,7 +102,7 @@ def test_before_connecting_and_after_disconnecting_it_says_so(recording: Path) -
 
 
 def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Path) -> None:
-    jpegs = [encode(image) for image in IMAGES[:6]]
+    jpegs = [encode_jpeg(image) for image in IMAGES[:6]]
     for number, jpeg in enumerate(jpegs):
         (tmp_path / f"{number}.jpg").write_bytes(jpeg[:300] if number == 2 else jpeg)
     (tmp_path / "10.png").write_bytes(b"\x89PNG cut short")

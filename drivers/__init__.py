@@ -1,5 +1,6 @@
-"""What the bench's hardware can do (interfaces, values, errors, the clock), and the real devices doing it.
+"""What the bench's hardware can do, and the real devices doing it.
 
-Everything above speaks in the terms of this package's modules; the devices' packages (`ur5e`,
-`robotiq_3f`, `video`) are named by `rig.bench` alone. Imports nothing of the rig.
+The modules here are the vocabulary that everything above shares: interfaces, values, errors, the
+clock, motions, images as bytes, and the count of a source's frames. The devices stand in packages of
+their own (`ur5e`, `robotiq_3f`, `video`), which `rig.bench` alone names. Imports nothing of the rig.
 """

@@ -23,7 +23,7 @@ class Motion(Protocol):
 
 
 class Diagnosable(Protocol):
-    """What a device says of itself and of its line; empty where it has nothing to say, as a simulated one."""
+    """What a device says of itself and its connection; nothing, as here, where it cannot tell."""
 
     def identity(self) -> Mapping[str, str]:
         """Model, serial number, firmware and the like by name, as far as they are known."""

@@ -1,4 +1,4 @@
-"""Being on time although the computer is busy, and the interpreter with itself."""
+"""Keeping deadlines on a busy computer, and in an interpreter that collects garbage."""
 
 import gc
 import os
@@ -12,8 +12,8 @@ def ask_for_realtime() -> None:
     """Ask for the lowest real-time priority for this thread and what it starts from now on.
 
     Granted to root, and to users with an `rtprio` limit (/etc/security/limits.conf); elsewhere
-    nothing changes. Only for what sleeps most of the time: it goes before everything else.
-    What is in memory now is no longer looked through for garbage, which takes up to 0.1 s each time.
+    nothing changes. Only for threads that sleep most of the time: they run before everything else.
+    Garbage collection no longer looks at the objects that exist now; a pass over them takes up to 0.1 s.
     """
     with suppress(OSError, AttributeError):  # not allowed, or a system without it
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOWEST_REAL_TIME))
@@ -23,7 +23,7 @@ def ask_for_realtime() -> None:
 
 @contextmanager
 def realtime() -> Iterator[None]:
-    """Be punctual for a while; threads that were started meanwhile stay so."""
+    """Run the block at real-time priority; threads started in it keep theirs."""
     ask_for_realtime()
     try:
         yield

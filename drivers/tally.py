@@ -26,21 +26,21 @@ class FrameTally:
         self.frames += 1
         if last is not None:
             self.dropped += frame.sequence - last.sequence - 1
-            self._repeats = self._repeats + 1 if _same_picture(frame, last) else 0
+            self._repeats = self._repeats + 1 if _same_image(frame, last) else 0
 
     @property
     def repeated(self) -> bool:
-        """Whether the newest frame shows the same picture as the one before."""
+        """Whether the newest frame shows the same image as the one before."""
         return self._repeats > 0
 
     @property
     def frozen(self) -> bool:
-        """Whether the source has repeated its picture so often that it must have frozen."""
+        """Whether the source has repeated its image so often that it must have frozen."""
         return self._repeats >= FROZEN_FRAMES
 
 
-def _same_picture(one: Frame, other: Frame) -> bool:
-    """Whether two frames are equal to the last bit; their encoded bytes tell at once."""
+def _same_image(one: Frame, other: Frame) -> bool:
+    """Whether two images are equal to the last bit; their encoded bytes tell at once."""
     if one.jpeg is not None and other.jpeg is not None:
         return one.jpeg == other.jpeg
     return np.array_equal(one.image, other.image)

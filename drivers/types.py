@@ -132,8 +132,8 @@ class HandState:
 class GripperLimits:
     """Range of the gripper: counts, and the finger opening they stand for.
 
-    openings: measured pairs of counts (rising) and opening in m; between them they count, not the
-    nominal line.
+    openings: measured pairs of counts (rising) and opening in m; between them the opening is
+    interpolated, and the nominal line does not count.
     """
 
     min_counts: int

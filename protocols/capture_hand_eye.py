@@ -1,4 +1,4 @@
-"""Visiting poses for a hand-eye calibration: move, wait for stillness, keep pose and picture."""
+"""Visiting poses for a hand-eye calibration: move, wait until the arm is still, keep pose and picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ STILL_TIMEOUT_S = 4.0
 _STILL_M = 5e-5
 _STILL_RAD = 2e-4
 _FRAME_AGE_S = 1.0
-"""A stream whose newest frame is older has stopped; what is kept is captured later than that anyhow."""
+"""A stream whose newest frame is older has stopped; what is kept is in any case captured after that."""
 _MOST_EARLIER = 300
 """Frames captured before stillness that are passed over: several seconds of them."""
 
@@ -27,7 +27,7 @@ _MOST_EARLIER = 300
 class HandEyeCapture:
     """One sample: the pose as the arm says it around the picture's time, and the picture.
 
-    id: of pose and picture alike, so that nothing can be mispaired by a list that slipped.
+    id: of pose and picture alike, so that no list out of step can pair them wrongly.
     """
 
     id: str
@@ -51,8 +51,8 @@ def capture_hand_eye(
     stop, the arm stops where it is, and the error is raised; nothing is held that could fall.
     """
     try:
-        while (wanted := next_pose()) is not None:
-            name, pose = wanted
+        while (target := next_pose()) is not None:
+            name, pose = target
             try:
                 motion = bench.arm.move_linear(pose, SPEED_M_S, ACCELERATION_M_S2)
             except OutOfLimitsError as error:

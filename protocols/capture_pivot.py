@@ -1,4 +1,4 @@
-"""Finding the tool's tip: it is put into one small hole again and again, each time tilted otherwise.
+"""Finding the tool's tip: it is put into one small hole again and again, tilted differently each time.
 
 The arm turns the tool and a person beside it guides the tip in by small steps, because where the
 tip is in the hand is what nobody knows yet.

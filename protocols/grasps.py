@@ -73,12 +73,12 @@ def load_grasp_files() -> dict[str, GraspFile]:
 def find_grasp_file(text: str) -> GraspFile:
     """Find an object by id ("7", "t1") or name ("wrench"). Raises `InputError` with what exists."""
     files = load_grasp_files()
-    wanted = text.strip().lower()
+    name = text.strip().lower()
     for grasp_file in files.values():
-        if wanted in (grasp_file.id, grasp_file.name.lower()):
+        if name in (grasp_file.id, grasp_file.name.lower()):
             return grasp_file
     names = [f.name for f in files.values()]
-    near = get_close_matches(wanted, [*names, *files], n=1)
+    near = get_close_matches(name, [*names, *files], n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
     listed = ", ".join(f"{f.id} {f.name}" for f in sorted(files.values(), key=_order))
     raise InputError(f"unknown object '{text}': {hint}known are {listed}")

@@ -1,4 +1,4 @@
-"""What a protocol tells of a lift while it happens, as a small interface, and the phases of a lift."""
+"""What a protocol reports of a lift while it happens: a small interface, and the phases of a lift."""
 
 from enum import StrEnum
 from typing import Protocol

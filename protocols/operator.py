@@ -1,4 +1,4 @@
-"""The person at the bench, as a protocol asks them."""
+"""The person at the bench: what a protocol asks of them and tells them."""
 
 from typing import Protocol
 

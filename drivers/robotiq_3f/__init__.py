@@ -1,4 +1,6 @@
-"""The Robotiq 3-Finger gripper over Modbus; `gripper.py` is the driver, `registers.py` its register map.
+"""The Robotiq 3-Finger gripper over Modbus, TCP or RTU.
+
+`gripper.py` is the driver, `poller.py` the thread that owns the line, `registers.py` the register map.
 
 Imports the vocabulary of `drivers` alone.
 """

@@ -61,7 +61,7 @@ class Robotiq3F(Gripper):
         force_n: float = 15.0,
     ) -> None:
         self._link = link
-        self._hand = GripperCommands.of(fingers, limits, speed_m_s, force_n)
+        self._commands = GripperCommands.of(fingers, limits, speed_m_s, force_n)
         self._clock = clock or SystemClock()
         self._line: GripperLine | None = None
         self._lock = threading.Lock()
@@ -78,7 +78,7 @@ class Robotiq3F(Gripper):
     @property
     def limits(self) -> GripperLimits:
         """Range of the fingers."""
-        return self._hand.limits
+        return self._commands.limits
 
     def connect(self) -> None:
         """Reach the gripper without moving it; anew if it was connected. Raises `DeviceError`."""
@@ -125,7 +125,7 @@ class Robotiq3F(Gripper):
         """
         sample = self._connected().sample()
         status = self._sound(sample.status)
-        grasping = self._hand.grasping(status)
+        grasping = self._commands.grasping(status)
         return GripperState(
             time_ns=sample.time_ns,
             activated=status.ready or status.stage is Stage.CHANGING_MODE,
@@ -144,8 +144,8 @@ class Robotiq3F(Gripper):
         """
         status = self._status()
         require_ready(status, self._link.name)
-        parked = self._parked = self._parked or self._hand.standing(status)
-        self._send(self._hand.motion(position_counts, status.mode, parked))
+        parked = self._parked = self._parked or self._commands.standing(status)
+        self._send(self._commands.motion(position_counts, status.mode, parked))
         return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:
@@ -192,7 +192,7 @@ class Robotiq3F(Gripper):
 
     @contextmanager
     def _as_sequence(self, name: str) -> Iterator[None]:
-        """Name what goes on, so that `stop` ends it whatever the status shows at that moment."""
+        """Name the sequence in progress, so that `stop` ends it whatever the status shows just then."""
         self._stopped, self._sequence = False, name
         try:
             yield
@@ -224,7 +224,7 @@ class Robotiq3F(Gripper):
         return self._sound(status).ready
 
     def _awaits_echo(self, sample: StatusSample) -> bool:
-        """Whether the last motion is still to show in the status; raises when it never does."""
+        """Whether the status does not show the last motion yet; raises when it never does."""
         sent = self._sent
         if sent is None:
             return False

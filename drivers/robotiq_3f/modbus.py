@@ -1,4 +1,4 @@
-"""Single Modbus requests to a Robotiq 3-Finger gripper: where it is, how it is asked, what may come back.
+"""Single Modbus requests to a Robotiq 3-Finger gripper: its address, requests, and possible replies.
 
 pymodbus sits behind this module alone. Whatever it raises or returns for silence, a cut line,
 an exception reply or garbage becomes one `DeviceError` within two attempts.

@@ -1,7 +1,7 @@
 """The thread that owns a gripper's Modbus line: polls the status, carries out commands.
 
 A pymodbus client must not be shared between threads. Everyone else reads the newest status or
-queues a command; nobody waits longer than `ANSWER_S`, however the line fails.
+queues a command; nobody waits longer than `ANSWER_S`, in whatever way the line fails.
 """
 
 import queue
@@ -20,7 +20,7 @@ POLL_S = 0.01
 RETRY_S = 0.1
 """Pause between attempts on a dead line."""
 ANSWER_S = 0.9
-"""Longest wait of any caller: under it, a request fails twice however it fails."""
+"""Longest wait of any caller: within it a request has failed twice, in whatever way it fails."""
 
 Registers = tuple[int, ...]
 

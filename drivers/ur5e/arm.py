@@ -24,7 +24,7 @@ from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
-GREETING_S = 1.5
+PROBE_S = 1.5
 STOP_LIMIT_S = 0.6
 USED_TOO_EARLY = "arm: used before connect; connect the bench first"
 REMOTE_SINCE: Version = (5, 6, 0, 0)
@@ -49,7 +49,7 @@ class UR5e(Arm):
         clock: Clock | None = None,
         frequency_hz: float = 500.0,
     ) -> None:
-        """Raises `InputError` for a payload beyond the limit, or values that are no numbers."""
+        """Raises `InputError` for a payload beyond the limit, or values that are not numbers."""
         self._host, self._limits = host, limits
         self._tool = Tool(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
         self._joint_limits = joint_limits_rad or JOINT_RANGE_RAD
@@ -78,11 +78,11 @@ class UR5e(Arm):
 
         Succeeds in a protective stop, so that `recover` can follow. Raises `DeviceTimeoutError`
         when nobody answers, `DeviceError` when remote control is off, the arm is not powered, or
-        a program that is not ours moves it.
+        another program is moving it.
         """
         self.disconnect()
         self._clock_ahead_ns = self._clock.now_ns() - SystemClock().now_ns()
-        version = probe_controller(self._host, GREETING_S)
+        version = probe_controller(self._host, PROBE_S)
         try:
             self._dashboard = Dashboard(self._host)
             self._identify(self._dashboard, version)
@@ -193,7 +193,7 @@ class UR5e(Arm):
         zero_force_sensor(self._require_link(), self._clock)
 
     def identity(self) -> dict[str, str]:
-        """Serial number, firmware and model, as far as the controller told them at `connect`."""
+        """Serial number, firmware and model, as far as the controller gave them at `connect`."""
         return dict(self._identity)
 
     def counters(self) -> dict[str, int]:

@@ -14,7 +14,7 @@ _END_S = 1.0
 
 
 class ChildProcess:
-    """A Python module run as a child, its output kept for the case that it dies."""
+    """A Python module run as a child, its output kept in case it dies."""
 
     def __init__(self, name: str, module: str, arguments: tuple[object, ...], fds: tuple[int, ...]) -> None:
         self.name = name
@@ -36,7 +36,7 @@ class ChildProcess:
         return self._process.poll() is None
 
     def death(self) -> str:
-        """How it ended, with the last it said."""
+        """How it ended, with its last line of output."""
         code = self._process.poll()
         if code is None:
             return f"{self.name} runs"
@@ -44,7 +44,7 @@ class ChildProcess:
         return f"{self.name} ended {how}{self._last_words()}"
 
     def wait(self, timeout_s: float) -> None:
-        """Give it time to end."""
+        """Wait for its end, at most that long."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
 

@@ -1,7 +1,7 @@
-"""A first word with the controller before ur-rtde meets it, every step with a deadline.
+"""A first exchange with the controller before ur-rtde connects, each step with a deadline.
 
-ur-rtde's constructors wait for ever on a peer that accepts and says nothing. This asks the same
-port for the protocol and the controller's version, in plain Python, and tells what is wrong.
+ur-rtde's constructors wait forever on a peer that accepts and says nothing. This asks the same
+port for the protocol and the controller's version, in plain Python, and says what is wrong.
 """
 
 import socket
@@ -25,7 +25,7 @@ Version = tuple[int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """A moment until which something has to be done, on a clock."""
+    """The time by which something has to be done, on a clock."""
 
     clock: Clock
     time_ns: int
@@ -42,10 +42,10 @@ class Deadline:
 
 
 def probe_controller(host: str, timeout_s: float) -> Version:
-    """Ask the controller for its version, see its time move on, and that it takes scripts.
+    """Ask the controller for its version, and check that its time advances and that it takes scripts.
 
     Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` when it says nothing within
-    `timeout_s`, `DeviceError` when it is not there, is no e-Series controller, or talks nonsense.
+    `timeout_s`, `DeviceError` when it is not there, is no e-Series controller, or sends nonsense.
     """
     deadline = Deadline.after(timeout_s)
     with connect(host, RTDE_PORT, deadline) as connection:
@@ -56,7 +56,7 @@ def probe_controller(host: str, timeout_s: float) -> Version:
                 "update the controller's software"
             )
         version = parse_version(_ask(connection, _CONTROLLER, b"", deadline))
-        _see_it_run(connection, deadline)
+        _check_time_advances(connection, deadline)
     if version[0] != SERIES:
         raise DeviceError(
             f"arm: {host} runs software {version[0]}.{version[1]}; this driver is for e-Series ({SERIES}.x)"
@@ -65,8 +65,8 @@ def probe_controller(host: str, timeout_s: float) -> Version:
     return version
 
 
-def _see_it_run(connection: socket.socket, deadline: Deadline) -> None:
-    """Have time stamps sent until they move on: a frozen controller goes on sending old ones."""
+def _check_time_advances(connection: socket.socket, deadline: Deadline) -> None:
+    """Read time stamps until they advance: a frozen controller goes on sending old ones."""
     kinds = _ask(connection, _OUTPUTS, struct.pack(">d", _TRIAL_HZ) + b"timestamp", deadline)
     if kinds[1:] != b"DOUBLE":
         raise DeviceError(
@@ -151,7 +151,7 @@ def _exactly(read: Callable[[int], bytes], count: int) -> bytes:
 
 
 def _ask(connection: socket.socket, kind: bytes, payload: bytes, deadline: Deadline) -> bytes:
-    """Send a package and return the payload of its answer; messages in between are passed over."""
+    """Send a package and return the payload of its answer; text messages in between are skipped."""
     what = f"request '{kind.decode()}' on port {RTDE_PORT}"
     try:
         connection.sendall(_HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload)

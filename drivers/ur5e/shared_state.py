@@ -11,8 +11,8 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-# Native, so that it is written as one word: a standard format goes byte by byte, and a reader in
-# another process could meet a count that never was.
+# Native, so that it is written as one word: a standard format is written byte by byte, and
+# another process could read a count that never was.
 _COUNT = struct.Struct("@Q")
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd4i2Q")
 _SIZE = _COUNT.size + 2 * _SAMPLE.size

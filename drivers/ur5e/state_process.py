@@ -1,7 +1,7 @@
 """The process that listens to the arm: ur-rtde's receive interface, written to shared memory.
 
-Its constructor keeps the interpreter to itself and waits without end for a peer that says nothing,
-and its getters go on returning the last values after the connection is gone. Here both do no
+Its constructor holds the interpreter's lock and waits forever for a peer that says nothing, and
+its getters go on returning the last values after the connection is gone. Here neither does
 harm: a process can be ended, and the state shows by the controller's time how old a sample is.
 
     python -m drivers.ur5e.state_process HOST RATE_HZ STATE_FD PARENT_PID WITH_PAYLOAD

@@ -1,4 +1,4 @@
-"""Where a reader's thread leaves frames and its users find them, for one connection."""
+"""The frames that a reader's thread leaves for its users, of one connection."""
 
 import threading
 from collections import deque

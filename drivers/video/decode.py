@@ -1,4 +1,4 @@
-"""From a shot to a picture: decoded, upright, of the size that was asked for."""
+"""From a raw frame to a decoded one: upright, of the size that was asked for."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,9 @@ _PNG, _PNG_END = b"\x89PNG", b"IEND"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecodedFrame:
-    """A shot made into a picture: (H, W, 3) uint8 RGB, upright, and its bytes where it has any.
+    """An image, (H, W, 3) uint8 RGB, upright, and its JPEG bytes where it came as JPEG.
 
-    flaw: why it is no picture of the scene ("green", "shifted"); such a frame is withheld.
+    flaw: why it does not show the scene ("green", "shifted"); such a frame is withheld.
     """
 
     image: Image
@@ -24,30 +24,30 @@ class DecodedFrame:
     flaw: str | None = None
 
 
-def decode_frame(shot: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> DecodedFrame:
-    """Decode a shot. size_px: (width, height) its picture has to have; any when None.
+def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> DecodedFrame:
+    """Decode a raw frame. size_px: (width, height) that the image has to have; any when None.
 
-    upright: turn pictures that lie on their side (wider than high) 90 degrees counter-clockwise;
+    upright: turn images that lie on their side (wider than high) 90 degrees counter-clockwise;
     a JPEG by an orientation header, so that the coded image stays as received.
     Raises `DamagedFrameError`, and `DeviceError` for another size.
     """
-    picture = _picture(shot)
-    height, width = picture.image.shape[:2]
+    frame = _decoded(raw)
+    height, width = frame.image.shape[:2]
     if upright and width > height:
-        picture = _turned(picture)
+        frame = _turned(frame)
         height, width = width, height
     if size_px is not None and (width, height) != tuple(size_px):
         raise DeviceError(
             f"its images are {width} x {height} px, {size_px[0]} x {size_px[1]} are asked for; "
             "correct size_px in the bench file"
         )
-    return picture
+    return frame
 
 
-def _picture(shot: RawFrame) -> DecodedFrame:
-    if shot.image is not None:
-        return DecodedFrame(shot.image, None)
-    data = shot.encoded or b""
+def _decoded(raw: RawFrame) -> DecodedFrame:
+    if raw.image is not None:
+        return DecodedFrame(raw.image, None)
+    data = raw.encoded or b""
     if not data.startswith(_PNG):
         jpeg, _ = whole_jpeg(data)
         return DecodedFrame(decode(jpeg), jpeg)
@@ -56,8 +56,8 @@ def _picture(shot: RawFrame) -> DecodedFrame:
     return DecodedFrame(decode(data), None)
 
 
-def _turned(picture: DecodedFrame) -> DecodedFrame:
-    jpeg = picture.jpeg
+def _turned(frame: DecodedFrame) -> DecodedFrame:
+    jpeg = frame.jpeg
     return DecodedFrame(
-        np.ascontiguousarray(np.rot90(picture.image)), None if jpeg is None else turned_left(jpeg)
+        np.ascontiguousarray(np.rot90(frame.image)), None if jpeg is None else turned_left(jpeg)
     )

@@ -1,6 +1,6 @@
 """A DIGIT fingertip sensor: a UVC camera under a gel, found by serial, its LEDs set.
 
-Facts of the device, as the makers' digit-interface 0.2.1 uses it: it streams 640 x 480 at 30 or
+What the makers' digit-interface 0.2.1 says of the device: it streams 640 x 480 at 30 or
 15 Hz and 320 x 240 at 60 or 30 Hz, lying on its side; its LEDs are set through the UVC zoom
 control, four bits each of red, green and blue (firmware below 2.00: one value for all three).
 Its users report first images that are green or dark (its issue 16), reads that hang (17), and
@@ -44,10 +44,10 @@ class Digit(AddressedSource, TactileSensor):
         open_device: OpenCapture = open_capture,
     ) -> None:
         raw_px = (size_px[1], size_px[0])
-        wanted = SourceSpec(serial, address, raw_px, rate_hz)
-        if wanted.is_device:
-            _check_mode(wanted)
-        super().__init__(wanted, clock or SystemClock(), discover, open_device)
+        spec = SourceSpec(serial, address, raw_px, rate_hz)
+        if spec.is_device:
+            _check_mode(spec)
+        super().__init__(spec, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
         self._light = (1.0, 1.0, 1.0)
         self._glitches = GlitchCheck()
@@ -73,9 +73,9 @@ class Digit(AddressedSource, TactileSensor):
         self._apply_light(source)
         self._glitches.reopened()
 
-    def _picture(self, shot: RawFrame) -> DecodedFrame:
-        picture = decode_frame(shot, self._size_px, upright=True)
-        return DecodedFrame(picture.image, picture.jpeg, self._glitches.flaw(picture.image))
+    def _decode(self, raw: RawFrame) -> DecodedFrame:
+        frame = decode_frame(raw, self._size_px, upright=True)
+        return DecodedFrame(frame.image, frame.jpeg, self._glitches.flaw(frame.image))
 
     def _apply_light(self, source: OpenSource) -> bool:
         """Set the LEDs; False where there are none."""
@@ -100,13 +100,13 @@ def light_value(light: tuple[float, float, float], revision: str = "") -> int:
     return red << 8 | green << 4 | blue
 
 
-def _check_mode(wanted: SourceSpec) -> None:
-    if wanted.size_px is None or wanted.rate_hz in MODES.get(wanted.size_px, ()):
+def _check_mode(spec: SourceSpec) -> None:
+    if spec.size_px is None or spec.rate_hz in MODES.get(spec.size_px, ()):
         return
-    wide, high = wanted.size_px
+    wide, high = spec.size_px
     modes = "; ".join(
         f"{y} x {x} px at {' or '.join(f'{rate:g}' for rate in rates)} Hz" for (x, y), rates in MODES.items()
     )
     raise InputError(
-        f"{wanted.serial}: a DIGIT has no {high} x {wide} px at {wanted.rate_hz:g} Hz; it has {modes}"
+        f"{spec.serial}: a DIGIT has no {high} x {wide} px at {spec.rate_hz:g} Hz; it has {modes}"
     )

@@ -29,12 +29,12 @@ class ExternalCamera(AddressedSource, Camera):
         discover: Discover = list_video_nodes,
         open_device: OpenCapture = open_capture,
     ) -> None:
-        wanted = SourceSpec(serial, address, size_px, rate_hz)
-        super().__init__(wanted, clock or SystemClock(), discover, open_device)
+        spec = SourceSpec(serial, address, size_px, rate_hz)
+        super().__init__(spec, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
 
     def _prepare(self, source: OpenSource) -> None:
         """Nothing but size and rate is set."""
 
-    def _picture(self, shot: RawFrame) -> DecodedFrame:
-        return decode_frame(shot, self._size_px, upright=False)
+    def _decode(self, raw: RawFrame) -> DecodedFrame:
+        return decode_frame(raw, self._size_px, upright=False)

@@ -1,7 +1,7 @@
-"""Images that are no picture of the gel: a transfer that broke off, a line that lost bytes.
+"""Images that do not show the gel: a transfer that broke off, a line that lost bytes.
 
-Both are known of DIGITs at 640 x 480 and of a USB bus under load. They are told from what an
-elastomer under fixed LEDs can show: its background neither jumps along the image nor goes flat.
+Both are known of DIGITs at 640 x 480 and of a USB bus under load. They are told apart from what an
+elastomer under fixed LEDs can show, whose background neither jumps along the image nor goes flat.
 """
 
 import cv2
@@ -70,16 +70,16 @@ def is_green(image: Image) -> bool:
 
 
 def shifted(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
-    """Whether a profile (H, 4, 3) is a good one moved round along its first axis, in any band.
+    """Whether a profile (H, 4, 3) is a good one shifted circularly along its first axis, in any band.
 
     Three things have to be so: it differs much from the good one; moved back, nearly nothing of
     that is left; and where the ends met, there is a step the good one has nowhere.
     """
     change = np.abs(seen - good).mean(axis=(0, 2))
-    return any(_moved_round(good[:, band], seen[:, band]) for band in np.flatnonzero(change > _LEAST_CHANGE))
+    return any(_is_shift(good[:, band], seen[:, band]) for band in np.flatnonzero(change > _LEAST_CHANGE))
 
 
-def _moved_round(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
+def _is_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
     rows = len(good)
     shift = _best_shift(good, seen)
     if min(shift, rows - shift) < _LEAST_SHIFT_PX:

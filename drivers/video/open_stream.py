@@ -66,44 +66,40 @@ class OpenSource:
     node: VideoNode | None = None
 
 
-def open_source(wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
-    """Open what is wanted, set to its size and rate. Raises `DeviceError`."""
-    address = wanted.address
-    if address is None or wanted.is_device:
-        return _open_device(wanted, clock, discover, open_device)
+def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
+    """Open a source, set to its size and rate. Raises `DeviceError`."""
+    address = spec.address
+    if address is None or spec.is_device:
+        return _open_device(spec, clock, discover, open_device)
     if "://" in address:
-        stream = MjpegStream(address, wanted.rate_hz, clock)
+        stream = MjpegStream(address, spec.rate_hz, clock)
         try:
-            stream.configure(_settings(wanted))
+            stream.configure(_settings(spec))
         except DeviceError:
             stream.close()
             raise
         return OpenSource(stream, address)
     path = Path(address)
     kind = FolderStream if path.is_dir() else VideoStream
-    return OpenSource(kind(path, wanted.rate_hz, clock), address)
+    return OpenSource(kind(path, spec.rate_hz, clock), address)
 
 
-def _open_device(
-    wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture
-) -> OpenSource:
+def _open_device(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
     nodes = discover()
-    node = find_video_node(wanted.serial, nodes) if wanted.address is None else _node_at(wanted, nodes)
-    stream = V4l2Stream(
-        node.device, wanted.size_px, wanted.rate_hz, clock, open_device, on_same_bus(node, nodes)
-    )
+    node = find_video_node(spec.serial, nodes) if spec.address is None else _node_at(spec, nodes)
+    stream = V4l2Stream(node.device, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
     return OpenSource(stream, node.device, node)
 
 
-def _node_at(wanted: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
+def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
     """The node at a given address; udev need not know it."""
-    known = [node for node in nodes if node.device == wanted.address]
-    return known[0] if known else VideoNode(wanted.address or "", wanted.serial)
+    known = [node for node in nodes if node.device == spec.address]
+    return known[0] if known else VideoNode(spec.address or "", spec.serial)
 
 
-def _settings(wanted: SourceSpec) -> list[dict[str, Any]]:
+def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
     """Size before rate: a new size resets the rate."""
-    settings: list[dict[str, Any]] = [{"rate_hz": wanted.rate_hz}]
-    if wanted.size_px is not None:
-        settings.insert(0, {"size_px": list(wanted.size_px)})
+    settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
+    if spec.size_px is not None:
+        settings.insert(0, {"size_px": list(spec.size_px)})
     return settings

@@ -1,7 +1,7 @@
 """Reads a source of frames in a thread of its own: newest frame, short backlog, re-opening.
 
-A source left to itself hands out its oldest image first and stops for good at the first failure
-(measured with OpenCV: a reader that pauses 3 s then gets the image of 3 s ago). So one thread
+A source on its own hands out its oldest image first and stops for good at the first failure
+(measured with OpenCV: a reader that pauses for 3 s then gets the image of 3 s ago). So one thread
 reads all the time, keeps the frames of the last two seconds, and opens the source again after a failure.
 """
 
@@ -30,7 +30,7 @@ SLOW_SHARE = 0.95
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
 
 
-Develop = Callable[[RawFrame], DecodedFrame]
+Decode = Callable[[RawFrame], DecodedFrame]
 Open = Callable[[], FrameStream]
 
 
@@ -46,20 +46,18 @@ class _Run:
 
 
 class FrameReader(FrameSource):
-    """A `FrameSource` over any stream. `open_stream` opens it, `develop` makes frames of shots.
+    """A `FrameSource` over any stream. `open_stream` opens it, `decode` decodes its raw frames.
 
     Both run in the reader's thread and raise `DeviceError` for a failure after which the source
     is opened again (after 0.1 s, then twice as long each time, at most 2 s). The clock has to be
     one that passes by itself: users wait in real time.
     """
 
-    def __init__(
-        self, serial: str, rate_hz: float, open_stream: Open, develop: Develop, clock: Clock
-    ) -> None:
+    def __init__(self, serial: str, rate_hz: float, open_stream: Open, decode: Decode, clock: Clock) -> None:
         self._serial = serial
         self._rate_hz = rate_hz
         self._open_stream = open_stream
-        self._develop = develop
+        self._decode = decode
         self._clock = clock
         self._run: _Run | None = None
         # Written by the reader's thread alone.
@@ -172,9 +170,7 @@ class FrameReader(FrameSource):
                 run.buffer.fail(str(error), over)
                 if over:
                     return
-            except (
-                Exception
-            ) as error:  # a mistake of ours: whoever waits for a frame is told before the thread ends
+            except Exception as error:  # a bug of ours: whoever waits for a frame is told of it first
                 run.buffer.fail(f"its reader failed ({type(error).__name__}: {error}); report this", True)
                 raise
             pause_s = FIRST_PAUSE_S if self._counts["frames"] > frames else min(2 * pause_s, LONGEST_PAUSE_S)
@@ -205,23 +201,23 @@ class FrameReader(FrameSource):
         failed_before = run.streams > 0
         run.streams += 1
         self._counts["reopened"] += failed_before
-        self._count.opened(wanted=failed_before)
+        self._count.opened(after_failure=failed_before)
         self._rate.clear()
 
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, tally: FrameTally) -> None:
         """Read, judge and deliver one image."""
-        shot = stream.read()
-        time_ns = times.time_of(shot)
-        sequence = self._count.sequence_of(shot.number, time_ns, times.kind != "arrival")
+        raw = stream.read()
+        time_ns = times.time_of(raw)
+        sequence = self._count.sequence_of(raw.number, time_ns, times.kind != "arrival")
         try:
-            picture = self._develop(shot)
+            decoded = self._decode(raw)
         except DamagedFrameError as error:
             self._withhold(run, "damaged", str(error))
             return
-        if picture.flaw is not None:
-            self._withhold(run, picture.flaw, f"its images are {picture.flaw}; check its cable")
+        if decoded.flaw is not None:
+            self._withhold(run, decoded.flaw, f"its images are {decoded.flaw}; check its cable")
             return
-        frame = Frame(picture.image, time_ns, sequence, self._serial, picture.jpeg)
+        frame = Frame(decoded.image, time_ns, sequence, self._serial, decoded.jpeg)
         tally.add(frame)
         self._counts["frozen"] += tally.repeated
         self._times = times

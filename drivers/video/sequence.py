@@ -25,16 +25,16 @@ class SequenceCounter:
         self._last_ns = 0
         self._offset = 0
         self._interrupted = False
-        self._wanted = True
+        self._gap_counts = True
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
-    def opened(self, wanted: bool) -> None:
+    def opened(self, after_failure: bool) -> None:
         """The source was opened: its numbers may begin anew.
 
-        wanted: whether the images since the last one count as dropped, as they do after a failure.
+        after_failure: then the images since the last one count as dropped.
         """
         self._interrupted = self._last is not None
-        self._wanted = wanted or self._last is None
+        self._gap_counts = after_failure or self._last is None
         self._intervals.clear()
 
     def sequence_of(self, number: int | None, time_ns: int, stamped: bool) -> int:
@@ -44,8 +44,8 @@ class SequenceCounter:
             self._last = number or 0
             return self._last
         step = self._step(self._last, number, interval_ns, stamped)
-        self.dropped += step - 1 if self._wanted else 0
-        self._interrupted, self._wanted = False, True
+        self.dropped += step - 1 if self._gap_counts else 0
+        self._interrupted, self._gap_counts = False, True
         self._intervals.append(max(interval_ns // step, 1))
         self._last += step
         return self._last

@@ -13,13 +13,11 @@ from drivers.video.v4l2 import OpenCapture
 
 
 class AddressedSource(FrameReader):
-    """A frame source at an address. Its kind says what to set after opening and what a picture is."""
+    """A frame source at an address. Subclasses say what to set after opening, and how a frame is decoded."""
 
-    def __init__(
-        self, wanted: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture
-    ) -> None:
-        super().__init__(wanted.serial, wanted.rate_hz, self._open, self._picture, clock)
-        self._wanted = wanted
+    def __init__(self, spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
+        super().__init__(spec.serial, spec.rate_hz, self._open, self._decode, clock)
+        self._spec = spec
         self._clock = clock
         self._discover = discover
         self._open_device = open_device
@@ -46,11 +44,11 @@ class AddressedSource(FrameReader):
         """Set what is set after opening. Raises `DeviceError`."""
 
     @abstractmethod
-    def _picture(self, shot: RawFrame) -> DecodedFrame:
-        """Make a picture of a shot."""
+    def _decode(self, raw: RawFrame) -> DecodedFrame:
+        """Decode a frame. Raises `DeviceError`."""
 
     def _open(self) -> FrameStream:
-        source = open_source(self._wanted, self._clock, self._discover, self._open_device)
+        source = open_source(self._spec, self._clock, self._discover, self._open_device)
         try:
             self._prepare(source)
         except DeviceError:

@@ -1,4 +1,4 @@
-"""What every source of frames delivers before anyone has looked at it, and when that was."""
+"""What every source of frames delivers before it is decoded, and its capture time."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -66,12 +66,12 @@ class CaptureTimes:
         """What the times are: "kernel", "peer", "schedule", or "arrival"."""
         return self._stamp if self._trusted else "arrival"
 
-    def time_of(self, shot: RawFrame) -> int:
+    def time_of(self, raw: RawFrame) -> int:
         """Return an image's capture time, monotonic ns, later than the one before."""
-        stamped = shot.stamped_ns
+        stamped = raw.stamped_ns
         if self._trusted is None:
-            self._trusted = stamped is not None and 0 <= shot.arrived_ns - stamped < MAX_DELAY_NS
-        usable = self._trusted and stamped is not None and self._last_ns < stamped <= shot.arrived_ns
-        time_ns = stamped if usable and stamped is not None else shot.arrived_ns
+            self._trusted = stamped is not None and 0 <= raw.arrived_ns - stamped < MAX_DELAY_NS
+        usable = self._trusted and stamped is not None and self._last_ns < stamped <= raw.arrived_ns
+        time_ns = stamped if usable and stamped is not None else raw.arrived_ns
         self._last_ns = max(time_ns, self._last_ns + 1)
         return self._last_ns

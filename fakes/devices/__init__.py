@@ -1,4 +1,4 @@
-"""The simulated devices, in process, behind the interfaces of `drivers`.
+"""The simulated devices behind the interfaces of `drivers`, in this process.
 
-Imports the world and what draws it.
+Imports the world, `fakes.gel` and `fakes.camera`, which draw it, and nothing of the wires.
 """

@@ -83,8 +83,8 @@ class FakeArm(Arm):
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         self._check_running()
-        travel = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
-        self._world.tool = ToolPath.between(start, base_T_tcp, travel)
+        profile = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
+        self._world.tool = ToolPath.between(start, base_T_tcp, profile)
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
@@ -106,7 +106,7 @@ class FakeArm(Arm):
 
     def _arrived(self) -> bool:
         self._check_running()
-        return self._world.tool.travel.done_at(self._clock.now_ns())
+        return self._world.tool.profile.done_at(self._clock.now_ns())
 
     def _check_running(self) -> None:
         """Raise `ProtectiveStopError` (after stopping) or `DeviceError` when the arm cannot move."""

@@ -57,8 +57,8 @@ class FakeDigit(FakeSource, TactileSensor):
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
-        moment = self._world.state_at(time_ns)
-        image = self._gel.render(self._imprint(moment), time_ns / NS_PER_S, rng)
+        state = self._world.state_at(time_ns)
+        image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
         if self._light == 1.0:
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
@@ -77,28 +77,28 @@ class FakeDigit(FakeSource, TactileSensor):
             self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
 
-    def _imprint(self, moment: WorldState) -> Imprint | None:
+    def _imprint(self, state: WorldState) -> Imprint | None:
         grasp = self._world.grasp
-        if not moment.held or moment.force_n <= 0.0 or grasp is None:
+        if not state.held or state.force_n <= 0.0 or grasp is None:
             return None
         surface, depths = self._surface(grasp)
-        turn = moment.object_turn_rad - moment.wrist_rad
+        turn = state.object_turn_rad - state.wrist_rad
         return Imprint(
             surface=surface,
             angle_deg=math.degrees(self._side * turn),
-            centre_mm=self._centre_mm(grasp, moment, turn),
-            depth_mm=float(np.interp(moment.force_n, _FORCE_GRID_N, depths)),
-            tilt=self._tilt(moment, turn),
-            lag_deg=math.degrees(self._side * moment.torsion_rad),
-            shear=self._shear(grasp, moment, turn) if self._markers else None,
+            centre_mm=self._centre_mm(grasp, state, turn),
+            depth_mm=float(np.interp(state.force_n, _FORCE_GRID_N, depths)),
+            tilt=self._tilt(state, turn),
+            lag_deg=math.degrees(self._side * state.torsion_rad),
+            shear=self._shear(grasp, state, turn) if self._markers else None,
         )
 
-    def _shear(self, grasp: Grasp, moment: WorldState, turn_rad: float) -> Shear:
+    def _shear(self, grasp: Grasp, state: WorldState, turn_rad: float) -> Shear:
         """How the gel's surface has followed the object since the fingers closed on it."""
-        (off_x, off_y), draw = self._off_mm(grasp), self._world.draw
-        across = self._side * (draw.misplacement_m[0] * 1e3 + draw.pivot_mm[0]) + off_x
-        down = draw.misplacement_m[1] * 1e3 + draw.pivot_mm[1] + off_y
-        slid = (0.0, moment.slide_m * 1e3)
+        (off_x, off_y), variation = self._off_mm(grasp), self._world.variation
+        across = self._side * (variation.misplacement_m[0] * 1e3 + variation.pivot_mm[0]) + off_x
+        down = variation.misplacement_m[1] * 1e3 + variation.pivot_mm[1] + off_y
+        slid = (0.0, state.slide_m * 1e3)
         return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
@@ -106,20 +106,20 @@ class FakeDigit(FakeSource, TactileSensor):
         off_x, off_z = grasp.off_m
         return -self._side * off_x * 1e3, off_z * 1e3
 
-    def _centre_mm(self, grasp: Grasp, moment: WorldState, turn_rad: float) -> tuple[float, float]:
+    def _centre_mm(self, grasp: Grasp, state: WorldState, turn_rad: float) -> tuple[float, float]:
         """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
-        draw, (off_x, off_y) = self._world.draw, self._off_mm(grasp)
-        px, py = draw.pivot_mm
+        variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
+        px, py = variation.pivot_mm
         x, y = _turned(px, py, turn_rad)
-        across = draw.misplacement_m[0] * 1e3 + px - x
-        down = draw.misplacement_m[1] * 1e3 + py - y + moment.slide_m * 1e3
+        across = variation.misplacement_m[0] * 1e3 + px - x
+        down = variation.misplacement_m[1] * 1e3 + py - y + state.slide_m * 1e3
         return self._side * across + off_x, down + off_y
 
-    def _tilt(self, moment: WorldState, turn_rad: float) -> tuple[float, float]:
+    def _tilt(self, state: WorldState, turn_rad: float) -> tuple[float, float]:
         """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
-        draw = self._world.draw
-        tx = draw.tilt_at_rest[0] + moment.loaded * draw.tilt_under_load[0]
-        ty = draw.tilt_at_rest[1] + moment.loaded * draw.tilt_under_load[1]
+        variation = self._world.variation
+        tx = variation.tilt_at_rest[0] + state.loaded * variation.tilt_under_load[0]
+        ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
         x, y = _turned(tx, ty, turn_rad)
         return self._side * x, y
 

@@ -80,7 +80,7 @@ class FakeGripper(Gripper):
         return GripperState(
             time_ns=now,
             activated=self._activated,
-            moving=not self._world.fingers.travel.done_at(now),
+            moving=not self._world.fingers.profile.done_at(now),
             position_counts=round(self._world.fingers.position_at(now)),
             current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
             fault_code=0,
@@ -105,8 +105,8 @@ class FakeGripper(Gripper):
         end = min(float(position_counts), max(start, self._stall_counts(now)))
         if self._faults.active("blocked", now, "gripper"):
             end = start
-        travel = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
-        self._world.fingers = FingerPath(start, end, travel)
+        profile = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
+        self._world.fingers = FingerPath(start, end, profile)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
@@ -115,7 +115,7 @@ class FakeGripper(Gripper):
 
     def _arrived(self) -> bool:
         self._require_usable()
-        return self._world.fingers.travel.done_at(self._clock.now_ns())
+        return self._world.fingers.profile.done_at(self._clock.now_ns())
 
     def _stall_counts(self, time_ns: int) -> float:
         squeeze = self._world.squeeze_at(time_ns)

@@ -39,7 +39,7 @@ class Shear:
 
 
 def shear_of(turned_deg: float, pivot_mm: tuple[float, float], slid_mm: tuple[float, float]) -> Shear:
-    """Return how far a gel follows an object that has turned and slid: all the way at first, never far.
+    """Return how far a gel follows an object that has turned and slid: fully at first, up to a limit.
 
     Part of every turn is slip, more and more of it: the gel keeps to the limit times tanh(turn / limit),
     and to the same share of the slide.

@@ -1,6 +1,6 @@
 """The light inside one simulated DIGIT: three coloured LEDs round the gel, and what they make of it.
 
-Fitted by eye and by figure to real frames of one unit: red glow from the left with streaks, blue
+Fitted to real frames of one unit, by eye and by measured levels: red glow from the left with streaks, blue
 and dark at the top, green on the right. In those frames a slope brightens in a colour when it
 faces away from that colour's LED, so the lower edge of a contact is blue, the upper edge red and
 yellow, the left edge green.

@@ -77,12 +77,12 @@ def find_object(text: str) -> ObjectModel:
     if gauge is not None:
         return gauge
     catalogue = load_catalogue()
-    wanted = " ".join(text.lower().split())
+    name = " ".join(text.lower().split())
     by_any_name = {key: model for model in catalogue.values() for key in (model.id, model.name)}
-    if wanted in by_any_name:
-        return by_any_name[wanted]
+    if name in by_any_name:
+        return by_any_name[name]
     known = ", ".join(f"{model.id} {model.name}" for model in catalogue.values())
-    close = get_close_matches(wanted, by_any_name, n=1, cutoff=0.5)
+    close = get_close_matches(name, by_any_name, n=1, cutoff=0.5)
     hint = f" Did you mean '{close[0]}'?" if close else ""
     raise InputError(f"there is no object '{text}'.{hint} Objects: {known}")
 

@@ -1,4 +1,4 @@
-"""Simulated tactile clips with a known angle. Estimators see their images alone.
+"""Simulated tactile clips with a known angle. Estimators see only their images.
 
 A clip rests, turns at a constant rate and rests again, about a pivot that is not the contact's
 middle.

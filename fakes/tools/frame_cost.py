@@ -75,8 +75,8 @@ def _lifting(name: str) -> World:
     closed = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m
     counts = closed + SQUEEZE_COUNTS
     world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
-    travel = TrapezoidProfile(NS_PER_S // 2, LIFT_M, 0.05, 0.5)
-    world.tool = ToolPath.between(start, start.translated(z_m=LIFT_M), travel)
+    profile = TrapezoidProfile(NS_PER_S // 2, LIFT_M, 0.05, 0.5)
+    world.tool = ToolPath.between(start, start.translated(z_m=LIFT_M), profile)
     return world
 
 

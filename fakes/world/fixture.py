@@ -20,7 +20,7 @@ _CAMERA_ON_TOOL_M = (0.012, -0.065, -0.110)
 class Fixture:
     """A flat target. spec: what is printed on it. mount: "tool" or "bench".
 
-    On the tool it is shown to the camera, which stands. On the bench it lies on the table, and the
+    On the tool it is shown to the camera, which stands still. On the bench it lies on the table, and the
     camera is on the tool.
     """
 

@@ -1,4 +1,4 @@
-"""The force-torque sensor in a UR5e's flange: what it feels of the object in the fingers, and how well.
+"""The force-torque sensor in a UR5e's flange: what it senses of the object in the fingers, and how well.
 
 An object that hangs in the fingers pulls with its weight and turns them with weight times lever. Where
 that is more than the pads' friction can turn, they turn it with as much as their friction allows; the
@@ -31,20 +31,20 @@ _NOISE_CYCLES = 9973
 def carried_wrench(world: World, time_ns: int) -> Vector6:
     """Force (N) and torque (N m) of the held object on the TCP, base axes; zeros without one.
 
-    Both grow with the share of the weight that the fingers have taken on (`Moment.loaded`).
+    Both grow with the share of the weight that the fingers have taken on (`WorldState.loaded`).
     """
     grip = world.grip_at(time_ns)
     if grip is None:
         return NOTHING
-    moment, load = grip
+    state, load = grip
     side = math.copysign(1.0, load.lever_m)
-    across, down = math.cos(moment.object_turn_rad), abs(math.sin(moment.object_turn_rad))
-    wanted_nm = load.weight_n * abs(load.lever_m) * across
-    torque_nm = min(wanted_nm, load.turning_limit_nm)
+    across, down = math.cos(state.object_turn_rad), abs(math.sin(state.object_turn_rad))
+    weight_nm = load.weight_n * abs(load.lever_m) * across
+    torque_nm = min(weight_nm, load.turning_limit_nm)
     # moments about the fingertips' axis: the support pushes up at the far end, and drags it outwards
-    support_n = (wanted_nm - torque_nm) / (load.reach_m * (across + SUPPORT_FRICTION * down))
+    support_n = (weight_nm - torque_nm) / (load.reach_m * (across + SUPPORT_FRICTION * down))
     hanging_n = min(load.weight_n - support_n, load.sliding_limit_n)
-    share = moment.loaded
+    share = state.loaded
     drag_n = -side * SUPPORT_FRICTION * support_n
     return share * drag_n, 0.0, -share * hanging_n, 0.0, -share * side * torque_nm, 0.0
 

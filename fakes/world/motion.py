@@ -16,13 +16,13 @@ class ToolPath:
 
     start: Pose
     end: Pose
-    travel: TrapezoidProfile
+    profile: TrapezoidProfile
     _tilts_rad: tuple[float, float]
 
     @classmethod
-    def between(cls, start: Pose, end: Pose, travel: TrapezoidProfile) -> "ToolPath":
+    def between(cls, start: Pose, end: Pose, profile: TrapezoidProfile) -> "ToolPath":
         """A motion from one pose to another."""
-        return cls(start, end, travel, (tool_tilt(start), tool_tilt(end)))
+        return cls(start, end, profile, (tool_tilt(start), tool_tilt(end)))
 
     @classmethod
     def resting(cls, pose: Pose) -> "ToolPath":
@@ -31,13 +31,13 @@ class ToolPath:
 
     def position_at(self, time_ns: int) -> tuple[float, float, float]:
         """Position in base, m."""
-        f = self.travel.fraction_at(time_ns)
+        f = self.profile.fraction_at(time_ns)
         (x0, y0, z0), (x1, y1, z1) = self.start.position_m, self.end.position_m
         return x0 + f * (x1 - x0), y0 + f * (y1 - y0), z0 + f * (z1 - z0)
 
     def pose_at(self, time_ns: int) -> Pose:
         """`base_T_tcp`, orientation interpolated on the great circle."""
-        f = self.travel.fraction_at(time_ns)
+        f = self.profile.fraction_at(time_ns)
         if f >= 1.0 or self.start.quaternion_xyzw == self.end.quaternion_xyzw:
             return Pose(self.position_at(time_ns), self.end.quaternion_xyzw)
         turn = Slerp([0.0, 1.0], Rotation.concatenate([self.start.rotation, self.end.rotation]))
@@ -45,13 +45,13 @@ class ToolPath:
 
     def tilt_at(self, time_ns: int) -> float:
         """The tool's turn about the base's -y axis, rad: counter-clockwise as the camera sees it."""
-        f = self.travel.fraction_at(time_ns)
+        f = self.profile.fraction_at(time_ns)
         start, end = self._tilts_rad
         return start + f * (end - start)
 
     def cut_at(self, time_ns: int) -> "ToolPath":
         """The same path stopped at `time_ns`."""
-        return replace(self, travel=replace(self.travel, stop_fraction=self.travel.fraction_at(time_ns)))
+        return replace(self, profile=replace(self.profile, stop_fraction=self.profile.fraction_at(time_ns)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +60,15 @@ class FingerPath:
 
     start: float
     end: float
-    travel: TrapezoidProfile
+    profile: TrapezoidProfile
 
     def position_at(self, time_ns: int) -> float:
         """Finger position in counts."""
-        return self.start + self.travel.fraction_at(time_ns) * (self.end - self.start)
+        return self.start + self.profile.fraction_at(time_ns) * (self.end - self.start)
 
     def cut_at(self, time_ns: int) -> "FingerPath":
         """The same path stopped at `time_ns`."""
-        return replace(self, travel=replace(self.travel, stop_fraction=self.travel.fraction_at(time_ns)))
+        return replace(self, profile=replace(self.profile, stop_fraction=self.profile.fraction_at(time_ns)))
 
 
 def tool_tilt(base_T_tcp: Pose) -> float:  # noqa: N803

@@ -96,7 +96,7 @@ class WorldView(Protocol):
         ...
 
     @property
-    def draw(self) -> LiftVariation:
+    def variation(self) -> LiftVariation:
         """The present lift's peculiarities."""
         ...
 
@@ -124,37 +124,37 @@ class WorldView(Protocol):
 
 
 def object_pose(
-    layout: BenchLayout, draw: LiftVariation, grasp: Grasp | None, moment: WorldState, tool_m: Vector3
+    layout: BenchLayout, variation: LiftVariation, grasp: Grasp | None, state: WorldState, tool_m: Vector3
 ) -> Pose:
-    """`base_T_object` at a moment: origin at the centre of mass, x along the object, z up.
+    """`base_T_object` in a state of the world: origin at the centre of mass, x along the object, z up.
 
     grasp: how the object is held, None while it lies in its place. tool_m: the TCP in base.
     """
-    right, down = draw.misplacement_m
-    if not moment.held or grasp is None:
+    right, down = variation.misplacement_m
+    if not state.held or grasp is None:
         return layout.base_T_table.translated(x_m=right, z_m=-down)
-    turn = Rotation.from_euler("y", -moment.object_turn_rad)
+    turn = Rotation.from_euler("y", -state.object_turn_rad)
     off_x, off_z = grasp.off_m
-    place = np.add(tool_m, (right - off_x, 0.0, -down - moment.slide_m - off_z))
+    place = np.add(tool_m, (right - off_x, 0.0, -down - state.slide_m - off_z))
     return Pose.from_rotation(place - turn.apply((grasp.site.offset_m, 0.0, 0.0)), turn)
 
 
 def between(before: WorldState, after: WorldState, time_ns: int) -> WorldState:
-    """The moment at `time_ns` between two others, mixed in proportion."""
+    """The state at `time_ns` between two others, interpolated linearly."""
     f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
     if before.held != after.held:
         return replace(after, time_ns=time_ns)
 
-    def mixed(a: float, b: float) -> float:
+    def interpolated(a: float, b: float) -> float:
         return a + f * (b - a)
 
     return WorldState(
         time_ns,
-        mixed(before.force_n, after.force_n),
-        mixed(before.object_turn_rad, after.object_turn_rad),
-        mixed(before.wrist_rad, after.wrist_rad),
-        mixed(before.torsion_rad, after.torsion_rad),
-        mixed(before.slide_m, after.slide_m),
-        mixed(before.loaded, after.loaded),
+        interpolated(before.force_n, after.force_n),
+        interpolated(before.object_turn_rad, after.object_turn_rad),
+        interpolated(before.wrist_rad, after.wrist_rad),
+        interpolated(before.torsion_rad, after.torsion_rad),
+        interpolated(before.slide_m, after.slide_m),
+        interpolated(before.loaded, after.loaded),
         after.held,
     )

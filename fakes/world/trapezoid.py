@@ -1,4 +1,4 @@
-"""How simulated actuators travel: trapezoidal speed between two values."""
+"""How simulated actuators move from one value to another: with a trapezoidal speed profile."""
 
 import math
 from dataclasses import dataclass
@@ -8,10 +8,10 @@ from drivers.clock import NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class TrapezoidProfile:
-    """A trapezoidal run over `distance` (any unit) starting at `start_ns`.
+    """Trapezoidal speed over a `distance` (any unit), from `start_ns` on.
 
     speed and acceleration are in the distance's unit per s and per s^2. `fraction_at` runs
-    from 0 to 1. A run that was cut short keeps its `stop_fraction`.
+    from 0 to 1. A motion that was cut short stays at its `stop_fraction`.
     """
 
     start_ns: int
@@ -26,7 +26,7 @@ class TrapezoidProfile:
 
     @property
     def duration_s(self) -> float:
-        """Time from start to end of the uncut run, s."""
+        """Duration of the whole motion, had it not been cut short, s."""
         if self.distance <= 0.0:
             return 0.0
         ramp = self._ramp_s
@@ -38,7 +38,7 @@ class TrapezoidProfile:
         return min(self._uncut_fraction_at(time_ns), self.stop_fraction)
 
     def done_at(self, time_ns: int) -> bool:
-        """Whether the run (cut or not) has ended."""
+        """Whether the motion (cut short or not) has ended."""
         return self._uncut_fraction_at(time_ns) >= self.stop_fraction
 
     def _uncut_fraction_at(self, time_ns: int) -> float:

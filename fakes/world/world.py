@@ -44,7 +44,7 @@ class World:
     fingers: FingerPath = field(init=False)
     model: ObjectModel | None = None
     site: GraspSite | None = None
-    draw: LiftVariation = field(init=False)
+    variation: LiftVariation = field(init=False)
     _rng: np.random.Generator = field(init=False)
     _slip: SlipDynamics | None = None
     fixture: Fixture | None = None
@@ -56,7 +56,7 @@ class World:
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
-        self.draw = LiftVariation.from_rng(self._rng)
+        self.variation = LiftVariation.from_rng(self._rng)
         self.tool = ToolPath.resting(self.layout.home)
         opened = float(self.layout.open_counts)
         self.fingers = FingerPath(opened, opened, TrapezoidProfile(0, 0.0, 1.0, 1.0))
@@ -86,7 +86,7 @@ class World:
             if seed is not None:
                 self.seed = seed
                 self._rng = np.random.default_rng(seed)
-                self.draw = LiftVariation.from_rng(self._rng)
+                self.variation = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
 
     def opening_at(self, time_ns: int) -> float:
@@ -99,21 +99,21 @@ class World:
         site = self.site or self._reachable_site(time_ns)
         if site is None:
             return 0.0
-        width = site.width_m + (0.0 if site.contact.exact else self.draw.width_error_m)
+        width = site.width_m + (0.0 if site.contact.exact else self.variation.width_error_m)
         return max(0.0, width - self.opening_at(time_ns))
 
     def state_at(self, time_ns: int) -> WorldState:
         """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
         with self._lock:
-            return self._moment_at(time_ns)
+            return self._state_at(time_ns)
 
     def grip_at(self, time_ns: int) -> tuple[WorldState, GripLoad] | None:
-        """The moment at `time_ns` and what acts on the grip then; None while nothing is held."""
+        """The world at `time_ns` and what acts on the grip then; None while nothing is held."""
         with self._lock:
-            moment = self._moment_at(time_ns)
-            if not moment.held or self.model is None or self.site is None:
+            state = self._state_at(time_ns)
+            if not state.held or self.model is None or self.site is None:
                 return None
-            return moment, self._load(self.model, self.site, moment.force_n)
+            return state, self._load(self.model, self.site, state.force_n)
 
     def object_pose_at(self, time_ns: int) -> Pose:
         """`base_T_object`: origin at the centre of mass, x along the object, z up."""
@@ -128,20 +128,20 @@ class World:
         """From the tip in the hand to the hole on the table, base axes, m."""
         return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
 
-    def _moment_at(self, time_ns: int) -> WorldState:
+    def _state_at(self, time_ns: int) -> WorldState:
         while self._history[-1].time_ns < time_ns:
             self._history.append(self._stepped(self._history[-1].time_ns + STEP_NS))
         newest = self._history[-1].time_ns
         index = len(self._history) - 1 - (newest - time_ns + STEP_NS - 1) // STEP_NS
         if index < 0:
-            raise DeviceError("simulated world: asked for a moment more than 3 s in the past")
+            raise DeviceError("simulated world: asked for a time more than 3 s in the past")
         if newest == time_ns or index + 1 >= len(self._history):
             return self._history[-1]
         return between(self._history[index], self._history[index + 1], time_ns)
 
     def _object_pose(self, time_ns: int) -> Pose:
-        moment = self._moment_at(time_ns)
-        return object_pose(self.layout, self.draw, self.grasp, moment, self.tool.position_at(time_ns))
+        state = self._state_at(time_ns)
+        return object_pose(self.layout, self.variation, self.grasp, state, self.tool.position_at(time_ns))
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:
         """The grasp site of the placed object that the fingers stand around, if any."""
@@ -181,8 +181,8 @@ class World:
             raise DeviceError("simulated world: an object is held by no grasp site")
         height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
         loaded = min(height / 0.015, 1.0)
-        sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.draw.sway_phase)
-        force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.draw.force_shift * loaded + sway)
+        sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
+        force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.variation.force_shift * loaded + sway)
         slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
         if slip.fallen:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
@@ -195,7 +195,7 @@ class World:
         return GripLoad(
             force_n=force_n,
             weight_n=model.mass_kg * GRAVITY,
-            friction=model.friction * self.draw.friction_factor,
+            friction=model.friction * self.variation.friction_factor,
             patch_radius_m=0.004,
             lever_m=site.offset_m,
             reach_m=max(left_end if site.offset_m > 0 else right_end, 0.02),

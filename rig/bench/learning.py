@@ -62,8 +62,8 @@ def build_learning_bench(config: BenchConfig, seed: int, sight_hz: float | None)
     )
 
     def turn_deg(time_ns: int) -> float:
-        moment = world.state_at(time_ns)
-        return float(np.degrees(moment.object_turn_rad - moment.wrist_rad))
+        state = world.state_at(time_ns)
+        return float(np.degrees(state.object_turn_rad - state.wrist_rad))
 
     return LearningBench(
         bench,

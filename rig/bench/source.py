@@ -38,7 +38,7 @@ class BenchSource(Protocol):
 
     @property
     def after_fault(self) -> bool:
-        """Whether a fault may have left the bench anyhow."""
+        """Whether a fault may have left the bench in any state."""
         ...
 
     def displaced(self) -> None:

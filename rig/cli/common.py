@@ -107,7 +107,7 @@ def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | N
 
 
 def trial_jobs(asked: int | None, in_process: bool, realtime: bool) -> int:
-    """Return how many lifts run side by side: by default one per core where benches are for the making.
+    """Return how many lifts run side by side: by default one per core where benches are simulated.
 
     Raises `InputError` for several at one bench.
     """

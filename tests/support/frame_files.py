@@ -17,7 +17,7 @@ from fakes.wire.mjpeg.sensor import Render
 
 
 def write_folder(folder: Path, render: Render, rate_hz: float, count: int) -> list[Path]:
-    """Write `count` frames as frame_0000.png and on, the first of time 0; return the files.
+    """Write `count` frames as frame_0000.png and so on, the first at time 0; return the files.
 
     render: draws the (H, W, 3) uint8 RGB image of a time in ns. Raises `InputError` when the
     folder cannot be written.

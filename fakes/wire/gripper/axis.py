@@ -23,7 +23,7 @@ class FingerMotor:
 
     def moving(self, now_ns: int) -> bool:
         """Whether it is on its way."""
-        return not self.path.travel.done_at(now_ns)
+        return not self.path.profile.done_at(now_ns)
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
         """Start towards `end`, in counts and counts per second."""
@@ -48,12 +48,12 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
 
     Exact while the fingers move alike; otherwise it ends where they end, at their mean speed.
     """
-    moving = [path for path in paths if not path.travel.done_at(now_ns)]
+    moving = [path for path in paths if not path.profile.done_at(now_ns)]
     here = sum(path.position_at(now_ns) for path in paths) / len(paths)
     end = sum(path.end if path in moving else path.position_at(now_ns) for path in paths) / len(paths)
     if not moving:
         return FingerPath(here, here, TrapezoidProfile(0, 0.0, 1.0, 1.0))
-    longest = max(moving, key=lambda path: path.travel.duration_s).travel
+    longest = max(moving, key=lambda path: path.profile.duration_s).profile
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
     speed = longest.speed * len(moving) / len(paths)

@@ -83,8 +83,8 @@ def tcp_requests(buffer: bytearray) -> Iterator[Request]:
 def rtu_requests(buffer: bytearray, unit: int) -> Iterator[Request]:
     """Take the complete requests to `unit` out of a serial line's bytes.
 
-    What does not check is skipped byte by byte until a frame does: after noise the next good
-    frame is found without having to time the pauses between frames.
+    Bytes with a wrong checksum are skipped one by one until a frame's is right: after noise the next
+    good frame is found without having to time the pauses between frames.
     """
     while len(buffer) >= 4:
         length = _rtu_length(buffer) if buffer[0] == unit else None

@@ -116,7 +116,7 @@ class GripperServer(WireGripper):
 class GripperRtu(WireGripper):
     """Modbus RTU, unit 9, on a pseudo-terminal published under `link_path`.
 
-    Silent to other units, to frames that do not check and to requests it refuses, as the
+    Silent to other units, to frames with a wrong checksum and to requests it refuses, as the
     2014 manual has no exception replies. The link stays the same when the line is cut and comes back.
     """
 

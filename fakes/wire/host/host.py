@@ -158,12 +158,12 @@ class FakesHost:
         def run() -> None:
             while not self._stopping.wait(TICK_S):
                 snapshot = snapshot_of(self._world, self._clock.now_ns())
-                self._motion.see(snapshot.moment.time_ns, snapshot.tool.position_m)
+                self._motion.see(snapshot.state.time_ns, snapshot.tool.position_m)
                 renderer.feed(snapshot)
 
         ticker = VitalThread(run, "world of the fakes")
         ticker.start()
-        # not for ever: it may be held up by cameras that take nothing more, whose process ends after it
+        # not forever: it may be held up by cameras that take nothing more, whose process ends after it
         self._running.callback(ticker.join, JOIN_S)
         self._running.callback(self._stopping.set)
         return ticker
@@ -215,7 +215,7 @@ class FakesHost:
     def _state(self) -> dict[str, Any]:
         """The world as it truly is."""
         now = self._clock.now_ns()
-        moment, model = self._world.state_at(now), self._world.model
+        state, model = self._world.state_at(now), self._world.model
         return {
             "start_ns": self._clock.start_ns,
             "now_ns": now,
@@ -224,9 +224,9 @@ class FakesHost:
             "tool_motions_ns": list(self._motion.intervals),
             "finger_counts": self._world.fingers.position_at(now),
             "object": model.id if model else None,
-            "held": moment.held,
-            "force_n": moment.force_n,
-            "turn_deg": math.degrees(moment.object_turn_rad),
+            "held": state.held,
+            "force_n": state.force_n,
+            "turn_deg": math.degrees(state.object_turn_rad),
         }
 
 

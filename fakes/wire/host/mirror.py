@@ -1,4 +1,4 @@
-"""The world as another process sees it: for the cameras, which are drawn where there is a core free."""
+"""The world as another process sees it: for the cameras, which are drawn in a process of their own."""
 
 import threading
 from collections import deque
@@ -15,18 +15,18 @@ from fakes.world.world import World
 KEPT = 512
 """Snapshots kept: two seconds at 250 a second."""
 PATIENCE_S = 0.1
-"""A frame that comes late is better than one that shows an older moment as its own."""
+"""A frame that comes late is better than one that shows an earlier state as its own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The world at one moment, small enough to be sent 250 times a second.
+    """The world at one instant, small enough to be sent 250 times a second.
 
     tool: the TCP in base. object_id, site: the grasp site that is held, None without one. off_m: as
     in `Grasp`. fixture: the calibration target that is mounted. seed: of this lift's peculiarities.
     """
 
-    moment: WorldState
+    state: WorldState
     tool: Pose
     object_id: str | None
     site: int | None
@@ -37,13 +37,13 @@ class Snapshot:
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
     """Advance the world to `time_ns` and return what the cameras need of it."""
-    moment = world.state_at(time_ns)
+    state = world.state_at(time_ns)
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
     off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
     # behind a wire a path is one control cycle long: its end's turn will do, and costs nothing
-    tool = Pose(world.tool.position_at(moment.time_ns), world.tool.end.quaternion_xyzw)
-    return Snapshot(moment, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
+    tool = Pose(world.tool.position_at(state.time_ns), world.tool.end.quaternion_xyzw)
+    return Snapshot(state, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
 
 
 class MirroredWorld:
@@ -69,7 +69,7 @@ class MirroredWorld:
         return self._drawn[0]
 
     @property
-    def draw(self) -> LiftVariation:
+    def variation(self) -> LiftVariation:
         """The present lift's peculiarities."""
         return self._drawn[1]
 
@@ -84,18 +84,18 @@ class MirroredWorld:
         return self._snapshots[-1].fixture
 
     def state_at(self, time_ns: int) -> WorldState:
-        """The world at `time_ns`; waits a moment for it, then gives the newest one."""
+        """The world at `time_ns`; waits for it briefly, then returns the newest one."""
         before, after = self._around(time_ns)
         if before is after:
-            return after.moment
-        return between(before.moment, after.moment, time_ns)
+            return after.state
+        return between(before.state, after.state, time_ns)
 
     def object_pose_at(self, time_ns: int) -> Pose:
         """`base_T_object` at `time_ns`, as `World.object_pose_at`."""
         before, after = self._around(time_ns)
-        moment = after.moment if before is after else between(before.moment, after.moment, time_ns)
+        state = after.state if before is after else between(before.state, after.state, time_ns)
         tool_m = _tool(before, after, time_ns).position_m
-        return object_pose(self.layout, self.draw, _grasp(after), moment, tool_m)
+        return object_pose(self.layout, self.variation, _grasp(after), state, tool_m)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
         """`base_T_tcp` at `time_ns`, as `World.tool_pose_at`."""
@@ -104,11 +104,11 @@ class MirroredWorld:
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
         """The snapshots before and after a time; twice the same one at either end."""
         with self._arrived:
-            self._arrived.wait_for(lambda: self._snapshots[-1].moment.time_ns >= time_ns, PATIENCE_S)
+            self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, PATIENCE_S)
             after = self._snapshots[-1]
             for before in reversed(self._snapshots):
-                if before.moment.time_ns <= time_ns:
-                    return (before, after) if after.moment.time_ns > time_ns else (after, after)
+                if before.state.time_ns <= time_ns:
+                    return (before, after) if after.state.time_ns > time_ns else (after, after)
                 after = before
             return after, after
 
@@ -127,7 +127,7 @@ def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
     """The TCP between two snapshots a few ms apart; the turn between them is that of the later one."""
     if before is after:
         return after.tool
-    share = (time_ns - before.moment.time_ns) / (after.moment.time_ns - before.moment.time_ns)
+    share = (time_ns - before.state.time_ns) / (after.state.time_ns - before.state.time_ns)
     x, y, z = (
         a + share * (b - a) for a, b in zip(before.tool.position_m, after.tool.position_m, strict=True)
     )

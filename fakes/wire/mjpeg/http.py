@@ -13,7 +13,7 @@ from fakes.wire.net.background import BackgroundServer
 BOUNDARY = "frame"
 LONGEST_BODY = 65_536
 STUCK_S = 5.0
-"""A client that takes nothing for so long is let go."""
+"""A client that reads nothing for this long is dropped."""
 _PAGE = b'<!doctype html><title>simulated sensor</title><img src="/stream.mjpg" alt="stream">'
 
 
@@ -80,11 +80,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         try:
-            wanted = self._json()
+            request = self._json()
             if self.path == "/control":
-                answer: Mapping[str, Any] = self.served.sensor.configure(wanted)
+                answer: Mapping[str, Any] = self.served.sensor.configure(request)
             elif self.path == "/fault":
-                answer = self._fault(wanted)
+                answer = self._fault(request)
             else:
                 raise InputError("settings go to /control, faults to /fault")
         except InputError as error:
@@ -98,16 +98,16 @@ class _Handler(BaseHTTPRequestHandler):
     def _json(self) -> dict[str, Any]:
         try:
             length = int(self.headers.get("Content-Length", "0"))
-            wanted = json.loads(self.rfile.read(min(length, LONGEST_BODY)))
+            request = json.loads(self.rfile.read(min(length, LONGEST_BODY)))
         except ValueError as error:
             raise InputError(f"expected a JSON object ({error})") from error
-        if not isinstance(wanted, dict):
+        if not isinstance(request, dict):
             raise InputError("expected a JSON object")
-        return wanted
+        return request
 
-    def _fault(self, wanted: dict[str, Any]) -> dict[str, Any]:
+    def _fault(self, request: dict[str, Any]) -> dict[str, Any]:
         try:
-            self.served.sensor.inject(**wanted)
+            self.served.sensor.inject(**request)
         except TypeError as error:
             raise InputError(f"a fault has kind, duration_s, frames ({error})") from error
         return {}

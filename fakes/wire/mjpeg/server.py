@@ -175,5 +175,5 @@ class MjpegServer:
 
 
 def _phase_of(serial: str) -> float:
-    """A unit captures at a moment of its own within a period, the same on every run."""
+    """A unit captures at a time of its own within a period, the same on every run."""
     return crc32(serial.encode()) % 1000 / 1000.0

@@ -51,7 +51,7 @@ class Truth:
 
 
 def draw_truth(rng: np.random.Generator, setup: Setup = Setup.EYE_TO_HAND) -> Truth:
-    """A camera about 0.8 m from the robot's workspace (or on its tool), a target anyhow held."""
+    """A camera about 0.8 m from the robot's workspace (or on its tool), a target held at any angle."""
     look = Rotation.from_euler("x", -100, degrees=True) * Rotation.from_rotvec(rng.normal(0, 0.2, 3))
     if setup is Setup.EYE_TO_HAND:
         x = Pose.from_rotation(rng.normal((0.5, -0.7, 0.3), 0.05), look)

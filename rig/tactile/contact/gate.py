@@ -23,7 +23,7 @@ EDGE_SHARE = 0.25
 # Parts of this share of the largest one's area belong to the contact; smaller ones are specks.
 PART_SHARE = 0.2
 LEAST_AREA_PX = 12
-# Strength and floor are read from every so-manieth pixel.
+# Strength and floor are read from every third pixel, counted row by row.
 LEVEL_STEP = 3
 
 

@@ -43,7 +43,7 @@ def test_arrival_times_say_nothing_about_drops() -> None:
 def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int) -> None:
     count = SequenceCounter(60.0)
     last = count.sequence_of(before, 0, True)
-    count.opened(wanted=True)
+    count.opened(after_failure=True)
     first = count.sequence_of(after, 60 * PERIOD_NS, True)
     assert first > last
     assert count.sequence_of(after + 1, 61 * PERIOD_NS, True) == first + 1
@@ -52,10 +52,10 @@ def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int)
 
 def test_what_passed_while_nobody_was_connected_is_not_dropped() -> None:
     count = SequenceCounter(60.0)
-    count.opened(wanted=False)
+    count.opened(after_failure=False)
     assert [count.sequence_of(number, number * PERIOD_NS, True) for number in (5, 10)] == [5, 10]
     assert count.dropped == 4
-    count.opened(wanted=False)
+    count.opened(after_failure=False)
     assert count.sequence_of(500, 10**10, True) == 500
     assert count.dropped == 4
 

@@ -56,7 +56,7 @@ def test_the_mirror_shows_what_the_world_shows() -> None:
     mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
     for step in range(1, 251):
         mirror.feed(snapshot_of(world, to_ns(1.0 + 0.004 * step)))
-    assert (mirror.seed, mirror.draw) == (5, world.draw)
+    assert (mirror.seed, mirror.variation) == (5, world.variation)
     assert mirror.grasp == world.grasp is not None
     for time_s in np.linspace(1.05, 1.95, 37):
         ours, theirs = mirror.state_at(to_ns(time_s)), world.state_at(to_ns(time_s))

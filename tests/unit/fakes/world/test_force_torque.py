@@ -28,7 +28,7 @@ def lifted(name: str, site: int, squeeze_m: float, height_m: float) -> World:
     model = find_object(name)
     low = Pose.from_rotation(TABLE.translated(x_m=model.sites[site].offset_m).position_m, TOOL_DOWN)
     world.tool = ToolPath.resting(low)
-    wide = model.sites[site].width_m + world.draw.width_error_m - squeeze_m
+    wide = model.sites[site].width_m + world.variation.width_error_m - squeeze_m
     counts = (world.layout.max_opening_m - wide) / world.layout.opening_per_count_m + world.layout.open_counts
     world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
     world.state_at(to_ns(0.1))
@@ -61,8 +61,8 @@ def test_a_slipping_object_turns_the_hand_with_the_pads_friction_alone(site: int
     world = lifted("7", site, squeeze_m=0.002, height_m=0.03)
     grip = world.grip_at(HELD_NS)
     assert grip is not None
-    moment, load = grip
-    assert side * moment.object_turn_rad > np.radians(5.0)
+    state, load = grip
+    assert side * state.object_turn_rad > np.radians(5.0)
     fx, _, fz, _, ty, _ = carried_wrench(world, HELD_NS)
     assert ty == pytest.approx(-side * load.turning_limit_nm)
     assert abs(ty) < load.weight_n * abs(load.lever_m)
@@ -74,10 +74,10 @@ def test_moments_about_the_far_end_balance() -> None:
     world = lifted("7", 2, squeeze_m=0.002, height_m=0.03)
     grip = world.grip_at(HELD_NS)
     assert grip is not None
-    moment, load = grip
+    state, load = grip
     fx, _, fz, _, ty, _ = carried_wrench(world, HELD_NS)
-    across, up = (load.reach_m * f(moment.object_turn_rad) for f in (np.cos, np.sin))
-    by_weight = load.weight_n * (load.reach_m - load.lever_m) * np.cos(moment.object_turn_rad)
+    across, up = (load.reach_m * f(state.object_turn_rad) for f in (np.cos, np.sin))
+    by_weight = load.weight_n * (load.reach_m - load.lever_m) * np.cos(state.object_turn_rad)
     assert by_weight == pytest.approx(-fz * across + fx * up + ty)
 
 

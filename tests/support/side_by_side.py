@@ -1,8 +1,8 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
-Real time comes first and on one worker, because its tests wait more than they compute: the others fill
-the cores meanwhile. Then come the folders whose files take longest. Hardware is driven by one process:
-with `--bench` there are no workers.
+Real time comes first and on one worker, because its tests wait more than they compute. The others fill
+the cores meanwhile, and give way: their workers ask for less of the cores. Then come the folders whose
+files take longest. Hardware is driven by one process: with `--bench` there are no workers.
 """
 
 import os
@@ -13,6 +13,8 @@ import pytest
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME = "real_time"
+GIVING_WAY = 10
+"""The niceness of a worker whose tests keep no deadline."""
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
@@ -45,6 +47,13 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     report = yield
     report.nodeid = report.nodeid.removesuffix(f"@{_group(item)}")
     return report
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Give way to tests in real time, in a worker that runs others: it has no more of the former to come."""
+    if "PYTEST_XDIST_WORKER" in os.environ and _group(item) != REAL_TIME:
+        os.nice(GIVING_WAY - os.nice(0))
 
 
 def _file(item: pytest.Item) -> str:

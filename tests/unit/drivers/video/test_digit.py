@@ -203,6 +203,7 @@ def test_a_sensor_slower_than_asked_is_reported_with_both_rates(server: MjpegSer
     assert digit.counters()["dropped"] == 0
 
 
+@pytest.mark.real_time
 def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")

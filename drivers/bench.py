@@ -53,7 +53,8 @@ class Bench:
 
     `base_T_camera` places the external camera (x right, y down, z forward) in the arm's base.
     `base_T_table` is where an operator places objects: its origin is the object's centre of
-    mass when placed, x along the object, z up from the table top. `hand`: what it is known to do.
+    mass when placed, x along the object, z up from the table top. `base_T_home` is where the TCP is
+    while the arm waits. `hand`: what it is known to do.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Bench:
     camera: Camera
     base_T_camera: Pose  # noqa: N815 - frame names keep their case
     base_T_table: Pose  # noqa: N815
+    base_T_home: Pose  # noqa: N815
     hand: Hand = field(default_factory=Hand)
 
     @property

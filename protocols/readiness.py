@@ -10,6 +10,7 @@ from dataclasses import replace
 from drivers.bench import Bench
 from drivers.errors import GripperFaultError
 from drivers.types import HandState, Holding
+from protocols.home import go_home
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
@@ -21,14 +22,16 @@ CLOSED_COUNTS = 2
 
 
 def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """Release a protective stop, free the hand, activate the gripper: each where needed, each asked for.
+    """Release a protective stop, free the hand, activate the gripper, go home: each where needed.
 
     What follows a fault, and what concerns an object in the hand, is asked of somebody who looks at
-    the bench; the activation is asked for because the fingers sweep their range.
+    the bench; the activation is asked for because the fingers sweep their range; the way home is part
+    of the plan that was agreed to (`protocols.home`).
     """
     bench.arm.recover(operator.look)
     free_hand(bench, operator, after_fault)
     _activate(bench, operator)
+    go_home(bench)
 
 
 def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> None:

@@ -1,5 +1,6 @@
 """A simulated UR5e: straight motions with trapezoidal speed, limits, and protective stops."""
 
+import math
 from collections.abc import Callable
 
 from drivers.clock import Clock
@@ -32,9 +33,21 @@ LIMITS = ArmLimits(
 
 
 class FakeArm(Arm):
-    """Moves the world's tool; knows its joints through the UR5e's nominal kinematics."""
+    """Moves the world's tool; knows its joints through the UR5e's nominal kinematics.
 
-    def __init__(self, world: World, clock: Clock, faults: FaultScript) -> None:
+    joint_limits_rad: lowest and highest joint angles a motion may end at; a turn each way when None.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        faults: FaultScript,
+        limits: ArmLimits = LIMITS,
+        joint_limits_rad: tuple[Vector6, Vector6] | None = None,
+    ) -> None:
+        self._limits = limits
+        self._joint_limits = joint_limits_rad
         self._world = world
         self._clock = clock
         self._faults = faults
@@ -46,8 +59,8 @@ class FakeArm(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """Limits of the simulated cell."""
-        return LIMITS
+        """What this arm refuses to exceed."""
+        return self._limits
 
     def connect(self) -> None:
         """Reach the arm."""
@@ -79,7 +92,7 @@ class FakeArm(Arm):
         """Start a straight motion."""
         self._require_connected()
         self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
-        self._reach(base_T_tcp)
+        self._check_joints(self._reach(base_T_tcp))
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         self._check_running()
@@ -125,18 +138,31 @@ class FakeArm(Arm):
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
     def _check_limits(self, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
-        low, high = LIMITS.workspace_min_m, LIMITS.workspace_max_m
+        limits = self._limits
+        low, high = limits.workspace_min_m, limits.workspace_max_m
         if any(not lo <= v <= hi for lo, v, hi in zip(low, target.position_m, high, strict=True)):
             raise OutOfLimitsError(
                 f"arm: target {target.position_m} m leaves the workspace {low} to {high} m"
             )
-        if not 0.0 < speed_m_s <= LIMITS.max_speed_m_s:
-            raise OutOfLimitsError(f"arm: speed {speed_m_s} m/s is outside 0 to {LIMITS.max_speed_m_s} m/s")
-        if not 0.0 < acceleration_m_s2 <= LIMITS.max_acceleration_m_s2:
+        if not 0.0 < speed_m_s <= limits.max_speed_m_s:
+            raise OutOfLimitsError(f"arm: speed {speed_m_s} m/s is outside 0 to {limits.max_speed_m_s} m/s")
+        if not 0.0 < acceleration_m_s2 <= limits.max_acceleration_m_s2:
             raise OutOfLimitsError(
                 f"arm: acceleration {acceleration_m_s2} m/s2 is outside 0 to "
-                f"{LIMITS.max_acceleration_m_s2} m/s2"
+                f"{limits.max_acceleration_m_s2} m/s2"
             )
+
+    def _check_joints(self, joints_rad: Vector6) -> None:
+        if self._joint_limits is None:
+            return
+        for number, (low, q, high) in enumerate(
+            zip(self._joint_limits[0], joints_rad, self._joint_limits[1], strict=True), start=1
+        ):
+            if not low <= q <= high:
+                raise OutOfLimitsError(
+                    f"arm: joint {number} would end at {math.degrees(q):.1f} degrees, outside "
+                    f"{math.degrees(low):.1f} to {math.degrees(high):.1f}"
+                )
 
     def _reach(self, pose: Pose) -> Vector6:
         joints = kinematics.inverse(pose, TOOL_LENGTH_M, self._joints)

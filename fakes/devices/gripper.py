@@ -23,7 +23,6 @@ STALL_FORCE_N = 15.0
 """The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
 ACTIVATION_NEEDED = 0x05
 ACTIVATION_FAULT = 0x0D
-MAX_COUNTS = 255
 
 
 class FakeGripper(Gripper):
@@ -51,7 +50,11 @@ class FakeGripper(Gripper):
         """Range of the simulated fingers."""
         layout = self._world.layout
         return GripperLimits(
-            layout.open_counts, MAX_COUNTS, layout.max_opening_m, layout.opening_per_count_m, self._openings
+            layout.open_counts,
+            layout.closed_counts,
+            layout.max_opening_m,
+            layout.opening_per_count_m,
+            self._openings,
         )
 
     def connect(self) -> None:
@@ -95,10 +98,10 @@ class FakeGripper(Gripper):
                 "gripper: not activated; ask for activation first (the fingers will sweep their range)",
                 ACTIVATION_NEEDED,
             )
-        lowest = self._world.layout.open_counts
-        if not lowest <= position_counts <= MAX_COUNTS:
+        lowest, highest = self._world.layout.open_counts, self._world.layout.closed_counts
+        if not lowest <= position_counts <= highest:
             raise OutOfLimitsError(
-                f"gripper: position {position_counts} is outside {lowest} to {MAX_COUNTS} counts"
+                f"gripper: position {position_counts} is outside {lowest} to {highest} counts"
             )
         now = self._clock.now_ns()
         start = self._world.fingers.position_at(now)
@@ -120,7 +123,7 @@ class FakeGripper(Gripper):
     def _stall_counts(self, time_ns: int) -> float:
         squeeze = self._world.squeeze_at(time_ns)
         if squeeze <= 0.0:
-            return float(MAX_COUNTS)
+            return float(self._world.layout.closed_counts)
         spare_m = STALL_FORCE_N / FINGER_STIFFNESS_N_M - squeeze
         return self._world.fingers.position_at(time_ns) + spare_m / self._world.layout.opening_per_count_m
 

@@ -23,6 +23,8 @@ class BenchLayout:
     max_opening_m: float = 0.120
     """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
     opening_per_count_m: float = 0.155 / 249.0
+    closed_counts: int = 255
+    """The most that the fingers may be sent to."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ def build_bench(
         name=config.name,
         simulated=True,
         clock=clock,
-        arm=FakeArm(world, clock, faults),
+        arm=simulated_arm(config, world, clock, faults),
         gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
         fingertips=tuple(
             Fingertip(
@@ -61,9 +61,21 @@ def build_bench(
         camera=plan.camera.make(world, clock, faults),
         base_T_camera=config.base_T_camera(),
         base_T_table=world.layout.base_T_table,
+        base_T_home=world.layout.home,
         hand=Hand(HandState(Holding.FREE)),
     )
     return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
+
+
+def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:
+    """Make the arm of a simulated bench, with the limits of its bench file."""
+    limits = config.arm.limits
+    return FakeArm(world, clock, faults, limits.arm_limits(), limits.joint_limits_rad())
+
+
+def home_pose(config: BenchConfig) -> Pose:
+    """`base_T_tcp` of the arm at home: where the bench file says, the tool pointing down."""
+    return Pose.from_rotation(config.arm.home_m, TOOL_DOWN)
 
 
 def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
@@ -92,6 +104,7 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
         camera=_camera(config.camera, clock),
         base_T_camera=config.base_T_camera(),
         base_T_table=Pose(config.table.position_m),
+        base_T_home=home_pose(config),
         hand=hand or Hand(),
     )
 
@@ -136,9 +149,16 @@ def _camera(camera: CameraConfig, clock: SystemClock) -> Camera:
 
 def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
     """What the simulated bench of a bench file is made of."""
-    camera = config.camera
+    camera, fingers = config.camera, config.gripper.limits
     return BenchPlan(
-        BenchLayout(Pose(config.table.position_m), Pose.from_rotation(config.arm.home_m, TOOL_DOWN)),
+        BenchLayout(
+            Pose(config.table.position_m),
+            home_pose(config),
+            open_counts=fingers.min_counts,
+            max_opening_m=fingers.max_opening_m,
+            opening_per_count_m=fingers.opening_per_count_m,
+            closed_counts=fingers.max_counts,
+        ),
         tuple(
             DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers)
             for number, t in enumerate(config.tactile)

@@ -14,13 +14,12 @@ from drivers.clock import Clock
 from drivers.interfaces import Camera, TactileSensor
 from drivers.types import Image
 from fakes.clock import SimulatedClock
-from fakes.devices.arm import FakeArm
 from fakes.devices.gripper import FakeGripper
 from fakes.devices.source import FakeSource, Shutter
 from fakes.faults import FaultScript
 from fakes.objects.catalogue import find_object
 from fakes.world.world import World
-from rig.bench.assembly import simulated_bench_plan
+from rig.bench.assembly import simulated_arm, simulated_bench_plan
 from rig.config import BenchConfig
 
 
@@ -53,12 +52,13 @@ def build_learning_bench(config: BenchConfig, seed: int, sight_hz: float | None)
         name="simulated lifts",
         simulated=True,
         clock=clock,
-        arm=FakeArm(world, clock, faults),
+        arm=simulated_arm(config, world, clock, faults),
         gripper=FakeGripper(world, clock, faults),
         fingertips=tuple(tips),
         camera=_Blind(plan.camera.serial, plan.camera.rate_hz, world, clock, faults),
         base_T_camera=plan.camera.base_T_camera,
         base_T_table=world.layout.base_T_table,
+        base_T_home=world.layout.home,
     )
 
     def turn_deg(time_ns: int) -> float:

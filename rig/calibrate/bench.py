@@ -13,9 +13,10 @@ from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.images import encode_png
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.home import home_plan
 from protocols.observer import Phase
 from protocols.operator import Operator
-from rig.bench.assembly import TOOL_DOWN
+from rig.bench.assembly import TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
@@ -70,14 +71,15 @@ class Station:
         return folder
 
     @contextmanager
-    def connected(self, introduction: str) -> Iterator[tuple[Bench, Operator]]:
+    def connected(self, introduction: str, from_home: bool = False) -> Iterator[tuple[Bench, Operator]]:
         """The bench, connected, and who is asked at it.
 
-        introduction: what will move; at a real bench agreed to first. Raises `OperatorStopError`
-        unless agreed, `DeviceError`.
+        introduction: what will move; at a real bench agreed to first. from_home: whether the arm goes
+        home first. Raises `OperatorStopError` unless agreed, `DeviceError`.
         """
+        first = f"{home_plan(home_pose(self.config), 'First')} " if from_home else ""
         with (
-            session_bench(self.config, self.person, f"{introduction} Agree?") as benches,
+            session_bench(self.config, self.person, f"{first}{introduction} Agree?") as benches,
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
             yield bench, operator

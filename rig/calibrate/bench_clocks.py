@@ -41,7 +41,8 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
     touch = _touch(config, object_name)
     with station.connected(
         f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
-        f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s."
+        f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
+        from_home=True,
     ) as (bench, operator):
         camera = config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)

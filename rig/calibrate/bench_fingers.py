@@ -36,7 +36,8 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
         for mm in sorted(blocks_mm)
     ]
     with station.connected(
-        f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them."
+        f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them.",
+        from_home=True,
     ) as (bench, operator):
         watch = TouchWatch(tuple(tip.sensor.serial for tip in bench.fingertips))
         capture_openings(

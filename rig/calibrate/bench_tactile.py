@@ -57,7 +57,8 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     with station.connected(
         f"The fingers will close gently on a ball on its post, {count} times for each of "
         f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
-        f"{_GRIP_COUNTS[1]} counts past contact."
+        f"{_GRIP_COUNTS[1]} counts past contact.",
+        from_home=True,
     ) as (bench, operator):
         watch = TouchWatch(tuple(folders))
 

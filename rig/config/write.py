@@ -9,9 +9,9 @@ from rig.config.models import BenchConfig
 
 
 def bench_text(config: BenchConfig) -> str:
-    """Return a bench as the TOML that reads back as the same bench."""
+    """Return a bench as the TOML that reads back as the same bench: every key that is not at its default."""
     # calibrations are not written into a bench file but found beside it
-    values = config.model_dump(mode="json", exclude_none=True, exclude={"calibrations"})
+    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations"})
     plain = {key: value for key, value in values.items() if not isinstance(value, dict | list)}
     parts = [_keys(plain)]
     for key, value in values.items():

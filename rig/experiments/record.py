@@ -20,11 +20,12 @@ from drivers.errors import DeviceError, InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Image, Pose
 from protocols.grasps import GraspFile, GraspPose, grasp_poses
+from protocols.home import home_plan
 from protocols.operator import Operator
 from protocols.readiness import free_hand, make_ready
 from protocols.record_grasps import PosePlan, record_pose, record_reference
 from protocols.steps import TRAVEL_SPEED_M_S
-from rig.bench.assembly import true_masks
+from rig.bench.assembly import home_pose, true_masks
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose, refuse_too_wide
@@ -85,7 +86,10 @@ def record_manifest(settings: RecordSettings) -> RecordManifest:
 def describe_recording(settings: RecordSettings) -> str:
     """Say where a recording will move the arm and how firmly the fingers will close, pose by pose."""
     table = Pose(settings.bench.table.position_m)
-    lines = [f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):"]
+    lines = [
+        home_plan(home_pose(settings.bench), "Before each pose"),
+        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):",
+    ]
     for pose, images in zip(grasp_poses(settings.grasps), _quotas(settings), strict=False):
         plan = plan_pose(settings, pose, images, table)
         x, y, z = plan.base_T_grasp.position_m

@@ -9,8 +9,10 @@ from pathlib import Path
 from drivers.errors import DeviceError, InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
+from protocols.home import home_plan
 from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
+from rig.bench.assembly import home_pose
 from rig.bench.source import BenchSource
 from rig.experiments.lift_attempt import (
     MAX_FAULTS_IN_A_ROW,
@@ -57,7 +59,10 @@ def resolve_objects(names: list[str] | None) -> list[str]:
 def describe_plan(settings: TrialSettings, objects: list[str], lifts: int) -> str:
     """Say what a trial will do with the arm and the gripper, lift by lift."""
     table = Pose(settings.bench.table.position_m)
-    lines = [f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):"]
+    lines = [
+        home_plan(home_pose(settings.bench), "Before each lift"),
+        f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
+    ]
     for task in _all_tasks(objects, lifts):
         plan = plan_lift(settings, task, table)
         x, y, z = plan.base_T_grasp.position_m

@@ -11,7 +11,6 @@ from drivers.errors import OperatorStopError
 from drivers.types import HandState, Holding
 from protocols.observer import Phase
 from protocols.readiness import agree_to_carry, free_hand, make_ready
-from protocols.steps import CLEARANCE_M
 from rig.bench.operators import ConsoleOperator
 
 LiftOf = Callable[..., Any]
@@ -57,7 +56,7 @@ def test_what_the_last_program_held_is_set_down_where_it_took_it_not_dropped(lif
     assert "set down" in person.asked[0]
     place = lift.plan.base_T_grasp.position_m[2]
     assert next(z for _, z, _, held in lift.trace if not held) == pytest.approx(place, abs=1e-4)
-    assert lift.height_m == pytest.approx(CLEARANCE_M, abs=1e-6)
+    assert lift.pose.position_m == pytest.approx(bench.base_T_home.position_m, abs=1e-6)
     assert bench.hand.state.holding is Holding.FREE
 
 

@@ -1,0 +1,60 @@
+"""The way home, where the arm waits while objects are placed: up, across, down; part of every plan."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.errors import OutOfLimitsError
+from drivers.types import Pose
+from protocols.steps import CLEARANCE_M, MOTION_TIMEOUT_S, TRAVEL_SPEED_M_S, move
+
+_THERE_M, _THERE_RAD = 1e-3, 5e-3
+"""How near to a pose the arm is there."""
+
+
+def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
+    """Say how the arm goes home, for the plan that is agreed to. when: as "Before each lift"."""
+    x, y, z = base_T_home.position_m
+    return (
+        f"{when} the arm goes home at up to {TRAVEL_SPEED_M_S} m/s: straight up, across, then down to "
+        f"({x:.3f}, {y:.3f}, {z:.3f}) m."
+    )
+
+
+def go_home(bench: Bench) -> None:
+    """Bring a free hand home from wherever it stands: straight up, across, down. At home nothing moves.
+
+    The arm goes across at the height of home, or at its own where that is higher, and never lower than
+    `CLEARANCE_M` above the table. Raises `OutOfLimitsError` before anything moves where the way leaves
+    the workspace.
+    """
+    here, home = bench.arm.state().base_T_tcp, bench.base_T_home
+    if _is_there(here, home):
+        return
+    top = max(pose.position_m[2] for pose in (here, home, bench.base_T_table.translated(z_m=CLEARANCE_M)))
+    way = (_at_height(here, top), _at_height(home, top), home)
+    _require_within(bench, way)
+    for pose in way:
+        if not _is_there(here, pose):
+            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+            here = pose
+
+
+def _at_height(pose: Pose, z_m: float) -> Pose:
+    return pose.translated(z_m=z_m - pose.position_m[2])
+
+
+def _require_within(bench: Bench, way: Sequence[Pose]) -> None:
+    low, high = bench.arm.limits.workspace_min_m, bench.arm.limits.workspace_max_m
+    for pose in way:
+        if any(not lo <= v <= hi for lo, v, hi in zip(low, pose.position_m, high, strict=True)):
+            raise OutOfLimitsError(
+                f"arm: the way home leads through {pose.position_m} m, outside {low} to {high} m; "
+                "bring the arm inside with the pendant, then start again"
+            )
+
+
+def _is_there(here: Pose, there: Pose) -> bool:
+    step = here.inverse() @ there
+    return bool(np.linalg.norm(step.position_m) < _THERE_M and step.rotation.magnitude() < _THERE_RAD)

@@ -1,0 +1,87 @@
+"""Keys that a person wrote in a bench file and that would do nothing there: no key is ignored in silence."""
+
+from collections.abc import Iterable, Iterator
+
+from pydantic import BaseModel
+
+from rig.config.lines import Loc
+from rig.config.models import ArmConfig, BenchConfig, GripperConfig, TactileConfig
+
+Unused = tuple[Loc, str]
+
+FAKE_DIGIT_PX = (240, 320)
+"""What a simulated DIGIT in this process draws."""
+
+
+def unused_keys(config: BenchConfig) -> Iterator[Unused]:
+    """Yield each key of a file's bench that would be ignored, and why.
+
+    Only what was written counts: a session's stored copy, which holds every key, is not looked at here.
+    """
+    if "calibrations" in config.model_fields_set:
+        yield ("calibrations",), "are not written in a bench file; they are found beside it"
+    yield from _arm(config.arm)
+    yield from _gripper(config.gripper)
+    for number, tactile in enumerate(config.tactile):
+        yield from _tactile(tactile, ("tactile", number), config)
+    if config.camera.driver == "fake":
+        yield from _written(config.camera, ("camera",), ["address"], _no_effect("fake"))
+    yield from _fakes(config)
+
+
+def _arm(arm: ArmConfig) -> Iterator[Unused]:
+    if arm.driver != "fake":
+        return
+    why = _no_effect("fake")
+    yield from _written(arm, ("arm",), ["host", "frequency_hz", "payload_kg", "payload_cog_m"], why)
+    yield from _written(arm.limits, ("arm", "limits"), ["max_payload_kg"], why)
+    for key in ("tcp_m", "tcp_rotation_vector_rad"):
+        has = type(arm).model_fields[key].default
+        if getattr(arm, key) != has:
+            yield ("arm", key), f"the hand of driver 'fake' has {list(has)}, and no other; remove the key"
+
+
+def _gripper(gripper: GripperConfig) -> Iterator[Unused]:
+    if gripper.driver == "fake":
+        keys = ["transport", "host", "port", "device", "preset"]
+        yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))
+    else:
+        keys = ["device"] if gripper.transport == "tcp" else ["host", "port"]
+        why = f"has no effect with transport '{gripper.transport}'; remove it"
+        yield from _written(gripper, ("gripper",), keys, why)
+
+
+def _tactile(tactile: TactileConfig, where: Loc, config: BenchConfig) -> Iterator[Unused]:
+    if tactile.driver == "fake":
+        yield from _written(tactile, where, ["address"], _no_effect("fake"))
+        if tactile.size_px != FAKE_DIGIT_PX:
+            why = f"driver 'fake' draws {list(FAKE_DIGIT_PX)}, and no other; remove the key"
+            yield (*where, "size_px"), why
+    elif config.fakes is None:
+        why = "is for simulated gels; a real one has dots or has none, whatever is written; remove it"
+        yield from _written(tactile, where, ["markers"], why)
+
+
+def _fakes(config: BenchConfig) -> Iterator[Unused]:
+    """What does not count where fakes are simulated in this process, or started for each session."""
+    if config.fakes is None:
+        return
+    if config.in_process:
+        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
+    elif config.fakes.control is None:
+        why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
+        yield from _written(config.arm, ("arm",), ["host"], why)
+        yield from _written(config.gripper, ("gripper",), ["host", "port", "device"], why)
+        for number, tactile in enumerate(config.tactile):
+            yield from _written(tactile, ("tactile", number), ["address"], why)
+        yield from _written(config.camera, ("camera",), ["address"], why)
+
+
+def _written(table: BaseModel, where: Loc, keys: Iterable[str], why: str) -> Iterator[Unused]:
+    for key in keys:
+        if key in table.model_fields_set:
+            yield (*where, key), why
+
+
+def _no_effect(driver: str) -> str:
+    return f"has no effect with driver '{driver}'; remove it"

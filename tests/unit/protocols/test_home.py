@@ -1,0 +1,130 @@
+"""The way home: rising first, within limits; where the arm is home, nothing moves."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Bench
+from drivers.errors import OperatorStopError, OutOfLimitsError
+from drivers.interfaces import Arm, Motion
+from drivers.types import ArmLimits, ArmState, Pose
+from protocols.home import go_home, home_plan
+from protocols.readiness import make_ready
+from protocols.steps import CLEARANCE_M
+from rig.bench.assembly import TOOL_DOWN, build_bench
+from rig.bench.operators import ConsoleOperator
+from rig.config import load_bench
+
+HOME = (0.45, 0.0, 0.30)
+
+
+@dataclass
+class WatchedArm(Arm):
+    """The simulated arm, and where it was sent."""
+
+    arm: Arm
+    sent: list[Pose] = field(default_factory=list)
+
+    @property
+    def limits(self) -> ArmLimits:
+        return self.arm.limits
+
+    def connect(self) -> None:
+        self.arm.connect()
+
+    def disconnect(self) -> None:
+        self.arm.disconnect()
+
+    def state(self) -> ArmState:
+        return self.arm.state()
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        self.sent.append(base_T_tcp)
+        return self.arm.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
+
+    def stop(self) -> None:
+        self.arm.stop()
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        self.arm.recover(confirm)
+
+
+@pytest.fixture
+def watched() -> Iterator[tuple[Bench, WatchedArm]]:
+    bench, _ = build_bench(load_bench("fake"))
+    arm = WatchedArm(bench.arm)
+    bench = replace(bench, arm=arm)
+    with bench.connected():
+        bench.gripper.activate()
+        yield bench, arm
+
+
+def stand_at(bench: Bench, arm: WatchedArm, x: float, y: float, z: float) -> None:
+    tilted = Rotation.from_euler("y", 10.0, degrees=True) * TOOL_DOWN
+    arm.move_linear(Pose.from_rotation((x, y, z), tilted), 0.25, 1.0).wait(10.0)
+    arm.sent.clear()
+
+
+def test_home_is_reached_by_rising_then_across_then_down(watched: tuple[Bench, WatchedArm]) -> None:
+    bench, arm = watched
+    stand_at(bench, arm, 0.60, 0.10, 0.07)
+    go_home(bench)
+    assert [pose.position_m for pose in arm.sent] == [(0.60, 0.10, HOME[2]), HOME]
+    assert bench.arm.state().base_T_tcp.position_m == pytest.approx(HOME)
+
+
+def test_from_above_home_the_arm_goes_across_first_and_comes_down_over_home(
+    watched: tuple[Bench, WatchedArm],
+) -> None:
+    bench, arm = watched
+    stand_at(bench, arm, 0.50, 0.10, 0.40)
+    go_home(bench)
+    assert [pose.position_m for pose in arm.sent] == [(HOME[0], HOME[1], 0.40), HOME]
+
+
+def test_a_home_just_above_the_table_is_not_reached_through_the_objects(
+    watched: tuple[Bench, WatchedArm],
+) -> None:
+    bench, arm = watched
+    bench = replace(bench, base_T_home=Pose.from_rotation((0.45, 0.0, 0.08), TOOL_DOWN))
+    stand_at(bench, arm, 0.60, 0.10, 0.07)
+    go_home(bench)
+    over = bench.base_T_table.position_m[2] + CLEARANCE_M
+    assert [pose.position_m[2] for pose in arm.sent] == pytest.approx([over, over, 0.08])
+
+
+def test_at_home_nothing_moves(watched: tuple[Bench, WatchedArm]) -> None:
+    bench, arm = watched
+    make_ready(bench, ConsoleOperator(lambda _: False))
+    assert not arm.sent
+
+
+def test_a_bench_is_ready_once_the_arm_is_home(watched: tuple[Bench, WatchedArm]) -> None:
+    bench, arm = watched
+    stand_at(bench, arm, 0.50, 0.0, 0.16)
+    make_ready(bench, ConsoleOperator(lambda _: False))
+    assert arm.sent[-1].position_m == HOME
+
+
+def test_without_a_look_after_a_fault_the_arm_stays(watched: tuple[Bench, WatchedArm]) -> None:
+    bench, arm = watched
+    stand_at(bench, arm, 0.50, 0.0, 0.16)
+    with pytest.raises(OperatorStopError):
+        make_ready(bench, ConsoleOperator(lambda _: False, agreed=True), after_fault=True)
+    assert not arm.sent
+
+
+def test_a_way_home_outside_the_workspace_is_refused_before_anything_moves(
+    watched: tuple[Bench, WatchedArm],
+) -> None:
+    bench, arm = watched
+    bench = replace(bench, base_T_home=Pose.from_rotation((0.45, 0.0, 0.65), TOOL_DOWN))
+    with pytest.raises(OutOfLimitsError, match=r"way home .* pendant"):
+        go_home(bench)
+    assert not arm.sent
+
+
+def test_the_plan_says_how_home_is_reached() -> None:
+    assert "straight up, across, then down to (0.450, 0.000, 0.300) m" in home_plan(Pose(HOME), "First")

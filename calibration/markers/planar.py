@@ -46,7 +46,8 @@ class PlaneReference:
     right, y up); the first is the answer, each other is off by one sigma along one direction of
     the fit's uncertainty. template: (1 + P, 8) complex, the reference corners in that plane,
     centred. normal_camera: (3,) unit vector towards the camera in camera axes, None without
-    intrinsics; likewise tilt_deg, the angle between it and the optical axis. scatter_px: one
+    intrinsics; likewise tilt_deg, the angle between it and the optical axis, and distance_sides, from
+    the camera to the middle of both markers, in marker sides. scatter_px: one
     sigma of a corner coordinate over the reference frames; fit_px: rms by which the mean corners
     miss two perfect squares.
     """
@@ -60,6 +61,7 @@ class PlaneReference:
     intrinsics: Intrinsics | None
     normal_camera: Array | None
     tilt_deg: float | None
+    distance_sides: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,7 @@ def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneR
         )
     shifted = np.vstack([parameters, parameters + spread])
     inverse = np.array([np.linalg.inv(model.image_T_plane(p)) for p in shifted])
-    normal = model.normal(parameters)
+    normal, middle = model.normal(parameters), model.middle(parameters)
     return PlaneReference(
         plane_T_image=inverse,
         template=_in_plane(inverse, ideal),
@@ -112,6 +114,7 @@ def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneR
         intrinsics=intrinsics,
         normal_camera=normal,
         tilt_deg=None if normal is None else float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2]))),
+        distance_sides=None if middle is None else float(np.linalg.norm(middle)),
     )
 
 

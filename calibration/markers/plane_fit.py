@@ -29,6 +29,10 @@ class FreePlane:
         """Unknown without intrinsics."""
         return None
 
+    def middle(self, parameters: Array) -> Array | None:
+        """Unknown without intrinsics."""
+        return None
+
 
 class CameraPlane:
     """A plane seen by a known camera: six numbers of its pose, three of the second marker."""
@@ -49,6 +53,11 @@ class CameraPlane:
     def normal(self, parameters: Array) -> Array | None:
         """(3,) unit vector from the plane towards the camera, camera axes."""
         return Rotation.from_rotvec(parameters[:3]).as_matrix()[:, 2]
+
+    def middle(self, parameters: Array) -> Array | None:
+        """(3,) the middle of both markers, camera axes, in marker sides."""
+        x, y = _corners_in_plane(parameters[-3:]).mean(axis=0)
+        return Rotation.from_rotvec(parameters[:3]).apply([x, y, 0.0]) + parameters[3:6]
 
 
 def _first_marker(ideal_px: Array) -> Array:

@@ -12,7 +12,7 @@ from rig.live.screen import shown
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 from rig.results.table import TableLift
-from rig.sessions.records import FailedLift, LiftRow
+from rig.sessions.records import FailedLift, FinishedLift, LiftRow
 
 
 class WorkProgress:
@@ -68,6 +68,8 @@ def lift_note(row: LiftRow | TableLift) -> str:
     turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
     parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
+    if isinstance(row, FinishedLift) and row.marker_distance:
+        parts.append(f"WARNING: {row.marker_distance}")
     return f"{head}, {', '.join(parts)}"
 
 

@@ -198,6 +198,10 @@ class BenchConfig(BenchTable):
         found = self.calibrations.base_T_camera
         return self.camera.base_T_camera() if found is None else found.pose()
 
+    def object_distance_m(self) -> float:
+        """From where the camera stands (`base_T_camera`) to an object in its place, m."""
+        return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, self.table.position_m)))
+
     def pixel_aspects(self) -> dict[str, float | None]:
         """Width over height of each fingertip's pixels by serial, measured or of this file."""
         measured = self.calibrations.pixel_aspect

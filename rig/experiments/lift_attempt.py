@@ -22,6 +22,7 @@ from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.seeds import derived_seed
 from rig.lift.latency import LatencyProbe
+from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result, stage_times
@@ -184,7 +185,9 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
     shifts = settings.bench.calibrations.time_shift_s
-    return LiftMeasurement(signs, settings.estimator, truth, recorder, settings.bench.pixel_aspects(), shifts)
+    distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
+    aspects = settings.bench.pixel_aspects()
+    return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects, shifts, distance)
 
 
 def _carry_out(

@@ -156,3 +156,5 @@ def _keep(session: Session[LiftRow], task: LiftTask, attempt: Attempt) -> None:
     session.add(attempt.row, attempt.timing)
     if isinstance(attempt.row, FailedLift):
         _log.warning("lift %s attempt %d: %s", task.name, task.attempt, attempt.row.fault)
+    elif attempt.row.marker_distance:
+        _log.warning("lift %s: %s", task.name, attempt.row.marker_distance)

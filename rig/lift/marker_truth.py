@@ -19,6 +19,7 @@ from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose
 from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
 
+NO_ZERO = "markers: the angle has no zero yet; it is set at the end of phase A"
 __all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
 
 
@@ -151,6 +152,16 @@ class MarkerTruth:
         stale = self._newest_ns - self._angles.time_ns[-1] > LONGEST_GAP_NS
         return None if stale else self._angles.angle_deg[-1]
 
+    def distance_sides(self) -> float | None:
+        """From the camera to the markers' middle at the zero, in marker sides; None without intrinsics.
+
+        Raises what `series` raises.
+        """
+        self.measure_zero()
+        if self._zero is None:
+            raise CalibrationError(NO_ZERO)
+        return self._zero.plane.distance_sides
+
     def latest_corners_px(self) -> NDArray[np.float64] | None:
         """Both markers in the newest picture, (2, 4, 2) px, for display; None where they were refused."""
         newest = self._sightings[-1] if self._sightings else None
@@ -160,7 +171,7 @@ class MarkerTruth:
         """All angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero` does."""
         self.measure_zero()
         if self._zero is None:
-            raise CalibrationError("markers: the angle has no zero yet; it is set at the end of phase A")
+            raise CalibrationError(NO_ZERO)
         before = _Angles()
         for sighting in self._before:
             before.add(sighting, self._zero)

@@ -16,10 +16,12 @@ from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.observer import Phase
 from protocols.slip_trial import SETTLE_S
 from rig.lift.fusion import FusedSample, TipAnswer, fuse
+from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth, TruthSeries
 from rig.lift.onset import OnsetAlarm
 from rig.sessions.images import stored
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
+from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
@@ -80,8 +82,9 @@ class LiftMeasurement:
     """Watches one lift.
 
     signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
-    time_shift_s: added to a sensor's times, by serial, where its clock was calibrated.
-    `tallies` counts each source's frames, by serial and `CAMERA`.
+    time_shift_s: added to a sensor's times, by serial, where its clock was calibrated. distance: how far
+    from the camera the markers should be, where that is to be checked. `tallies` counts each source's
+    frames, by serial and `CAMERA`.
     """
 
     def __init__(
@@ -92,10 +95,12 @@ class LiftMeasurement:
         recorder: LiftRecorder | None = None,
         aspects: Mapping[str, float | None] | None = None,
         time_shift_s: Mapping[str, float] | None = None,
+        distance: ExpectedDistance | None = None,
     ) -> None:
         self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
         self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
         self.truth = truth
+        self._distance = distance
         self.fused: list[FusedSample] = []
         self.alarm = OnsetAlarm()
         self.phases: dict[Phase, int] = {}
@@ -155,6 +160,10 @@ class LiftMeasurement:
         since = until_ns - to_ns(FALLEN_S)
         late = [s for tip in self.tips.values() for s in tip.samples if since <= s.time_ns < until_ns]
         return bool(late) and all(s.state is State.NO_CONTACT for s in late)
+
+    def marker_distance(self) -> MarkerDistance | None:
+        """How far the markers look and should be, where that warns; None else, or where it is not known."""
+        return self._distance.warning(self.truth.distance_sides()) if self._distance else None
 
     def record_results(self, series: TruthSeries) -> None:
         """Add angles and states to the recording, behind the frames they came from."""

@@ -55,6 +55,7 @@ def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
         states={state.value: sum(s.state is state for s in samples) for state in State},
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement},
+        marker_distance=watched.marker_distance(),
     )
     return figures, series
 

@@ -23,8 +23,8 @@ BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
 def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
     """All there is to say about a trial, the worst first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
-        _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers, _drops,
-        _slow, _one_sided, _false_alarms,
+        _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
+        _marker_distance, _drops, _slow, _one_sided, _false_alarms,
     )  # fmt: skip
     found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
     found += calibration_notices(trial.manifest, now or datetime.now(UTC))
@@ -134,6 +134,19 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
         f"{worst.name} ({share:.0%})."
     )
     advice = "No error is counted there. See that hand and object hide no marker, and that the light is even."
+    return [Notice("warn", what, advice)]
+
+
+def _marker_distance(trial: Trial) -> list[Notice]:
+    found = [(lift, off) for lift in trial.lifts if (off := lift.row.marker_distance)]
+    if not found:
+        return []
+    worst, off = max(found, key=lambda pair: abs(pair[1].seen_m / pair[1].placed_m - 1.0))
+    what = f"Size and place of the markers do not agree in {len(found)} lifts; most in {worst.name}: {off}."
+    advice = (
+        "See marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or run "
+        "rig calibrate camera and hand-eye; and see that objects are put in their place."
+    )
     return [Notice("warn", what, advice)]
 
 

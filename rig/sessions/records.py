@@ -35,6 +35,20 @@ class ErrorSummary:
     frames: int
 
 
+@dataclass(frozen=True, slots=True)
+class MarkerDistance:
+    """Two distances from the camera to an object in its place that should be equal, m.
+
+    seen_m: by marker side and intrinsics. placed_m: by where the camera and the table's mark are.
+    """
+
+    seen_m: float
+    placed_m: float
+
+    def __str__(self) -> str:
+        return f"the markers look {self.seen_m:.3f} m away, the camera's place says {self.placed_m:.3f} m"
+
+
 @dataclass(frozen=True, kw_only=True)
 class LiftHead:
     """Which lift it was, and how it was told to go.
@@ -68,7 +82,8 @@ class LiftFigures:
     without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s, onset_alarm_s: since the
     start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
-    the estimator said, by the stage it left out, by how the fingertips disagreed.
+    the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
+    only where it warns.
     """
 
     outcome: LiftOutcome
@@ -88,6 +103,7 @@ class LiftFigures:
     states: dict[str, int]
     skipped: dict[str, int]
     disagreements: dict[str, int]
+    marker_distance: MarkerDistance | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

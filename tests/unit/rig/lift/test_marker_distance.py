@@ -1,0 +1,66 @@
+"""Markers that look nearer or farther than the camera's place says: seen in the row, the log, on the page."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.markers.planar import Intrinsics, fit_plane
+from drivers.types import Pose
+from fakes.camera.marker_scene import MarkerScene
+from rig.cli.printing import lift_note
+from rig.config import load_bench
+from rig.config.in_use import CalibrationsInUse, PlaceInUse
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.lift.marker_distance import ExpectedDistance
+from rig.report.advice import trial_notices
+from rig.report.session import read_trial
+from rig.sessions.records import MarkerDistance
+from rig.sessions.rows import read_finished_lifts
+from rig.sessions.session import read_manifest
+from rig.tactile.estimators import choose_estimator
+
+
+def test_marker_side_and_intrinsics_give_the_distance() -> None:
+    scene = MarkerScene(focal_px=700, unit_seed=1)
+    place = (0.05, -0.03, 0.75)
+    tilted = Pose(place, (np.sin(0.8), 0.0, 0.0, np.cos(0.8)))
+    corners = scene.exact_corners_px(tilted)
+    rng = np.random.default_rng(0)
+    still = corners + rng.normal(0, 0.05, (12, *corners.shape))
+    known = fit_plane(still, Intrinsics(scene.camera_matrix, scene.distortion))
+    assert known.distance_sides is not None
+    assert 0.04 * known.distance_sides == pytest.approx(np.linalg.norm(place), rel=0.01)
+    assert fit_plane(still).distance_sides is None
+
+
+@pytest.mark.parametrize(("sides", "off"), [(15.7, False), (17.2, False), (17.4, True), (14.0, True)])
+def test_a_tenth_is_the_bound(sides: float, off: bool) -> None:
+    found = MarkerDistance(0.04 * sides, 0.628) if off else None
+    assert ExpectedDistance(0.04, 0.628).warning(sides) == found
+
+
+def test_what_is_not_known_is_not_compared() -> None:
+    assert ExpectedDistance(0.04, 0.628).warning(None) is None
+
+
+def test_a_camera_that_stands_elsewhere_is_told_in_terminal_log_and_report(tmp_path: Path) -> None:
+    bench = load_bench("fake")
+    stands = bench.camera.base_T_camera()
+    nearer = PlaceInUse(
+        position_m=stands.translated(y_m=0.12).position_m, quaternion_xyzw=stands.quaternion_xyzw
+    )
+    wrong = bench.model_copy(update={"calibrations": CalibrationsInUse(base_T_camera=nearer)})
+    folder = tmp_path / "s"
+    run_trial(folder, TrialSettings(wrong, 0, choose_estimator("pca")), ["t1"], 1)
+    row = read_finished_lifts(folder)[0]
+    said = row.marker_distance
+    assert said is not None
+    assert said.seen_m == pytest.approx(0.63, abs=0.01)
+    assert said.placed_m == pytest.approx(0.51, abs=0.01)
+    assert f"WARNING: {said}" in lift_note(row)
+    assert f"WARNING lift t1/1: {said}" in (folder / "log.txt").read_text()
+    trial = read_trial(folder, read_manifest(folder))
+    notices = [notice for notice in trial_notices(trial) if str(said) in notice.what]
+    assert [notice.level for notice in notices] == ["warn"]

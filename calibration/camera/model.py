@@ -6,8 +6,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.markers.planar import Intrinsics
-
 Array = NDArray[np.floating]
 
 
@@ -41,19 +39,22 @@ LENS_MODELS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:
-    """size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order.
+    """A pinhole with a lens, the one camera outside the simulator.
 
-    Pixel centres are whole numbers (OpenCV's convention).
+    size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order. Pixel
+    centres are whole numbers (OpenCV's convention).
     """
 
     size: tuple[int, int]
     matrix: Array
     distortion: Array
 
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The same camera as the marker measurements take it."""
-        return Intrinsics(self.matrix, self.distortion)
+    @classmethod
+    def pinhole(cls, size: tuple[int, int], focal_px: float) -> "CameraModel":
+        """A camera without distortion whose axis goes through the middle of the picture."""
+        (width, height), f = size, focal_px
+        matrix = np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
+        return cls(size, matrix, np.zeros(5))
 
     def project(self, points: Array) -> Array:
         """Project (N, 3) points in camera axes to (N, 2) px."""
@@ -69,6 +70,12 @@ class CameraModel:
         missing = max(0, 18 - jacobian.shape[1])
         padded = np.pad(np.asarray(jacobian[:, :18], np.float64), ((0, 0), (0, missing)))
         return np.asarray(seen, np.float64).reshape(-1, 2), padded
+
+    def undistorted(self, points_px: Array) -> Array:
+        """Map (..., 2) px to where a camera of the same matrix without distortion sees them, px."""
+        flat = np.ascontiguousarray(points_px.reshape(-1, 1, 2), dtype=np.float64)
+        ideal = cv2.undistortPoints(flat, self.matrix, self.distortion, P=self.matrix)
+        return ideal.reshape(points_px.shape).astype(np.float64)
 
     def rays(self, points_px: Array) -> Array:
         """Unit vectors (N, 3) towards (N, 2) px, camera axes."""

@@ -88,7 +88,7 @@ def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: S
         a_R=np.array([p.rotation.as_matrix() for p in poses]),
         a_t=np.array([p.position_m for p in poses]),
         points_m=np.vstack([s.view.board_m for s in samples]),
-        pixels=camera.intrinsics.undistorted(seen),
+        pixels=camera.undistorted(seen),
         owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
         focal=np.array([camera.matrix[0, 0], camera.matrix[1, 1]]),
         centre=camera.matrix[:2, 2].copy(),

@@ -1,4 +1,4 @@
 """The angle of an object with two markers on it.
 
-Imports `calibration.targets`.
+Imports `calibration.camera` and `calibration.targets`.
 """

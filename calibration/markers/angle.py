@@ -8,10 +8,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.camera.model import CameraModel
 from calibration.markers.pair import MarkerTracker
 from calibration.markers.planar import (
     FEWEST_FRAMES,
-    Intrinsics,
     PlanarAngle,
     PlaneReference,
     fit_plane,
@@ -48,11 +48,11 @@ class MarkerAngle:
         self,
         ids: tuple[int, int],
         dictionary: str = "DICT_4X4_50",
-        intrinsics: Intrinsics | None = None,
+        camera: CameraModel | None = None,
         refinement: Refinement = Refinement.BY_SIZE,
     ) -> None:
         self._tracker = MarkerTracker(ids, dictionary)
-        self._intrinsics = intrinsics
+        self._camera = camera
         self._refinement = refinement
         self._plane: PlaneReference | None = None
         self._zero_deg = 0.0
@@ -76,7 +76,7 @@ class MarkerAngle:
                 f"markers: {len(fine)} of {len(pictures)} pictures show both, {FEWEST_FRAMES} are the least "
                 f"(last refusal: {self._tracker.refusal}); check ids, dictionary, light and size"
             )
-        self._plane = fit_plane(np.array(fine), self._intrinsics)
+        self._plane = fit_plane(np.array(fine), self._camera)
         angles = np.array([in_plane_angle(corners, self._plane).angle_deg for corners in quick])
         self._zero_deg = float(angles.mean())
         self.zero_sigma_deg = float(angles.std(ddof=1) / np.sqrt(len(angles)))

@@ -8,10 +8,10 @@ corners, this is the most accurate of the known ways at every tilt (the pixel fo
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.camera.model import CameraModel
 from calibration.markers.plane_fit import CameraPlane, FreePlane, solve
 from calibration.targets.aruco import side_lengths
 from drivers.errors import CalibrationError
@@ -22,20 +22,6 @@ FEWEST_FRAMES = 10
 _WORST_FIT_PX = 1.0
 _WORST_SCATTER_PX = 1.0
 _SMALLEST_AREA_PX = 64.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Intrinsics:
-    """A camera: (3, 3) matrix in px and (5,) distortion coefficients k1, k2, p1, p2, k3 (OpenCV)."""
-
-    camera_matrix: Array
-    distortion: Array
-
-    def undistorted(self, points_px: Array) -> Array:
-        """Map (..., 2) px to where a camera without distortion sees them, px."""
-        flat = np.ascontiguousarray(points_px.reshape(-1, 1, 2), dtype=np.float64)
-        ideal = cv2.undistortPoints(flat, self.camera_matrix, self.distortion, P=self.camera_matrix)
-        return ideal.reshape(points_px.shape).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +44,7 @@ class PlaneReference:
     frames: int
     scatter_px: float
     fit_px: float
-    intrinsics: Intrinsics | None
+    camera: CameraModel | None
     normal_camera: Array | None
     tilt_deg: float | None
     distance_sides: float | None
@@ -82,7 +68,7 @@ class PlanarAngle:
     in_plane: bool
 
 
-def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneReference:
+def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneReference:
     """Fit the markers' plane to the mean of static frames.
 
     corners_px: (N, 2, 4, 2) px, N >= 10, as a `MarkerTracker` gives them. The markers are
@@ -91,9 +77,9 @@ def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneR
     """
     _check_static(corners_px)
     mean = corners_px.mean(axis=0)
-    ideal = mean if intrinsics is None else intrinsics.undistorted(mean)
+    ideal = mean if camera is None else camera.undistorted(mean)
     scatter = float(np.sqrt(corners_px.var(axis=0, ddof=1).mean()))
-    model = FreePlane(ideal) if intrinsics is None else CameraPlane(ideal, intrinsics.camera_matrix)
+    model = FreePlane(ideal) if camera is None else CameraPlane(ideal, camera.matrix)
     parameters, spread, fit = solve(model, ideal, scatter / np.sqrt(len(corners_px)))
     side = float(side_lengths(ideal).mean())
     if fit > _WORST_FIT_PX * max(1.0, side / 100):
@@ -111,7 +97,7 @@ def fit_plane(corners_px: Array, intrinsics: Intrinsics | None = None) -> PlaneR
         frames=len(corners_px),
         scatter_px=scatter,
         fit_px=fit,
-        intrinsics=intrinsics,
+        camera=camera,
         normal_camera=normal,
         tilt_deg=None if normal is None else float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2]))),
         distance_sides=None if middle is None else float(np.linalg.norm(middle)),
@@ -127,7 +113,7 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     """
     if not np.isfinite(corners_px).all():
         raise CalibrationError("markers: a corner is not a finite number; refuse the frame instead")
-    camera = reference.intrinsics
+    camera = reference.camera
     ideal = corners_px if camera is None else camera.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
     turn = (template.conj() * points).sum(axis=1)

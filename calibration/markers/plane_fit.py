@@ -26,11 +26,11 @@ class FreePlane:
         return np.append(parameters[:8], 1.0).reshape(3, 3)
 
     def normal(self, parameters: Array) -> Array | None:
-        """Unknown without intrinsics."""
+        """Unknown without a camera."""
         return None
 
     def middle(self, parameters: Array) -> Array | None:
-        """Unknown without intrinsics."""
+        """Unknown without a camera."""
         return None
 
 

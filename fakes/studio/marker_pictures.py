@@ -39,6 +39,11 @@ class MarkerPictures:
         object.__setattr__(self, "_scene", scene)
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px."""
+        return self._scene.size
+
+    @property
     def camera_matrix(self) -> Array:
         """The true camera's matrix, (3, 3) px."""
         return self._scene.camera_matrix

@@ -5,8 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from calibration.camera.files import read_camera
 from calibration.camera.model import CameraModel
 from drivers.bench import Bench
@@ -54,8 +52,7 @@ class Station:
         self.say(
             f"camera as the bench file says: f {camera.focal_px:g} px; better: rig calibrate camera first"
         )
-        nominal, (width, height) = camera.intrinsics(), camera.size_px
-        return CameraModel((width, height), np.asarray(nominal.camera_matrix), np.asarray(nominal.distortion))
+        return CameraModel.pinhole(camera.size_px, camera.focal_px)
 
     def raw(self, name: str) -> Path:
         """An empty folder for raw samples: those of an earlier run may be of another pose or target."""

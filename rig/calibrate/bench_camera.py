@@ -56,6 +56,6 @@ def collect_markers(station: Station, object_name: str) -> CalibrationResult:
             write_picture(raw / f"{number:03d}.png", frame.image)
     camera = config.camera
     outcome = markers_from_folder(
-        raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera().intrinsics, camera.serial
+        raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera(), camera.serial
     )
     return outcome.marked(config.simulated)

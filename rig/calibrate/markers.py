@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle, assess_markers
-from calibration.markers.planar import Intrinsics
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files, read_grey
@@ -16,13 +16,13 @@ def markers_from_folder(
     pattern: str,
     ids: tuple[int, int],
     dictionary: str,
-    intrinsics: Intrinsics | None,
+    camera: CameraModel | None,
     serial: str,
 ) -> CalibrationResult:
     """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
     pictures = [read_grey(path) for path in files]
-    report = assess_markers(pictures, MarkerAngle(ids, dictionary, intrinsics))
+    report = assess_markers(pictures, MarkerAngle(ids, dictionary, camera))
     plane = report.plane
     value = {
         "dictionary": dictionary,

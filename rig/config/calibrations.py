@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
     used: dict[str, Any] = {"files": {}, "pixel_aspect": {}, "time_shift_s": {}}
     serial = config.camera.serial
     sensors = [serial, *(t.serial for t in config.tactile)]
-    _use(config, folder, "camera", {"camera": serial}, used, _camera)
+    _use(config, folder, "camera", {"camera": serial}, used, partial(_camera, config.camera.size_px))
     _use(config, folder, "hand-eye", {"camera": serial}, used, _hand_eye)
     _use(config, folder, "gripper", {"gripper": config.name}, used, _gripper)
     for tactile in config.tactile:
@@ -103,8 +104,13 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     return None
 
 
-def _camera(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
     camera = camera_from(file.value, where)
+    if camera.size != size_px:
+        raise CalibrationError(
+            f"{where}: was made of pictures of {camera.size} px, the bench file has size_px = "
+            f"{list(size_px)}; calibrate at that size, or correct it"
+        )
     used["camera"] = CameraInUse(
         matrix=tuple(camera.matrix.ravel().tolist()), distortion=tuple(camera.distortion.tolist())
     )

@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from calibration.markers.planar import Intrinsics
+from calibration.camera.model import CameraModel
 from drivers.types import Pose
 from rig.config.fields import Strict
 
@@ -23,9 +23,9 @@ class CameraInUse(Strict):
     matrix: tuple[float, ...]
     distortion: tuple[float, ...]
 
-    def intrinsics(self) -> Intrinsics:
-        """As the markers' measurements take them."""
-        return Intrinsics(np.reshape(self.matrix, (3, 3)), np.array(self.distortion))
+    def camera_model(self, size_px: tuple[int, int]) -> CameraModel:
+        """The camera, for pictures of the bench file's width and height (checked when it was found)."""
+        return CameraModel(size_px, np.reshape(self.matrix, (3, 3)), np.array(self.distortion))
 
 
 class PlaceInUse(Strict):

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.planar import Intrinsics
+from calibration.camera.model import CameraModel
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
 from rig.config.fields import (
     BenchTable,
@@ -136,16 +136,6 @@ class CameraConfig(BenchTable):
         axes = np.column_stack([right, np.cross(forward, right), forward])
         return Pose.from_rotation(self.position_m, Rotation.from_matrix(axes))
 
-    def intrinsics(self) -> Intrinsics:
-        """Return the pinhole of this file: focal length, centre in the middle, no distortion."""
-        width, height = self.size_px
-        matrix = [
-            [self.focal_px, 0.0, (width - 1) / 2],
-            [0.0, self.focal_px, (height - 1) / 2],
-            [0.0, 0.0, 1.0],
-        ]
-        return Intrinsics(np.array(matrix), np.zeros(5))
-
 
 class TableConfig(BenchTable):
     """Where the operator places objects."""
@@ -188,10 +178,12 @@ class BenchConfig(BenchTable):
     calibrations: CalibrationsInUse = CalibrationsInUse()
     """What was measured, in place of the nominal numbers above; found beside the file, not written in it."""
 
-    def intrinsics(self) -> Intrinsics:
-        """The camera as calibrated, else this file's pinhole."""
-        calibrated = self.calibrations.camera
-        return self.camera.intrinsics() if calibrated is None else calibrated.intrinsics()
+    def camera_model(self) -> CameraModel:
+        """The camera as calibrated, else this file's pinhole: its focal length, no distortion."""
+        size, calibrated = self.camera.size_px, self.calibrations.camera
+        if calibrated is None:
+            return CameraModel.pinhole(size, self.camera.focal_px)
+        return calibrated.camera_model(size)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
         """Where the camera was found to stand, else where this file says."""

@@ -180,7 +180,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
         camera.marker_ids,
         camera.marker_dictionary,
         settings.bench.base_T_camera(),
-        settings.bench.intrinsics(),
+        settings.bench.camera_model(),
         search_everywhere=not settings.estimator.skip,
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}

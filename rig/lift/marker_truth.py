@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calibration.camera.model import CameraModel
 from calibration.markers.pair import MarkerCorners, MarkerTracker, Refusal
-from calibration.markers.planar import FEWEST_FRAMES, Intrinsics, PlaneReference, fit_plane, in_plane_angle
+from calibration.markers.planar import FEWEST_FRAMES, PlaneReference, fit_plane, in_plane_angle
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose
@@ -30,7 +31,7 @@ class TruthSeries:
     time_ns: (N,) int64, increasing. angle_deg: (N,) float64 since the zero, unwrapped over time
     with a break (back into (-180, 180]) across gaps over 50 ms. sigma_deg: (N,) float64, one
     sigma of each frame, without the zero's own zero_sigma_deg. tilt_deg: angle between the
-    camera's axis and the markers' normal, None without intrinsics. refused: frames by reason.
+    camera's axis and the markers' normal, None without a camera. refused: frames by reason.
     """
 
     time_ns: NDArray[np.int64]
@@ -61,9 +62,9 @@ class MarkerTruth:
     """Measures the object's angle while a lift runs, or again from its stored pictures.
 
     ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
-    base_T_camera: from the hand-eye calibration. intrinsics: of the external camera; without
-    them the markers' tilt is unknown, lens distortion stays, and the wrist is taken off about
-    the camera's axis instead of the markers' normal. search_everywhere: search each whole picture.
+    base_T_camera: from the hand-eye calibration. camera: the external one, as calibrated; without it the
+    markers' tilt is unknown, lens distortion stays, and the wrist is taken off about the camera's axis
+    instead of the markers' normal. search_everywhere: search each whole picture.
     """
 
     def __init__(
@@ -71,12 +72,12 @@ class MarkerTruth:
         ids: tuple[int, int],
         dictionary: str,
         base_T_camera: Pose,  # noqa: N803
-        intrinsics: Intrinsics | None = None,
+        camera: CameraModel | None = None,
         search_everywhere: bool = False,
     ) -> None:
         self._tracker = MarkerTracker(ids, dictionary, search_everywhere)
         self._camera_R_base = base_T_camera.rotation.inv()
-        self._intrinsics = intrinsics
+        self._camera = camera
         self._sightings: list[_Sighting] = []
         self._unseen: list[tuple[int, Refusal]] = []
         self._late = 0
@@ -130,7 +131,7 @@ class MarkerTruth:
         if self._zero is not None or not self._still:
             return
         still = self._still
-        plane = fit_plane(np.array([s.seen.corners_px for s in still]), self._intrinsics)
+        plane = fit_plane(np.array([s.seen.corners_px for s in still]), self._camera)
         wrist = Rotation.concatenate([s.camera_R_tcp for s in still]).mean()
         # a camera's z axis points away from it; a turn that it sees as counter-clockwise is about -z
         axis = np.array([0.0, 0.0, -1.0]) if plane.normal_camera is None else plane.normal_camera
@@ -153,7 +154,7 @@ class MarkerTruth:
         return None if stale else self._angles.angle_deg[-1]
 
     def distance_sides(self) -> float | None:
-        """From the camera to the markers' middle at the zero, in marker sides; None without intrinsics.
+        """From the camera to the markers' middle at the zero, in marker sides; None without a camera.
 
         Raises what `series` raises.
         """

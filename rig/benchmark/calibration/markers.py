@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import Intrinsics
 from calibration.targets.aruco import Refusal, detector
 from calibration.targets.edges import find_corners
 from drivers.types import Image
@@ -24,7 +24,7 @@ def marker_limits(seed: int, data: Path | None) -> list[Measured]:
     """640 x 480, 40 px markers, white noise of 4 grey, 15 degrees of tilt; turns of up to 30 degrees."""
     pictures = MarkerPictures(side_px=40.0, tilt_deg=15.0, noise_grey=4.0)
     rng = np.random.default_rng((seed, 10))
-    camera = Intrinsics(pictures.camera_matrix, pictures.distortion)
+    camera = true_camera(pictures)
     angle = MarkerAngle(pictures.ids, pictures.dictionary, camera)
     angle.set_reference([pictures.draw(0.0, rng) for _ in range(30)])
     rest = [_error(angle, pictures.draw(0.0, rng), 0.0) for _ in range(_AT_REST)]
@@ -41,6 +41,11 @@ def marker_limits(seed: int, data: Path | None) -> list[Measured]:
         informative("full search: median per frame, ms of processor time", 1e3 * full),
         *_gold(data),
     ]
+
+
+def true_camera(pictures: MarkerPictures) -> CameraModel:
+    """The camera that the pictures were drawn with."""
+    return CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
 
 
 def _error(angle: MarkerAngle, picture: Image, truth_deg: float) -> float:

@@ -151,6 +151,6 @@ def markers(
     if source is None:
         outcome = collect_markers(station(bench, seed, out, yes), object_name)
     else:
-        lens = None if camera_file is None else read_camera(camera_file).intrinsics
+        lens = None if camera_file is None else read_camera(camera_file)
         outcome = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
     file_and_say(outcome, out, bench, json)

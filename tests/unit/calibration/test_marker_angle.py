@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle, Refinement, assess_markers
-from calibration.markers.planar import Intrinsics, PlanarAngle
+from calibration.markers.planar import PlanarAngle
 from calibration.targets.aruco import Refusal, detector
 from calibration.targets.edges import find_corners, refine_edges
 from calibration.verdict import Verdict
@@ -17,7 +18,7 @@ NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
 
 
 def angle_of(pictures: MarkerPictures, refinement: Refinement = Refinement.BY_SIZE) -> MarkerAngle:
-    camera = Intrinsics(pictures.camera_matrix, pictures.distortion)
+    camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
     return MarkerAngle(pictures.ids, pictures.dictionary, camera, refinement)
 
 

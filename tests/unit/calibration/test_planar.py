@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.planar import Intrinsics, fit_plane, in_plane_angle
+from calibration.camera.model import CameraModel
+from calibration.markers.planar import fit_plane, in_plane_angle
 from drivers.errors import CalibrationError
 
-CAMERA = np.array([[700.0, 0.0, 319.5], [0.0, 700.0, 239.5], [0.0, 0.0, 1.0]])
-KNOWN = Intrinsics(CAMERA, np.zeros(5))
+KNOWN = CameraModel.pinhole((640, 480), 700.0)
+CAMERA = KNOWN.matrix
 SQUARE = np.array([[-0.02, 0.02, 0], [0.02, 0.02, 0], [0.02, -0.02, 0], [-0.02, -0.02, 0]])
 TOWARDS_CAMERA = Rotation.from_euler("x", 180, degrees=True)
 
@@ -55,7 +56,7 @@ def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
 
 @settings(deadline=None, max_examples=50)
 @given(tilt=st.tuples(st.floats(-30, 30), st.floats(-30, 30)))
-def test_tilt_is_known_with_intrinsics_and_only_then(tilt):
+def test_tilt_is_known_with_a_camera_and_only_then(tilt):
     normal = Rotation.from_euler("xy", tilt, degrees=True).apply([0.0, 0.0, 1.0])
     expected = np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2]))
     reference = fit_plane(still(tilt), KNOWN)
@@ -85,7 +86,7 @@ def test_noise_is_answered_with_an_honest_sigma(tilt, known):
 @settings(deadline=None, max_examples=50)
 @given(turn=st.floats(-30, 30))
 def test_lens_distortion_is_taken_off(turn):
-    bent = Intrinsics(CAMERA, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
+    bent = CameraModel(KNOWN.size, CAMERA, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
 
     def distorted(points_px):
         rays = (points_px - CAMERA[:2, 2]) / 700.0

@@ -48,7 +48,7 @@ def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.Monk
     bench = load_calibrated_bench("fake", said.append)
     assert len(said) == 4
     assert all("0 hours old, good" in line for line in said)
-    assert np.asarray(bench.intrinsics().camera_matrix)[0, 0] == 650.0
+    assert bench.camera_model().matrix[0, 0] == 650.0
     assert bench.base_T_camera().position_m == (0.4, -0.6, 0.2)
     assert bench.pixel_aspects() == {"SIM-D0001": 0.978, "SIM-D0002": 0.97}
     assert bench.calibrations.time_shift_s == {"SIM-C0001": -0.004}
@@ -60,13 +60,22 @@ def test_without_calibrations_the_bench_is_as_its_file_says(tmp_path: Path) -> N
     bench = load_bench("fake")
     found = find_calibrations(bench, tmp_path / "nothing")
     assert not found.files
-    assert bench.intrinsics().camera_matrix[0][0] == bench.camera.focal_px
+    assert bench.camera_model().matrix[0, 0] == bench.camera.focal_px
     assert bench.base_T_camera() == bench.camera.base_T_camera()
 
 
 def test_another_units_calibration_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
     with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
+        find_calibrations(load_bench("fake"), tmp_path)
+
+
+def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
+    larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
+    keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))
+    with pytest.raises(
+        CalibrationError, match=r"\(1280, 720\) px, the bench file has size_px = \[640, 480\]"
+    ):
         find_calibrations(load_bench("fake"), tmp_path)
 
 

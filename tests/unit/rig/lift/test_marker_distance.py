@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.markers.planar import Intrinsics, fit_plane
+from calibration.camera.model import CameraModel
+from calibration.markers.planar import fit_plane
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 from rig.cli.printing import lift_note
@@ -29,7 +30,7 @@ def test_marker_side_and_intrinsics_give_the_distance() -> None:
     corners = scene.exact_corners_px(tilted)
     rng = np.random.default_rng(0)
     still = corners + rng.normal(0, 0.05, (12, *corners.shape))
-    known = fit_plane(still, Intrinsics(scene.camera_matrix, scene.distortion))
+    known = fit_plane(still, CameraModel(scene.size, scene.camera_matrix, scene.distortion))
     assert known.distance_sides is not None
     assert 0.04 * known.distance_sides == pytest.approx(np.linalg.norm(place), rel=0.01)
     assert fit_plane(still).distance_sides is None

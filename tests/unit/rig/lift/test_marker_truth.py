@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.planar import Intrinsics
+from calibration.camera.model import CameraModel
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
@@ -32,15 +32,15 @@ def about_y(turn_deg):
 
 
 def known(scene):
-    return Intrinsics(scene.camera_matrix, scene.distortion)
+    return CameraModel(scene.size, scene.camera_matrix, scene.distortion)
 
 
 class Lift:
     """Feeds a measurement with pictures of an object on a wrist."""
 
-    def __init__(self, scene, intrinsics=None):
+    def __init__(self, scene, camera=None):
         self.scene = scene
-        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, intrinsics)
+        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, camera)
         self.rng = np.random.default_rng(7)
         self.time_ns = 0
 
@@ -70,9 +70,9 @@ BLANK = np.full((480, 640, 3), 90, np.uint8)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("with_intrinsics", [True, False])
-def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_intrinsics):
-    lift = Lift(scene, known(scene) if with_intrinsics else None)
+@pytest.mark.parametrize("with_camera", [True, False])
+def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_camera):
+    lift = Lift(scene, known(scene) if with_camera else None)
     lift.rest()
     turned = [sign * 0.75 * k for k in range(40)]
     for k, turn in enumerate(turned):
@@ -85,15 +85,15 @@ def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_intrins
     assert (series.sigma_deg > 0.0).all()
     assert series.sigma_deg.max() < 0.1
     assert series.refused == {}
-    if with_intrinsics:
+    if with_camera:
         assert series.tilt_deg == pytest.approx(np.hypot(6.0, 4.0), abs=1.0)
     else:
         assert series.tilt_deg is None
 
 
-@pytest.mark.parametrize("with_intrinsics", [True, False])
-def test_the_wrist_is_not_the_object(scene, with_intrinsics):
-    lift = Lift(scene, known(scene) if with_intrinsics else None)
+@pytest.mark.parametrize("with_camera", [True, False])
+def test_the_wrist_is_not_the_object(scene, with_camera):
+    lift = Lift(scene, known(scene) if with_camera else None)
     lift.rest()
     for k in range(1, 11):
         lift.see(turn_deg=0.5 * k + 1.2 * k, wrist_deg=1.2 * k)

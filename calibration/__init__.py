@@ -1,5 +1,5 @@
-"""Numbers that turn pixels and counts into metres and radians, with their uncertainty.
+"""Calibrations: what turns pixels and counts into metres and radians, each with its uncertainty.
 
-A package for each thing calibrated, over `targets` (what cameras look at) and, below, verdicts and
-files. Imports the vocabulary of `drivers` alone.
+A package for each thing that is calibrated; below them `targets` (what cameras look at), then files
+and verdicts. Imports nothing of the rig but the vocabulary of `drivers`.
 """

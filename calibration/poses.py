@@ -1,4 +1,4 @@
-"""Poses from the numbers people have: matrices, quaternions, rotation vectors; each checked first."""
+"""Poses from matrices, quaternions or rotation vectors, each checked first."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,7 @@
-"""Calibration files: plain YAML, versioned, with serials inside; read back only where they belong.
+"""Calibration files: plain YAML, versioned, with the serials of the devices they belong to.
 
 The value stands at the top level in the layout its field reads (a camera's is ROS `camera_info`);
-what is known about the value stands under `calibration`.
+everything known about the value stands under `calibration`.
 """
 
 import os
@@ -33,7 +33,7 @@ class CalibrationFile:
     kind: str
     serials: Mapping[str, str]
     value: Mapping[str, Any]
-    judgement: Assessment
+    assessment: Assessment
     created: str
     quality: Mapping[str, Any] = field(default_factory=dict)
     rejected: tuple[Rejected, ...] = ()
@@ -45,7 +45,7 @@ class CalibrationFile:
         return age_days(self.created, now)
 
     def age_text(self, now: datetime) -> str:
-        """Age for people."""
+        """The age in words."""
         return f"{age_text(self.age_days(now))} old"
 
 
@@ -56,16 +56,16 @@ def age_days(created: str, now: datetime) -> float:
 
 
 def age_text(days: float) -> str:
-    """An age for people."""
+    """An age in words."""
     return f"{days:.0f} days" if days >= 2 else f"{max(days, 0.0) * 24:.0f} hours"
 
 
 def save(file: CalibrationFile, path: Path) -> None:
-    """Write a calibration in one step. Raises `RecordingError`, `CalibrationError` for a NaN in it."""
+    """Write a calibration atomically. Raises `RecordingError`, `CalibrationError` for a NaN in it."""
     about = {
         "schema": SCHEMA, "kind": file.kind, "serials": file.serials, "created": file.created,
-        "verdict": str(file.judgement.verdict), "refusals": file.judgement.refusals,
-        "doubts": file.judgement.doubts, "quality": file.quality,
+        "verdict": str(file.assessment.verdict), "refusals": file.assessment.refusals,
+        "doubts": file.assessment.doubts, "quality": file.quality,
         "rejected": [{"id": r.id, "reason": r.reason} for r in file.rejected],
         "inputs": file.inputs, "software": file.software,
     }  # fmt: skip
@@ -75,12 +75,12 @@ def save(file: CalibrationFile, path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file aside and put it in place. Raises `RecordingError`."""
+    """Write a text file atomically. Raises `RecordingError`."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file aside and put it in place. Raises `RecordingError`."""
+    """Write a file atomically: beside its place first, then moved there. Raises `RecordingError`."""
     aside = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,8 +98,8 @@ def load(
 ) -> CalibrationFile:
     """Read a calibration of a kind.
 
-    serials: of the devices at hand; where the file names another, it is refused. Raises
-    `CalibrationError` saying what is wrong with the file or where it belongs.
+    serials: of the devices at hand; a file that names others is refused. Raises `CalibrationError`
+    saying what is wrong with the file, or which device it belongs to.
     """
     content = read_yaml(path)
     about = content.pop("calibration", None)
@@ -112,8 +112,8 @@ def load(
     except (KeyError, TypeError, ValueError) as error:
         raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
     check_serials(path, file.serials, serials or {})
-    if file.judgement.verdict is Verdict.REFUSED and not allow_refused:
-        raise CalibrationError(f"{path}: was refused when it was made ({file.judgement.reasons[0]})")
+    if file.assessment.verdict is Verdict.REFUSED and not allow_refused:
+        raise CalibrationError(f"{path}: was refused when it was made ({file.assessment.reasons[0]})")
     return file
 
 
@@ -192,7 +192,7 @@ def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> Calibrati
         kind=about["kind"],
         serials={str(k): str(v) for k, v in about["serials"].items()},
         value=value,
-        judgement=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
+        assessment=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
         created=datetime.fromisoformat(about["created"]).isoformat(),
         quality=about.get("quality", {}),
         rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),

@@ -1,6 +1,6 @@
-"""Offset and drift between two clocks that saw the same motion: a wiggle, seen by both.
+"""Offset and drift between two clocks, from one motion that both streams recorded.
 
-Convention: `offset_s` is added to the second stream's times to get the first one's; with a drift
+Convention: `offset_s` is added to the times of the second stream to get those of the first; with a drift
 `d` (ppm) the offset holds at the middle of the overlap and grows by d microseconds per second.
 """
 
@@ -18,7 +18,7 @@ FEWEST = 20
 _LEAST_EXPLAINED = 0.5
 _WELL_EXPLAINED = 0.95
 _NOT_NOISE = 0.6
-"""Correlation of the rest with itself one sample on: that of noise is near zero."""
+"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero."""
 _GRID_S = 0.002
 _ROUNDS = 30
 _DRIFT_FROM_S = 60.0
@@ -27,7 +27,7 @@ _DRIFT_FROM_S = 60.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedSignal:
-    """A signal of one clock: time_ns (N,) int64 increasing, values (N,) float64, samples left out."""
+    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64; dropped samples."""
 
     time_ns: NDArray[np.int64]
     values: Array
@@ -39,10 +39,10 @@ class TimeOffset:
     """The answer. sigma_s, drift_sigma_ppm: one sigma. gain: second's values over first's, signed.
 
     explained: share of the second signal's variance that the first explains. noise: one sigma of
-    its rest. offset_s is None where refused.
+    the residual. offset_s is None where refused.
     """
 
-    judgement: Assessment
+    assessment: Assessment
     offset_s: float | None = None
     sigma_s: float | None = None
     drift_ppm: float | None = None
@@ -55,7 +55,7 @@ class TimeOffset:
 
 
 def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
-    """Sort by time and leave out repeated stamps and values that are not finite.
+    """Sort samples by time and leave out repeated times and values that are not finite.
 
     Raises `CalibrationError` for times that are no integers, shapes that differ, a clock that jumps
     by more than an hour, or fewer than 20 samples.
@@ -77,7 +77,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
 
 
 def unwrapped(counter: NDArray[np.integer], bits: int = 32) -> NDArray[np.int64]:
-    """Undo the wraps of a free-running counter, at most half a turn per step."""
+    """Unwrap a free-running counter that advances by less than half its range per step."""
     steps = np.diff(np.asarray(counter).astype(np.int64))
     turn = 1 << bits
     steps = (steps + turn // 2) % turn - turn // 2
@@ -88,7 +88,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
     """Find the offset within +- `search_s`, or say why these streams do not determine it.
 
     Least squares on the second signal against the first, interpolated, with free gain and level;
-    a grid finds the valley, Gauss-Newton its bottom.
+    a grid search finds the minimum, Gauss-Newton refines it.
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
@@ -126,22 +126,24 @@ def _refined(
     system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
     sigma = noise * _unit_sigmas(system)
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    judged = _judge(explained, _alike(rest), float(sigma[0]), offset, search_s, _rival(grid, costs, best))
-    if judged.refusals:
-        return TimeOffset(judged, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
+    assessment = _assess(
+        explained, _autocorrelation(rest), float(sigma[0]), offset, search_s, _rival(grid, costs, best)
+    )
+    if assessment.refusals:
+        return TimeOffset(assessment, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
     return TimeOffset(
-        judged, offset, float(sigma[0]), 1e6 * drift if with_drift else None,
+        assessment, offset, float(sigma[0]), 1e6 * drift if with_drift else None,
         1e6 * float(sigma[3]) if with_drift else None, gain, explained, noise, len(t2), overlap,
     )  # fmt: skip
 
 
-def _judge(
-    explained: float, alike: float, sigma_s: float, offset_s: float, search_s: float, rival: float
+def _assess(
+    explained: float, autocorrelation: float, sigma_s: float, offset_s: float, search_s: float, rival: float
 ) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
         return Assessment((f"{share}: wiggle by several degrees",))
-    if explained < _WELL_EXPLAINED and alike > _NOT_NOISE:
+    if explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
         return Assessment(
             ("what the best offset leaves is no noise: the offset may lie beyond the end of the search",)
         )
@@ -156,14 +158,14 @@ def _judge(
     )
 
 
-def _alike(rest: Array) -> float:
-    """Correlation of a series with itself one sample on."""
+def _autocorrelation(rest: Array) -> float:
+    """Lag-1 autocorrelation of a series; 0 for a series of zeros."""
     power = float(rest @ rest)
     return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
 
 
 def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
-    """Squares left, gain, and one sigma of the rest, for the best gain and level."""
+    """Residual sum of squares, gain, and one sigma of the residual, at the best gain and level."""
     seen = np.interp(at, t1, signal)
     centred, goal = seen - seen.mean(), wanted - wanted.mean()
     power = float(centred @ centred)
@@ -176,7 +178,7 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
 def _linearised(
     t1: Array, signal: Array, at: Array, wanted: Array, from_middle: Array, with_drift: bool
 ) -> tuple[Array, Array]:
-    """Derivatives towards offset, gain, level (and drift), and what the best gain and level leave, (N,)."""
+    """Derivatives by offset, gain, level (and drift), and the (N,) residual at the best gain and level."""
     _, gain, _ = _explained(t1, signal, at, wanted)
     seen = np.interp(at, t1, signal)
     half = max(float(np.median(np.diff(t1))), 2e-3)
@@ -197,7 +199,7 @@ def _unit_sigmas(system: Array) -> Array:
 
 
 def _rival(grid: Array, costs: Array, best: int) -> float:
-    """How much worse the best other valley is: its cost over the least (1: as good)."""
+    """Cost of the second-best local minimum over that of the best one; 1 means equally good."""
     inner = (costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])
     others = [c for i, c in enumerate(costs[1:-1], start=1) if inner[i - 1] and abs(i - best) > 2]
     return float(min(others) / max(costs[best], 1e-300)) if others else np.inf

@@ -1,4 +1,4 @@
-"""The tool's tip in the flange or TCP frame, from poses that all touch one fixed point."""
+"""The tool tip in the flange or TCP frame, from poses in which it rests on one fixed point (pivoting)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class PivotResult:
     singular value of the scaled system.
     """
 
-    judgement: Assessment
+    assessment: Assessment
     rejected: tuple[Rejected, ...] = ()
     tip_m: Array | None = None
     point_m: Array | None = None
@@ -72,18 +72,20 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejecte
     missed = turns @ tip + moves - point
     distance = np.linalg.norm(missed, axis=1)
     covariance, held_out = _spread(turns, moves, tip, missed)
-    judged = gate + limit(
+    assessment = gate + limit(
         1e3 * float(np.sqrt((distance**2).mean())), 1.0, 5.0,
         "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?",
     )  # fmt: skip
-    judged += limit(
+    assessment += limit(
         1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known to {value:.2f} mm only"
     )
-    judged += floor(len(names), 8, FEWEST, "{value} poses used; 10 are good")
-    if judged.refusals:
-        return PivotResult(judged, tuple(rejected), cone_deg=cone, condition=condition)
+    assessment += floor(len(names), 8, FEWEST, "{value} poses used; 10 are good")
+    if assessment.refusals:
+        return PivotResult(assessment, tuple(rejected), cone_deg=cone, condition=condition)
     residual = dict(zip(names, distance.tolist(), strict=True))
-    return PivotResult(judged, tuple(rejected), tip, point, covariance, residual, held_out, cone, condition)
+    return PivotResult(
+        assessment, tuple(rejected), tip, point, covariance, residual, held_out, cone, condition
+    )
 
 
 def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""What a calibration is worth, in words: good, weak or refused, and why."""
+"""The verdict on a calibration, good, weak or refused, with its reasons."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 class Verdict(StrEnum):
-    """Good: use it. Weak: usable, with the stated doubts. Refused: no answer is better than this one."""
+    """Good: use it. Weak: usable, with the stated doubts. Refused: worse than no calibration."""
 
     GOOD = "good"
     WEAK = "weak"
@@ -18,14 +18,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """Reasons to refuse, and doubts; each says what was seen and what to do."""
+    """Refusals and doubts; each says what was seen and what to do about it."""
 
     refusals: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of what was found."""
+        """Refused if there is a refusal, else weak if there is a doubt, else good."""
         if self.refusals:
             return Verdict.REFUSED
         return Verdict.WEAK if self.doubts else Verdict.GOOD
@@ -36,11 +36,11 @@ class Assessment:
         return self.refusals + self.doubts
 
     def __add__(self, other: "Assessment") -> "Assessment":
-        """Both judgements' reasons."""
+        """The reasons of both."""
         return Assessment(self.refusals + other.refusals, self.doubts + other.doubts)
 
     def __str__(self) -> str:
-        """One line for people."""
+        """Verdict and reasons in one line."""
         return str(self.verdict) + (": " + "; ".join(self.reasons) if self.reasons else "")
 
 
@@ -55,9 +55,9 @@ class Rejected:
 def sift(
     samples: Iterable[T], name: Callable[[T], str], fault: Callable[[T, list[T]], str | None]
 ) -> tuple[list[T], list[Rejected]]:
-    """Return the samples that no fault is found in, and the others by their id.
+    """Separate good samples from faulty ones; return the good ones, and id and reason of the others.
 
-    fault: says what is wrong with a sample, or None; it is also given the samples kept so far.
+    fault: given a sample and the samples kept so far, says what is wrong with it, or None.
     """
     kept: list[T] = []
     rejected: list[Rejected] = []
@@ -71,7 +71,7 @@ def sift(
 
 
 def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Assessment:
-    """Judge a number that should be small; one that is not finite is refused. `text` takes `{value}`."""
+    """Assess a number that should be small; NaN is refused. text: the reason, with `{value}` in it."""
     said = text.format(value=value)
     if not value <= refuse_above:
         return Assessment(refusals=(said,))
@@ -79,7 +79,7 @@ def limit(value: float, weak_above: float, refuse_above: float, text: str) -> As
 
 
 def floor(value: float, weak_below: float, refuse_below: float, text: str) -> Assessment:
-    """Judge a number that should be large; one that is not finite is refused. `text` takes `{value}`."""
+    """Assess a number that should be large; NaN is refused. text: the reason, with `{value}` in it."""
     said = text.format(value=value)
     if not value >= refuse_below:
         return Assessment(refusals=(said,))

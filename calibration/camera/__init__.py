@@ -1,4 +1,4 @@
-"""A camera's model, files and intrinsics, and how well they are known.
+"""Camera model, camera files, and intrinsic calibration with its uncertainty.
 
 Imports `calibration.targets`.
 """

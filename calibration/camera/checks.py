@@ -1,9 +1,9 @@
-"""Is a set of board views good enough: the reasons for and against, in words."""
+"""Assessment of a camera fit: what its views determine, and what they do not."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.intrinsics import CameraFit, residual_likeness
+from calibration.camera.intrinsics import CameraFit, neighbour_correlation
 from calibration.camera.projection_sigma import projection_sigma_px
 from calibration.targets.views import Array, coverage
 from calibration.verdict import Assessment, floor, limit
@@ -24,13 +24,13 @@ def tilt_spread_deg(result: CameraFit) -> float:
     return float(np.degrees(np.arctan2(sines, np.abs(normals @ normals.T))).max())
 
 
-def judge_camera(result: CameraFit) -> Assessment:
-    """Judge a camera fit by tilt, focal uncertainty, coverage, count and held-out error."""
+def assess_camera(result: CameraFit) -> Assessment:
+    """Assess a camera fit by tilt, focal uncertainty, coverage, number of views and held-out error."""
     camera = result.fit.camera
     covered = float((coverage(result.fit.views) > 0).mean())
     focal = float(result.sigma[:2].max() / camera.matrix[0, 0])
     sigma_px = projection_sigma_px(result)
-    tilts = _judge_tilts(tilt_spread_deg(result), float(board_tilts_deg(result).max()))
+    tilts = _assess_tilts(tilt_spread_deg(result), float(board_tilts_deg(result).max()))
     known = limit(
         100 * focal, 0.5, 10.0, "the focal length is known to {value:.2g} % only: add tilted, nearer views"
     )
@@ -49,14 +49,14 @@ def judge_camera(result: CameraFit) -> Assessment:
         result.noise_px, 1.0, 5.0, "corners are found to {value:.2f} px only: is the board in focus?"
     )
     bent = limit(
-        residual_likeness(result.fit), 0.4, np.inf,
+        neighbour_correlation(result.fit), 0.4, np.inf,
         "errors of neighbouring corners are alike ({value:.2f}; noise: 0): focus moved, or board bent?",
     )  # fmt: skip
     return bent + tilts + known + unseen + mapped + seen + enough + noise
 
 
-def _judge_tilts(spread_deg: float, largest_deg: float) -> Assessment:
-    """Square-on views tell no focal length; views tilted all the same way tell it badly."""
+def _assess_tilts(spread_deg: float, largest_deg: float) -> Assessment:
+    """Square-on views do not determine the focal length; views that share one tilt determine it badly."""
     hint = "tilt the board by 30 degrees each way"
     if spread_deg < 10.0 and largest_deg < 15.0:
         return Assessment(

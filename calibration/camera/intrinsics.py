@@ -1,7 +1,7 @@
-"""Camera intrinsics from views of a board; the lens model is the one that predicts unseen views best.
+"""Intrinsics from views of a board; the lens model is chosen by its error on held-out views.
 
-The error of the fit itself certifies nothing (fifteen square-on views fit to 0.06 px and project
-15 px wrong), so every figure here comes from views that the fit has not seen, or from its covariance.
+The error of the fit itself proves nothing (fifteen square-on views fit to 0.06 px and project
+15 px wrong), so every figure here comes from held-out views or from the covariance.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
-    """The chosen fit, and what unseen views say.
+    """The chosen fit, and its error on held-out views.
 
     covariance: (P, P) of the lens' free terms, in the order of `lens.free`, scaled by the corner
     noise found. noise_px: one sigma of a corner coordinate. held_out_px: rms distance of corners
@@ -72,7 +72,7 @@ class CameraFit:
 def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = False) -> CameraFit:
     """Fit a camera: leave out bad views, choose the lens model by held-out error, fit, covariance.
 
-    keep_all: keep views that contradict the others, to see what they do.
+    keep_all: keep views that contradict the others, to see their effect.
 
     Raises `CalibrationError` with what was left out and why when fewer than three distinct views
     remain, or when no fit converges.
@@ -166,11 +166,11 @@ def lens_covariance(fit: Fit) -> tuple[Array, float]:
     return spread.T @ spread, float(noise)
 
 
-def residual_likeness(fit: Fit) -> float:
-    """How alike the residuals of neighbouring corners are: 0 for noise, 1 where something is bent.
+def neighbour_correlation(fit: Fit) -> float:
+    """Correlation of the residuals of neighbouring corners: 0 for noise, 1 for a systematic error.
 
     A board that is not flat, a lens the model does not follow, and a focus that moved all push
-    neighbours the same way, while the error of the fit may still look small.
+    neighbouring corners the same way, while the error of the fit may still look small.
     """
     together, alone = 0.0, 0.0
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):

@@ -1,7 +1,7 @@
-"""How well a camera is known over its picture, in px; and how far two cameras differ.
+"""Projection uncertainty over the picture, in px, and the difference between two cameras.
 
-The idea is mrcal's (projection uncertainty, `mrcal-show-projection-uncertainty`): a lens that is
-wrong in a way a turn of the camera makes good is not wrong, so the best turn is taken out first.
+The idea is mrcal's (`mrcal-show-projection-uncertainty`): an error that a rotation of the camera would
+undo does not count, so the best rotation is taken out first.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def projection_sigma_px(result: CameraFit, grid: tuple[int, int] = (16, 12)) -> 
 
 
 def camera_difference_px(one: CameraModel, other: CameraModel, grid: tuple[int, int] = (16, 12)) -> Array:
-    """(rows, columns, 2) px: where the other projects what the first sees, the best turn taken out.
+    """(rows, columns, 2) px: where the other projects what the first sees, the best rotation taken out.
 
     Raises `CalibrationError` for cameras of different picture sizes.
     """

@@ -1,1 +1,1 @@
-"""The gripper's fingers: opening by counts, force by current; as measured."""
+"""The gripper's fingers: measured tables of opening over counts and of force over current."""

@@ -1,4 +1,4 @@
-"""Motor current (or counts beyond contact) against force, where a scale or the arm measured it.
+"""Force over motor current (or counts beyond contact), where a scale or the arm measured it.
 
 A 3-Finger gripper measures no force; a force request of 0 is its weakest push, not none (manual,
 rFR). What was not measured stays unknown.
@@ -23,7 +23,7 @@ class ForceTable:
     signal: Array
     force_n: Array
     misfit_n: float
-    judgement: Assessment
+    assessment: Assessment
 
 
 def fit_force(signal: Array, force_n: Array) -> ForceTable:
@@ -41,8 +41,8 @@ def fit_force(signal: Array, force_n: Array) -> ForceTable:
     fitted = np.asarray(isotonic_regression(means, weights=repeats, increasing=True).x)
     misfit = float(np.sqrt(((force_n - fitted[where]) ** 2).mean()))
     span = float(np.ptp(fitted))
-    judged = limit(
+    assessment = limit(
         misfit / max(span, 1e-9), 0.1, 0.3, "forces miss a monotone table by {value:.0%} of its range"
     )
-    judged += floor(len(places), 5, 3, "{value} signals measured; 6 are good")
-    return ForceTable(places.astype(np.float64), fitted, misfit, judged)
+    assessment += floor(len(places), 5, 3, "{value} signals measured; 6 are good")
+    return ForceTable(places.astype(np.float64), fitted, misfit, assessment)

@@ -1,4 +1,4 @@
-"""Gripper counts to finger opening, as measured: a monotone table each way, and nothing beyond it.
+"""Finger opening over gripper counts: a measured, monotone table for each direction, never extrapolated.
 
 The Robotiq manual calls the relation nonlinear and approximate, and its ends are software limits; a
 straight line through it is wrong by millimetres.
@@ -22,7 +22,7 @@ FEWEST_COUNTS = 3
 
 
 class Direction(StrEnum):
-    """Which way the fingers came to where they are."""
+    """Direction in which the fingers moved before the measurement."""
 
     CLOSING = "closing"
     OPENING = "opening"
@@ -30,7 +30,7 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OpeningSample:
-    """A measured opening: counts as the gripper reads them, opening in m, and the way it came there."""
+    """A measured opening in m at the counts the gripper reported, and the direction of the motion before."""
 
     id: str
     counts: float
@@ -64,7 +64,7 @@ class GripperResult:
     misfit_m: rms by which measurements miss their table; both None where unknown.
     """
 
-    judgement: Assessment
+    assessment: Assessment
     tables: dict[Direction, OpeningTable]
     rejected: tuple[Rejected, ...]
     hysteresis_m: float | None = None
@@ -72,7 +72,7 @@ class GripperResult:
 
 
 def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
-    """Fit both tables, each monotone; a direction that was not measured stays unknown."""
+    """Fit a monotone table for each direction that was measured; the other stays unknown."""
     good, rejected = sift(samples, lambda sample: sample.id, lambda sample, _: _fault(sample))
     tables, missed = {}, []
     for direction in Direction:
@@ -87,17 +87,21 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
         return GripperResult(Assessment((text,)), {}, tuple(rejected))
     misfit = float(np.sqrt((np.concatenate(missed) ** 2).mean()))
     hysteresis = _hysteresis(tables)
-    judged = limit(
+    assessment = limit(
         1e3 * misfit, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"
     )
-    judged += floor(min(len(t.counts) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good")
+    assessment += floor(
+        min(len(t.counts) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good"
+    )
     if len(tables) < 2:
-        judged += Assessment(doubts=(f"only {next(iter(tables))} was measured: hysteresis is unknown",))
+        assessment += Assessment(doubts=(f"only {next(iter(tables))} was measured: hysteresis is unknown",))
     else:
-        judged += limit(
+        assessment += limit(
             1e3 * (hysteresis or 0.0), 1.0, np.inf, "closing and opening differ by {value:.1f} mm"
         )
-    return GripperResult(judged, {} if judged.refusals else tables, tuple(rejected), hysteresis, misfit)
+    return GripperResult(
+        assessment, {} if assessment.refusals else tables, tuple(rejected), hysteresis, misfit
+    )
 
 
 def _table(samples: list[OpeningSample]) -> tuple[OpeningTable, Array]:

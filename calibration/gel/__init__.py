@@ -1,1 +1,1 @@
-"""A tactile sensor's gel: its light at rest, its scale, and how its colours tell the slope of its surface."""
+"""A tactile sensor's gel: its light at rest, its scale, and the map from its colours to surface slope."""

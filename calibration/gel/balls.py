@@ -1,8 +1,8 @@
-"""The gel's colour map from presses of balls of known diameter, and what presses left out say of it.
+"""The gel's colour map from presses of balls of known diameter, checked on held-out presses.
 
 Inside a ball's contact the gel takes the ball's shape, so the surface normal there is the place
 relative to the centre over the radius: n = (p - c) / R. The centres are not known; they are found
-together with the map, each in turn.
+together with the map, alternately.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _CORE = 0.7
 _LEAST_PIXELS = 30
 _ROUNDS = 5
 _THIN = 5
-"""Every fifth pixel: neighbours say the same, smoothed as they are."""
+"""Every fifth pixel is used: after smoothing, neighbours carry the same information."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,13 +38,13 @@ class BallPress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BallFit:
-    """The map, and what it says of presses it had not seen.
+    """The map, and its errors on held-out presses.
 
     held_out_mm: radius each press gives when it is left out, by id. normal_rms: rms error of a
-    normal part in those. null_rms: rms of a normal part where nothing touches. centres_px: found.
+    component of the normal in those. null_rms: rms of a component where nothing touches. centres_px: found.
     """
 
-    judgement: Assessment
+    assessment: Assessment
     map: GradientMap
     held_out_mm: dict[str, float]
     true_mm: dict[str, float]
@@ -80,11 +80,11 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     centres = {p.press.id: p.press.centre_px for p in good}
     fitted = fit_to(good, mm_per_px)
     result = BallFit(Assessment(), fitted, held_out, true, normal_rms, null_rms, centres, tuple(rejected))
-    return replace(result, judgement=_judge(result))
+    return replace(result, assessment=_assess(result))
 
 
 def find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
-    """Fit map and centres in turn: the centre of a press is where its normals, times R, point back to."""
+    """Fit map and centres alternately: a press is centred where its normals, times R, point back to."""
     presses = list(presses)
     for _ in range(_ROUNDS):
         fitted = fit_to(presses, mm_per_px)
@@ -151,7 +151,7 @@ def _held_out(
 
 
 def _null(press: Press, fitted: GradientMap) -> float:
-    """Rms normal part far from the contact, where it should be zero."""
+    """Rms of a component of the normal far from the contact, where it should be zero."""
     x, y = _pixels(press.strength.shape, 8 * _THIN)
     far = np.hypot(x - press.centre_px[0], y - press.centre_px[1]) > 2.5 * press.reach_px
     if not far.any():
@@ -178,20 +178,24 @@ def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
     return None
 
 
-def _judge(result: BallFit) -> Assessment:
+def _assess(result: BallFit) -> Assessment:
     errors = result.radius_error()
     spread = np.array([abs(result.held_out_mm[i] / true - 1.0) for i, true in result.true_mm.items()])
     worst = max(abs(e) for e in errors.values())
-    judged = limit(
+    assessment = limit(
         100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
     )
-    judged += limit(
+    assessment += limit(
         100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
     )
-    judged += limit(
+    assessment += limit(
         result.null_rms, 0.03, 0.2, "where nothing touches, the slope is {value:.3f} and not zero"
     )
-    judged += floor(len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good")
+    assessment += floor(
+        len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good"
+    )
     if len(errors) < 2:
-        judged += Assessment(doubts=("only one ball diameter: a wrong scale or diameter would go unseen",))
-    return judged
+        assessment += Assessment(
+            doubts=("only one ball diameter: a wrong scale or diameter would go unseen",)
+        )
+    return assessment

@@ -1,6 +1,6 @@
-"""From the colour a gel shows to the slope of its surface: a linear least-squares map, fitted and used.
+"""The map from a gel's colour change to the slope of its surface: linear in its features, least squares.
 
-Everything here is pure: arrays in, arrays out. The features are products of the logarithmic colour
+The features are products of the logarithmic colour
 change (an LED's brightness and the camera's gain cancel in it) and the place on the gel, because the
 light differs from place to place. They hold no constant: where no colour changed, the slope is zero.
 """
@@ -25,24 +25,24 @@ _RIDGE = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GradientMap:
-    """weights: (F, 2) from features to the x and y part of the surface's unit normal.
+    """weights: (F, 2), from features to the x and y components of the surface's unit normal.
 
     shape: (rows, columns) of the pictures it was made for. Image axes: x right, y down; a normal's
-    x part is positive on the side of a dent that is right of its middle.
+    x component is positive on the right-hand side of a dent.
     """
 
     weights: Array
     shape: tuple[int, int]
 
     def normals(self, change: Array, places_px: Array) -> Array:
-        """(N, 2) normal parts from (N, 3) colour changes at (N, 2) px (x, y)."""
+        """(N, 2) components of the normals from (N, 3) colour changes at (N, 2) px (x, y)."""
         return features(change, places_px, self.shape) @ self.weights
 
     def slopes(self, change: Array, places_px: Array) -> Array:
         """(N, 2) slopes dz/dx, dz/dy of the dent's depth; dimensionless (mm per mm), z into the gel.
 
-        A normal part is a sine; slopes are its tangents with the sign of a dent, that is downhill
-        away from its middle. Parts beyond 0.95 are cut there.
+        A component of the normal is a sine; the slope is its tangent, signed as for a dent, whose depth
+        falls away from its middle. Components are clipped at 0.95.
         """
         parts = np.clip(self.normals(change, places_px), -0.95, 0.95)
         rest = np.sqrt(np.maximum(1.0 - (parts**2).sum(axis=1), 0.05))
@@ -77,7 +77,7 @@ def features(change: Array, places_px: Array, shape: tuple[int, int]) -> Array:
 def fit_gradient_map(change: Array, places_px: Array, normals: Array, shape: tuple[int, int]) -> GradientMap:
     """Fit the map to samples of known normals.
 
-    change: (N, 3) colour changes. places_px: (N, 2) x, y. normals: (N, 2) x and y parts. shape:
+    change: (N, 3) colour changes. places_px: (N, 2) x, y. normals: (N, 2) x and y components. shape:
     (rows, columns) of the pictures. Ridge regression: features scaled to unit mean square, the
     ridge as rows below the triangular system, no normal matrix. Raises `CalibrationError` for
     samples that are not finite, or fewer than twice as many as features.

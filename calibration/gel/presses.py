@@ -1,4 +1,4 @@
-"""Presses of a ball found in tactile pictures: where, how wide; no circle is drawn by hand."""
+"""Finding the contact of a pressed ball in a tactile picture: its centre and its width."""
 
 from dataclasses import dataclass
 
@@ -22,9 +22,10 @@ _RIM_WIDTH_PX = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Press:
-    """A ball's contact. change: (H, W, 3) colour change. strength: (H, W) grey levels it changed by.
+    """A ball's contact. change: (H, W, 3) colour change. strength: (H, W), its size in grey levels.
 
-    centre_px: (x, y). reach_px: radius of what changed. rim_px: radius at which the change falls off.
+    centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the change falls most
+    steeply.
     """
 
     id: str
@@ -58,7 +59,7 @@ def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press
 
 
 def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float) -> float:
-    """Radius in px at which the change, averaged round the centre, falls off most steeply."""
+    """Radius in px at which the change, averaged around the centre, falls most steeply."""
     rows, columns = np.indices(strength.shape)
     distance = np.hypot(columns - centre_px[0], rows - centre_px[1])
     near = distance < 1.2 * reach_px
@@ -72,10 +73,10 @@ def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float)
 
 
 def rim_centre(press: Press) -> tuple[float, float]:
-    """Centre of a contact (x, y) px, from its rim: where the change falls off most steeply, all round.
+    """Centre of a contact (x, y) px, from its rim, where the change falls most steeply.
 
-    A slope's brightness depends on where the light stands and on the place; its edge does not. So
-    this centre moves with the contact alone, which the outline of what is bright does not.
+    The brightness of a slope depends on the light and on the place; its edge does not. So this centre
+    follows the contact alone, as the centre of the bright area does not.
     """
     (x, y), reach = press.centre_px, press.reach_px
     for _ in range(_RIM_ROUNDS):
@@ -90,14 +91,14 @@ def rim_centre(press: Press) -> tuple[float, float]:
 
 
 def _steepest(fall: Array, middle: Array) -> Array:
-    """(N,) place of the steepest fall along each ray: the centroid of the fall around its maximum."""
+    """(N,) radius of the steepest fall along each ray: the centroid of the fall around its maximum."""
     top = middle[fall.argmax(axis=1)]
     weight = fall * (np.abs(middle - top[:, None]) < _RIM_WIDTH_PX)
     return (weight * middle).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
 
 
 def _robust_circle(points: Array, shape: tuple[int, ...]) -> tuple[tuple[float, float], float]:
-    """Circle through points inside the picture, those far off left out round by round."""
+    """Circle through the points inside the picture, outliers left out iteratively."""
     inside = (points > 2.0).all(axis=1) & (points < np.subtract(shape[::-1], 3.0)).all(axis=1)
     x, y, radius = circle_through(points[inside])
     for _ in range(_RIM_ROUNDS):
@@ -118,7 +119,7 @@ def circle_through(points: Array) -> tuple[float, float, float]:
 
 
 def _outline(changed: NDArray[np.bool_]) -> NDArray[np.int64] | None:
-    """(N, 2) px, the outline of the largest patch, small holes closed."""
+    """(N, 2) px, the outline of the largest region, small holes closed."""
     closed = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not outlines:

@@ -1,4 +1,4 @@
-"""The no-contact reference of a tactile sensor, and whether light and gel are still as they were."""
+"""The no-contact reference of a tactile sensor, and the drift of light and gel since an earlier one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ _HOT_GREY = 40.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What a sensor shows untouched.
+    """The picture of an untouched sensor.
 
     image: (H, W, 3) float32 RGB, the mean of its frames. noise_grey: one sigma of a value in one
-    frame. saturated: share of values at the top. hot_pixels: pixels that stand out alone.
+    frame. saturated: share of saturated values. hot_pixels: isolated pixels that stand out.
     """
 
     image: NDArray[np.float32]
@@ -39,8 +39,8 @@ class Reference:
 class Drift:
     """How a sensor changed since an earlier reference.
 
-    gain: (3,) brightness of R, G, B over the earlier one's. contact_share: share of the picture
-    that changed beyond the light. moved_px: (x, y) shift of the picture, px.
+    gain: (3,) brightness of R, G, B relative to the earlier reference. contact_share: share of the
+    picture that changed by more than the light explains. moved_px: (x, y) shift of the picture, px.
     """
 
     gain: Array
@@ -51,8 +51,8 @@ class Drift:
 def make_reference(frames: Sequence[Image]) -> Reference:
     """Average frames of one untouched sensor, (H, W, 3) uint8 RGB each.
 
-    Raises `CalibrationError` for too few, frames that differ in size or change between one another,
-    and a picture without light or content.
+    Raises `CalibrationError` for too few frames, for frames that differ in size or content, and for a
+    picture that is dark or uniform.
     """
     if len(frames) < FEWEST_FRAMES:
         raise CalibrationError(f"tactile reference: {len(frames)} frames, {FEWEST_FRAMES} are the least")
@@ -73,7 +73,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
 
 
 def check_light(frame: Image, name: str) -> None:
-    """Raise `CalibrationError` unless (H, W, 3) uint8 with light and content."""
+    """Raise `CalibrationError` unless (H, W, 3) uint8 and neither dark nor uniform."""
     if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
         raise CalibrationError(f"{name}: (H, W, 3) uint8 RGB is needed, got {frame.shape} {frame.dtype}")
     if float(frame.std()) < 1.0:
@@ -84,7 +84,7 @@ def check_light(frame: Image, name: str) -> None:
         raise CalibrationError(f"{name}: almost dark (mean {frame.mean():.1f} grey); are the LEDs on?")
 
 
-def compare(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
+def drift_since(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
     """Measure what changed since an earlier reference. Raises `CalibrationError` for another size."""
     if reference.image.shape != earlier.shape:
         raise CalibrationError(
@@ -99,29 +99,37 @@ def compare(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
     return Drift(gain, share, (float(dx), float(dy)))
 
 
-def judge_reference(reference: Reference, drift: Drift | None = None) -> Assessment:
-    """Judge light and, where an earlier reference is known, drift."""
-    judged = limit(
+def assess_reference(reference: Reference, drift: Drift | None = None) -> Assessment:
+    """Assess the light and, against an earlier reference, the drift."""
+    assessment = limit(
         100 * reference.saturated, 1.0, 30.0, "{value:.0f} % of the values are saturated: dim the LEDs"
     )
-    judged += limit(
+    assessment += limit(
         reference.noise_grey, 5.0, 25.0, "frames scatter by {value:.1f} grey: is the light flickering?"
     )
-    judged += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
-    judged += floor(float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)")
+    assessment += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
+    assessment += floor(
+        float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)"
+    )
     if drift is None:
-        return judged + Assessment(
+        return assessment + Assessment(
             doubts=("no earlier reference to compare with: contact in it would go unseen",)
         )
     if not np.isfinite(drift.gain).all() or float(np.min(drift.gain)) < 0.3:
-        return judged + Assessment((f"an LED went out (R, G, B gains {np.round(drift.gain, 2).tolist()})",))
+        return assessment + Assessment(
+            (f"an LED went out (R, G, B gains {np.round(drift.gain, 2).tolist()})",)
+        )
     worst = float(np.abs(np.log(drift.gain)).max())
-    judged += limit(100 * worst, 10.0, 60.0, "the light changed by {value:.0f} % since the earlier reference")
-    judged += limit(
+    assessment += limit(
+        100 * worst, 10.0, 60.0, "the light changed by {value:.0f} % since the earlier reference"
+    )
+    assessment += limit(
         100 * drift.contact_share, 1.0, 5.0,
         "{value:.0f} % of the picture changed shape: contact in it, a damaged gel, or another sensor",
     )  # fmt: skip
-    return judged + limit(float(np.hypot(*drift.moved_px)), 1.0, 8.0, "the picture moved by {value:.1f} px")
+    return assessment + limit(
+        float(np.hypot(*drift.moved_px)), 1.0, 8.0, "the picture moved by {value:.1f} px"
+    )
 
 
 def changed_share(one: NDArray[np.float32], other: NDArray[np.float32], noise_grey: float) -> float:

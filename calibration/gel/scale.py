@@ -1,9 +1,9 @@
-"""Pixels to millimetres on the gel, along x and along y: the contact moved by known steps.
+"""Millimetres per pixel on the gel, along x and along y, from a contact moved by known steps.
 
 The two scales differ in real sensors (11.7 and 10.8 px per mm were reported for one), so one
-number for both is not enough. A gel is convex: where a ball touches it first lies nearer to the
-gel's top than the ball, by 1 + R / (gel's radius). Balls of two sizes tell how much, and the scale
-is that of a ball of no size.
+number does not do for both. A gel is convex: where a ball touches it first lies nearer to the
+gel's top than the ball, by 1 + R / (gel's radius). Balls of two sizes determine it, and the
+scale is extrapolated to a ball of radius zero.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Array = NDArray[np.floating]
 FEWEST = 4
 _SIZES_APART = 1.2
 _MOST_BULGE_PER_MM = 0.1
-"""One over the smallest radius of a gel's face that is looked for: 10 mm."""
+"""One over the smallest radius of curvature of a gel that is considered: 10 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class GelScale:
     """A gel's scale.
 
     mm_per_px: (2,) along x and y of the picture; sigma: (2,) one sigma of each; aspect_sigma: of
-    their ratio, in which the bulge cancels. turn_deg: of the picture against the motion's axes.
+    their ratio, in which the bulge cancels. turn_deg: rotation of the picture against the axes of the motion.
     residual_px: rms. held_out_px: rms by leave-one-out.
     """
 
@@ -39,7 +39,7 @@ class GelScale:
     turn_deg: float
     residual_px: float
     held_out_px: float
-    judgement: Assessment
+    assessment: Assessment
 
     @property
     def pixel_aspect(self) -> float:
@@ -65,61 +65,61 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
             "at least, some mm apart along x and along y"
         )
     apart = radii_mm is not None and np.max(radii_mm) >= _SIZES_APART * np.min(radii_mm)
-    presses = _Presses(centres_px, moves_mm, np.asarray(radii_mm) if apart else np.zeros(len(moves_mm)))
-    return _scale(presses)
+    known = _KnownMoves(centres_px, moves_mm, np.asarray(radii_mm) if apart else np.zeros(len(moves_mm)))
+    return _scale(known)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Presses:
+class _KnownMoves:
     """Centres (N, 2) px, moves (N, 2) mm, radii (N,) mm; all zero where balls of one size were used."""
 
     centres_px: Array
     moves_mm: Array
     radii_mm: Array
 
-    def without(self, i: int) -> "_Presses":
+    def without(self, i: int) -> "_KnownMoves":
         others = np.delete(np.arange(len(self.moves_mm)), i)
-        return _Presses(self.centres_px[others], self.moves_mm[others], self.radii_mm[others])
+        return _KnownMoves(self.centres_px[others], self.moves_mm[others], self.radii_mm[others])
 
     def system(self, bulge_per_mm: float) -> Array:
-        """(N, 3) or (N, 4): places stretched by the bulge, and a zero for each size of ball."""
+        """(N, 3) or (N, 4): centres stretched by the bulge, with an offset for each size of ball."""
         stretched = self.centres_px * (1.0 + bulge_per_mm * self.radii_mm[:, None])
         zeros = [np.ones(len(self.moves_mm)), *([self.radii_mm] if self.radii_mm.any() else [])]
         return np.column_stack([stretched, *zeros])
 
 
-def _fit(presses: _Presses) -> tuple[Array, float]:
-    """Weights from the system to moves, its first two rows those of x and y; and the bulge, per mm."""
+def _fit(known: _KnownMoves) -> tuple[Array, float]:
+    """Weights from the system to the moves, the first two rows for x and y, and the bulge, per mm."""
 
     def solve(bulge_per_mm: float) -> Array:
-        return np.linalg.lstsq(presses.system(bulge_per_mm), presses.moves_mm, rcond=None)[0]
+        return np.linalg.lstsq(known.system(bulge_per_mm), known.moves_mm, rcond=None)[0]
 
-    if not presses.radii_mm.any():
+    if not known.radii_mm.any():
         return solve(0.0), 0.0
 
     def cost(bulge_per_mm: float) -> float:
-        return float((_missed(presses, solve(bulge_per_mm), bulge_per_mm) ** 2).sum())
+        return float((_missed(known, solve(bulge_per_mm), bulge_per_mm) ** 2).sum())
 
     found: Any = minimize_scalar(cost, bounds=(0.0, _MOST_BULGE_PER_MM), method="bounded")
     bulge = float(found.x)
     return solve(bulge), bulge
 
 
-def _missed(presses: _Presses, weights: Array, bulge_per_mm: float) -> Array:
-    return presses.moves_mm - presses.system(bulge_per_mm) @ weights
+def _missed(known: _KnownMoves, weights: Array, bulge_per_mm: float) -> Array:
+    return known.moves_mm - known.system(bulge_per_mm) @ weights
 
 
-def _scale(presses: _Presses) -> GelScale:
-    """Lengths in mm of a step of one pixel along x and y; their sigma by jackknife."""
-    weights, bulge = _fit(presses)
+def _scale(known: _KnownMoves) -> GelScale:
+    """Lengths in mm of one pixel along x and y, with their sigma by jackknife."""
+    weights, bulge = _fit(known)
     scale = np.linalg.norm(weights[:2], axis=1)
-    missed = _missed(presses, weights, bulge)
+    missed = _missed(known, weights, bulge)
     count = len(missed)
     scales, left_out = np.empty((count, 2)), np.empty((count, 2))
     for i in range(count):
-        other, other_bulge = _fit(presses.without(i))
+        other, other_bulge = _fit(known.without(i))
         scales[i] = np.linalg.norm(other[:2], axis=1)
-        left_out[i] = _missed(presses, other, other_bulge)[i]
+        left_out[i] = _missed(known, other, other_bulge)[i]
     spread = scales - scales.mean(axis=0)
     sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
     aspects = scales[:, 0] / scales[:, 1]
@@ -128,7 +128,9 @@ def _scale(presses: _Presses) -> GelScale:
     residual, held_out = (
         float(np.sqrt((m**2).sum(axis=1).mean()) / scale.mean()) for m in (missed, left_out)
     )
-    judged = limit(residual, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
-    judged += limit(100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only")
-    judged += floor(count, 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, aspect_sigma, turn, residual, held_out, judged)
+    assessment = limit(residual, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
+    assessment += limit(
+        100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"
+    )
+    assessment += floor(count, 6, FEWEST, "{value} places; 9 are good")
+    return GelScale(scale, sigma, aspect_sigma, turn, residual, held_out, assessment)

@@ -1,7 +1,7 @@
-"""Closed forms for A Z = X B, own code in numpy: OpenCV 5.0 lacks its own in Python (opencv #29565).
+"""Closed forms for A Z = X B, in numpy because OpenCV 5.0 lacks them in Python (opencv #29565).
 
-Each takes (N, 3, 3) and (N, 3) arrays of A and B, and gives X and Z. They are starting points for
-the refinement; their own errors weigh depth like width, which pictures do not.
+Each takes (N, 3, 3) and (N, 3) arrays of A and B, and gives X and Z. They start the
+refinement. Their own answers weigh errors in depth like errors across, which a picture does not.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which pose to visit next: the one that most reduces what is still uncertain."""
+"""The next pose to visit: the candidate that most reduces the predicted uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Array = NDArray[np.floating]
 _BORDER_PX = 10.0
 _LARGEST_TILT = np.cos(np.radians(60.0))
 _LEVER_M = 0.3
-"""Turn and move are added at this distance from the camera, so that both count in metres."""
+"""Rotation counts as the displacement it causes at this distance from the camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class NextPose:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Three bars from 0 to 1: span of the turns, spread of their axes, share of the picture seen."""
+    """Three shares from 0 to 1: range of the rotations, spread of their axes, coverage of the picture."""
 
     rotation_span: float
     axis_spread: float

@@ -1,4 +1,4 @@
-"""Do these robot motions determine a hand-eye transform? Three numbers, each blind to what others see."""
+"""Whether robot motions determine a hand-eye transform: three numbers, none of which suffices alone."""
 
 from dataclasses import dataclass
 
@@ -49,8 +49,8 @@ def observability(a_R: Array) -> Observability:  # noqa: N803
     )
 
 
-def judge_motion(seen: Observability) -> Assessment:
-    """Refuse motions that leave a part free; doubt those that nearly do.
+def assess_motion(seen: Observability) -> Assessment:
+    """Refuse motions that leave a degree of freedom undetermined; doubt those that nearly do.
 
     All three numbers are needed: a pure translation passes two of them, half turns the other two.
     """

@@ -1,8 +1,8 @@
 """Least squares on pixels over X and Z together, plain or robust.
 
-Pose errors of one marker are large in depth and tilt and small across, pixel errors are alike in
-both axes; with the robot tying the views together, fitting pixels is several times as accurate as
-fitting poses.
+The pose of one marker is uncertain in depth and tilt and certain across, while pixel errors are the
+same in both axes; as the robot ties the views together, fitting pixels is several times as accurate
+as fitting poses.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _NEAREST_M = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """Where the iteration ended. missed_px: (M, 2). rms_px: of distances. cost: what was minimised."""
+    """The result of the iteration. missed_px: (M, 2) residuals. cost: the minimised sum."""
 
     transforms: Transforms
     missed_px: Array
@@ -94,7 +94,7 @@ def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
 
 
 def moved(at: Transforms, step: Array) -> Transforms:
-    """Turn and move both transforms by a (12,) step."""
+    """Apply a (12,) step to both transforms."""
     turns = Rotation.from_rotvec(step.reshape(4, 3)[[0, 2]]).as_matrix()
     return Transforms(at.x_R @ turns[0], at.x_t + step[3:6], at.z_R @ turns[1], at.z_t + step[9:])
 

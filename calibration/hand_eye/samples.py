@@ -1,4 +1,4 @@
-"""Samples of a hand-eye calibration: robot pose and picture, paired by id, checked before any solver."""
+"""Samples of a hand-eye calibration: robot pose and picture, paired by id and checked before solving."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ Array = NDArray[np.floating]
 
 
 class Setup(StrEnum):
-    """Who carries the camera.
+    """Where the camera is mounted.
 
-    Eye to hand: the camera stands, the target is on the tool; the answer is base_T_camera.
-    Eye in hand: the camera is on the tool, the target stands; the answer is tcp_T_camera.
+    Eye to hand: the camera is fixed, the target is on the tool; the answer is base_T_camera.
+    Eye in hand: the camera is on the tool, the target is fixed; the answer is tcp_T_camera.
     """
 
     EYE_TO_HAND = "eye-to-hand"
@@ -75,12 +75,12 @@ class Problem:
         return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
 
     def shifted(self, by: int) -> "Problem":
-        """The problem as if the lists of poses and pictures had slipped against each other."""
+        """The problem as if poses and pictures had been paired with an offset."""
         return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
-    """Collect samples into arrays, the lens' distortion taken off the pixels."""
+    """Collect samples into arrays, with undistorted pixels."""
     poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
     seen = np.vstack([s.view.image_px for s in samples])
     return Problem(
@@ -98,7 +98,7 @@ def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: S
 def usable_samples(
     samples: Sequence[HandEyeSample], camera: CameraModel
 ) -> tuple[list[HandEyeSample], list[Rejected]]:
-    """Leave out samples that no solver should see, with the reason of each."""
+    """Leave out unusable samples, each with its reason."""
     return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
 
 
@@ -117,7 +117,7 @@ def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
 
 
 def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
-    """A sample taken again at the same place adds no view, and makes leaving one out mean nothing."""
+    """A repeated pose adds no information, and makes leaving one out meaningless."""
     for other in others:
         if other.id == sample.id:
             return f"a second sample with the id {sample.id}"

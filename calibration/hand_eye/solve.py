@@ -1,4 +1,4 @@
-"""The hand-eye chain: checks, observability gate, closed forms, robust pixels, rejection, refit, spread."""
+"""Hand-eye calibration: checks, observability, closed forms, robust refinement, rejection, refit, spread."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
-from calibration.hand_eye.observability import Observability, judge_motion, observability
+from calibration.hand_eye.observability import Observability, assess_motion, observability
 from calibration.hand_eye.refine import Refined, refine
 from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem, usable_samples
 from calibration.hand_eye.target_pose import consistent_choice, target_poses
@@ -33,15 +33,15 @@ _MORE = "position known to {value:.2f} mm only: add samples"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeResult:
-    """The answer and what it is worth.
+    """The answer and its assessment.
 
     setup: which of the two. pose: base_T_camera or tcp_T_camera; target: tcp_T_target or
     base_T_target; both None where refused before a solution. rms_px: residual of the samples used;
-    sample_px: the same by id, rejected ones included. closed_form: which start won.
+    sample_px: the same by id, rejected ones included. closed_form: the start that won.
     """
 
     setup: Setup
-    judgement: Assessment
+    assessment: Assessment
     rejected: tuple[Rejected, ...]
     motion: Observability | None = None
     pose: Pose | None = None
@@ -56,7 +56,7 @@ class HandEyeResult:
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
-    """Solve, or say why not: bad data gives a refused result with its reasons, never a silent number."""
+    """Solve; bad data gives a refused result with its reasons, never a silent number."""
     good, rejected = usable_samples(samples, camera)
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
@@ -64,7 +64,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
         return HandEyeResult(setup, Assessment((text + (f" ({why})" if why else ""),)), tuple(rejected))
     problem = make_problem(good, camera, setup)
     motion = observability(problem.a_R)
-    gate = judge_motion(motion)
+    gate = assess_motion(motion)
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
     start, name = robust_start(problem)
@@ -90,7 +90,7 @@ def _finish(
     sample_px: dict[str, float],
 ) -> HandEyeResult:
     motion = observability(problem.a_R)
-    gate = judge_motion(motion)
+    gate = assess_motion(motion)
     final = refine(problem, start.transforms)
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
         reasons = gate if gate.refusals else Assessment((contradiction(problem, final),))
@@ -99,12 +99,12 @@ def _finish(
     sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
     t = final.transforms
     return HandEyeResult(
-        setup, gate + _judge(final, spread, len(rejected)), rejected, motion, as_pose(t.x_R, t.x_t),
+        setup, gate + _assess(final, spread, len(rejected)), rejected, motion, as_pose(t.x_R, t.x_t),
         as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, name, problem.ids, problem, final,
     )  # fmt: skip
 
 
-def _judge(final: Refined, spread: Uncertainty, rejected: int) -> Assessment:
+def _assess(final: Refined, spread: Uncertainty, rejected: int) -> Assessment:
     return (
         limit(final.rms_px, 1.5, _WORST_RMS_PX, _LOOSE)
         + limit(1e3 * float(np.linalg.norm(spread.sigma_m)), 1.0, 50.0, _MORE)
@@ -141,7 +141,7 @@ def robust_start(problem: Problem) -> tuple[Refined, str]:
 
 
 def contradiction(problem: Problem, found: Refined) -> str:
-    """Say that the samples contradict one another, and which simple mistake would explain it."""
+    """Say that the samples contradict one another, and name a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
     seen = f"the samples contradict one another (missed by {now:.0f} px, median)"
     tries = {
@@ -180,7 +180,7 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
 
 
 def _inliers(problem: Problem, start: Refined) -> NDArray[np.int64]:
-    """Samples that agree: rms below three medians, and no sample under a pixel is an outlier."""
+    """Samples that agree: rms of at most three medians; a sample missed by a pixel or less is no outlier."""
     missed = start.sample_rms_px(problem)
     bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
     return np.flatnonzero(missed <= bound)

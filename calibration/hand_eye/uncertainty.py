@@ -1,7 +1,7 @@
-"""What a hand-eye answer is worth: covariance of the fit, leave-one-out, and the larger of the two.
+"""Uncertainty of a hand-eye answer: covariance of the fit, jackknife, and the larger of the two.
 
-The fit's own covariance knows nothing of the robot's errors, which all points of a picture share;
-leaving samples out sees them, but is noisy from few samples. In each direction the larger counts.
+The covariance of the fit misses the robot's errors, which all points of a picture share; the jackknife
+includes them, but is noisy for few samples. In each direction the larger one counts.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ Array = NDArray[np.floating]
 class Uncertainty:
     """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
 
-    fit: of the least squares, scaled by the residuals. left_out: jackknife over samples. larger: of
+    fit: of the least squares, scaled by the residuals. jackknife: over samples. larger: of
     the two in each direction. held_out_px: (N,) rms px by which each sample is missed by the answer
     from all others. samples: N.
     """
 
     fit: Array
-    left_out: Array
+    jackknife: Array
     larger: Array
     held_out_px: Array
     samples: int
@@ -44,11 +44,11 @@ class Uncertainty:
         return np.sqrt(np.diag(self.larger)[:3])
 
     def region_bound(self, dimensions: int, level: float = 0.95) -> float:
-        """Squared Mahalanobis distance that holds the truth with `level` (F, samples - 1)."""
+        """Squared Mahalanobis distance that holds the truth with probability `level` (F, samples - 1)."""
         return float(dimensions * f_distribution.ppf(level, dimensions, max(self.samples - 1, 1)))
 
     def holds(self, error: Array, level: float = 0.95) -> bool:
-        """Whether the region around the answer holds a (6,) error."""
+        """Whether a (6,) error lies within the confidence region."""
         return float(error @ np.linalg.solve(self.larger, error)) <= self.region_bound(6, level)
 
 
@@ -62,8 +62,8 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
         changes[i] = difference(answer.transforms, without)
         missed, _ = linearised(problem.subset(np.array([i])), without)
         held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
-    left_out = (count - 1) / count * changes.T @ changes
-    return Uncertainty(fit, left_out, larger_of(fit, left_out), held_out, count)
+    jackknife = (count - 1) / count * changes.T @ changes
+    return Uncertainty(fit, jackknife, larger_of(fit, jackknife), held_out, count)
 
 
 def difference(one: Transforms, other: Transforms) -> Array:

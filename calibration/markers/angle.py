@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
-from calibration.markers.pair import MarkerTracker
 from calibration.markers.planar import (
     FEWEST_FRAMES,
     PlanarAngle,
@@ -17,6 +16,7 @@ from calibration.markers.planar import (
     fit_plane,
     in_plane_angle,
 )
+from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
 from calibration.targets.edges import refine_edges
 from calibration.verdict import Assessment, floor, limit
@@ -118,7 +118,7 @@ class MarkerReport:
     drift_deg: change from the first to the last quarter. refused: pictures by reason.
     """
 
-    judgement: Assessment
+    assessment: Assessment
     plane: PlaneReference
     rest_deg: Array
     sigma_deg: float
@@ -148,11 +148,11 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     drift = float(rest[-quarter:].mean() - rest[:quarter].mean())
     sigma = float(rest.std(ddof=1))
     return MarkerReport(
-        _judge(plane, sigma, drift, len(rest) / len(answers)), plane, rest, sigma, drift, refused
+        _assess(plane, sigma, drift, len(rest) / len(answers)), plane, rest, sigma, drift, refused
     )
 
 
-def _judge(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:
+def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:
     return (
         floor(
             plane.side_px, 30.0, 16.0, "markers are {value:.0f} px wide; 40 px and more are good: move nearer"

@@ -67,9 +67,9 @@ def _first_marker(ideal_px: Array) -> Array:
 
 
 def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803
-    """The pose in a homography, and the one leaning the other way that looks almost the same.
+    """The pose of a homography, and the one tilted the other way, which looks almost the same.
 
-    OpenCV's IPPE_SQUARE gives both too, but not a number for a plane square to the camera.
+    OpenCV's IPPE_SQUARE gives both too, but NaN for a plane square to the camera.
     """
     pose = rays_T_plane / np.linalg.norm(rays_T_plane[:, :2], axis=0).mean()
     pose = pose * np.sign(pose[2, 2])

@@ -14,7 +14,7 @@ from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 
 Corners = NDArray[np.float64]
-"""(..., 4, 2) px: corners of markers, clockwise from each one's own top left; pixel centres are whole."""
+"""(..., 4, 2) px: markers' corners, clockwise from each one's top left; pixel centres at whole numbers."""
 
 _SAME_PLACE = 0.3
 _ONE_WINDOW = 23
@@ -40,7 +40,7 @@ def detector(dictionary: str) -> cv2.aruco.ArucoDetector:
 
 
 def region_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
-    """A detector for small cuts of a picture: one threshold window. Raises `InputError`."""
+    """A detector for small regions of a picture: one threshold window. Raises `InputError`."""
     parameters = _parameters()
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = _ONE_WINDOW
     # a region holds little but the marker, so small outlines are its modules
@@ -60,7 +60,7 @@ def detect_all(aruco: cv2.aruco.ArucoDetector, gray: Image) -> dict[int, list[Co
     return seen
 
 
-def refine(gray: Image, corners: Corners) -> Corners | Refusal:
+def refine_corners(gray: Image, corners: Corners) -> Corners | Refusal:
     """Refine (M, 4, 2) px corners to sub-pixel, the window 0.12 of the side, 3 to 9 px."""
     side = float(side_lengths(corners).mean())
     half = int(np.clip(round(0.12 * side), 3, 9))

@@ -1,8 +1,8 @@
-"""Marker corners from straight lines fitted to their edges: the most accurate, at some cost.
+"""Marker corners as intersections of lines fitted to the edges: the most accurate way, at some cost.
 
-Each side is sampled across at many places, the edge found there by the centroid of its gradient,
-a line fitted to these points, and neighbouring lines intersected. A corner then rests on all pixels
-of two sides instead of the few around it.
+Each side is sampled across at many places. The centroid of the gradient gives the edge there, a line
+is fitted to these points, and neighbouring lines are intersected. So a corner rests on all pixels of two
+sides instead of the few around it.
 """
 
 import cv2

@@ -1,4 +1,4 @@
-"""Targets as pictures and as printable sheets with a scale bar to measure."""
+"""Targets as pictures, and as printable sheets with a bar to check the scale."""
 
 import html
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class TargetPicture:
 
 @lru_cache(maxsize=8)
 def target_picture(spec: str) -> TargetPicture:
-    """The picture of a target on white paper, the densest that makes sense to print or to render."""
+    """The picture of a target on white paper, as dense as printing or rendering needs."""
     shapes, size, margin = _rectangles(spec)
     density = _density(spec)
     high, wide = (int(np.ceil((s + 2 * margin) * density)) for s in (size[1], size[0]))
@@ -49,7 +49,7 @@ def target_picture(spec: str) -> TargetPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class PrintedSheet:
+class TargetSheet:
     """A sheet to print at 100 %, mm from its top left corner, y down.
 
     size_mm: width, height. ink: black rectangles (x, y, width, height): the target and a bar of
@@ -62,8 +62,8 @@ class PrintedSheet:
     text_mm: tuple[float, float]
 
 
-def printed_sheet(spec: str) -> PrintedSheet:
-    """Lay out a target's sheet with the bar to check with a ruler.
+def target_sheet(spec: str) -> TargetSheet:
+    """Lay out a target's sheet with a bar to check with a ruler.
 
     Raises `InputError` for a target that is not understood.
     """
@@ -74,12 +74,12 @@ def printed_sheet(spec: str) -> PrintedSheet:
     bar = (_MARGIN_MM, foot + 4.0, _BAR_MM, 0.4)
     wide = max(size[0] * 1e3, _BAR_MM) + 2 * _MARGIN_MM
     text = f"{spec} - print at 100 %; this bar must measure 100.0 mm; put the measured side into the name"
-    return PrintedSheet((wide, foot + 22.0), (*ink, bar, *ticks), text, (_MARGIN_MM, foot + 11.0))
+    return TargetSheet((wide, foot + 22.0), (*ink, bar, *ticks), text, (_MARGIN_MM, foot + 11.0))
 
 
 def sheet_svg(spec: str) -> str:
     """The sheet as SVG. Raises `InputError` for a target that is not understood."""
-    sheet = printed_sheet(spec)
+    sheet = target_sheet(spec)
     (wide, high), (x, y) = sheet.size_mm, sheet.text_mm
     ink = "".join(
         f'<rect x="{left:.4f}" y="{top:.4f}" width="{w:.4f}" height="{h:.4f}"/>'

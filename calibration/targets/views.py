@@ -1,4 +1,4 @@
-"""Views of a board: points whose place on the board is known, found in one picture; and their checks."""
+"""Views of a board, points of known place found in one picture, and checks of them."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -31,10 +31,10 @@ class View:
 
 
 def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
-    """Leave out views that no solver should see: not finite, too few points, collinear, other size.
+    """Leave out unusable views: not finite, too few points, collinear, of another size.
 
     The size of most views counts; a view shown before (all points within 2 px) is left out too:
-    copies look like evidence and are none.
+    copies would look like evidence.
     """
     common = Counter(view.size for view in views).most_common(1)[0][0] if views else (0, 0)
     return sift(views, lambda view: view.id, lambda view, kept: _fault(view, common) or _repeats(view, kept))

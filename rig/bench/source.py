@@ -42,7 +42,7 @@ class BenchSource(Protocol):
         ...
 
     def displaced(self) -> None:
-        """The object is no longer in its place."""
+        """Say that the object is no longer in its place."""
         ...
 
 

@@ -1,1 +1,1 @@
-"""Calibrations from samples on disk or from a bench: collected, solved, judged, filed and shown."""
+"""Calibrations from samples on disk or from a bench: collected, solved, assessed, filed and shown."""

@@ -1,4 +1,4 @@
-"""What calibrations on a bench share: the bench itself, raw samples, and the look at the fingertips."""
+"""What calibrations on a bench share: the bench, raw samples, and contact as the fingertips see it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,7 +22,7 @@ from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 
 TOUCH_FRAMES = 2
-"""As in a lift: contact counts when two frames in a row show it."""
+"""Contact counts when so many frames in a row show it, as in a lift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Station:
     """Where and how a calibration is collected.
 
     config: of the bench. seed: of what is drawn. folder: of calibration files; raw
-    samples go into folders of their own in it. person: who is asked. say: told of the progress.
+    samples go into subfolders of it. person: who is asked. say: takes lines of progress.
     """
 
     config: BenchConfig
@@ -55,7 +55,7 @@ class Station:
         return CameraModel.pinhole(camera.size_px, camera.focal_px)
 
     def raw(self, name: str) -> Path:
-        """An empty folder for raw samples: those of an earlier run may be of another pose or target."""
+        """An empty folder for raw samples: those of an earlier run, maybe of another target, are removed."""
         folder = self.folder / f"{name}-samples"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -83,8 +83,8 @@ class Station:
 
 
 @dataclass(slots=True)
-class TouchWatch:
-    """Sees the fingertips while something is closed upon. newest: last frame by serial.
+class TouchObserver:
+    """Watches the fingertips while the fingers close on something. newest: last frame by serial.
 
     reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing.
     """
@@ -98,7 +98,7 @@ class TouchWatch:
     _touching: dict[str, int] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """References are collected in REFERENCE, and end with it."""
+        """Collect references during REFERENCE; make them when GRASP begins."""
         self.phase_now = phase
         if phase is Phase.REFERENCE:
             self._still = {serial: [] for serial in self.serials}
@@ -123,10 +123,10 @@ class TouchWatch:
         self._touching[frame.serial] = self._touching.get(frame.serial, 0) + 1 if seen else 0
 
     def arm(self, state: ArmState) -> None:
-        """Of no concern here."""
+        """Not needed here."""
 
     def gripper(self, state: GripperState) -> None:
-        """Of no concern here."""
+        """Not needed here."""
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""

@@ -1,4 +1,4 @@
-"""Cameras on a bench: a board on the tool shown from many poses, and markers looked at at rest."""
+"""The camera on a bench: a board on the tool shown to it from many poses, and markers at rest."""
 
 from calibration.targets.boards import Target
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
@@ -41,8 +41,8 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
             keep,
             lambda name, why: station.say(f"  {name}: {why}"),
         )
-    outcome = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
-    return outcome.marked(config.simulated)
+    result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
+    return result.marked(config.simulated)
 
 
 def collect_markers(station: Station, object_name: str) -> CalibrationResult:
@@ -55,7 +55,7 @@ def collect_markers(station: Station, object_name: str) -> CalibrationResult:
         for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES)):
             write_picture(raw / f"{number:03d}.png", frame.image)
     camera = config.camera
-    outcome = markers_from_folder(
+    result = markers_from_folder(
         raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera(), camera.serial
     )
-    return outcome.marked(config.simulated)
+    return result.marked(config.simulated)

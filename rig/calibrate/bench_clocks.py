@@ -1,4 +1,4 @@
-"""The clocks of a bench: one wiggle of a held object as arm, camera and gels saw it."""
+"""Time offsets on a bench, from one wiggle of a held object that arm, camera and fingertips recorded."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.markers.pair import MarkerTracker
+from calibration.markers.tracker import MarkerTracker
 from calibration.store import write_text
 from drivers.errors import CalibrationError, InputError
 from drivers.interfaces import Arm
@@ -16,13 +16,13 @@ from protocols.capture_touch import Touch
 from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
-from rig.calibrate.bench import Station, TouchWatch, grasp_at
+from rig.calibrate.bench import Station, TouchObserver, grasp_at
 from rig.calibrate.from_tables import sync_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
 ARM = "arm"
-"""The stream whose clock counts."""
+"""The stream whose clock is the reference."""
 _HEIGHTS_M = (0.002, 0.014)
 _SPEEDS_M_S = (0.02, 0.09)
 _STROKES = 36
@@ -47,7 +47,7 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         camera = config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         tips = tuple(t.serial for t in config.tactile)
-        watch = WiggleWatch(tips, arm_device=bench.arm, tracker=tracker, camera=camera.serial)
+        watch = WiggleObserver(tips, arm_device=bench.arm, tracker=tracker, camera=camera.serial)
         capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
     for name, stream in watch.streams().items():
         _write(raw / f"{name}.csv", *stream)
@@ -73,7 +73,7 @@ def _touch(config: BenchConfig, name: str) -> Touch:
 
 
 def strokes(seed: int) -> list[Stroke]:
-    """Up and down by turns, each stroke to another height at another speed."""
+    """Strokes up and down alternately, each to another height at another speed."""
     rng = np.random.default_rng((seed, 34))
     low, high = _HEIGHTS_M
     middle = (low + high) / 2
@@ -87,8 +87,8 @@ def strokes(seed: int) -> list[Stroke]:
 
 
 @dataclass(slots=True)
-class WiggleWatch(TouchWatch):
-    """Keeps what each device says while the object is wiggled: heights, markers, small pictures."""
+class WiggleObserver(TouchObserver):
+    """Records each device during the wiggle: the arm's heights, the markers, small tactile pictures."""
 
     arm_device: Arm | None = None
     tracker: MarkerTracker | None = None
@@ -103,9 +103,9 @@ class WiggleWatch(TouchWatch):
             self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
 
     def frame(self, frame: Frame) -> None:
-        """Keep where the markers are, or a small copy of what the gel shows."""
+        """Keep the markers' height in the picture, or a small copy of the tactile picture."""
         if self.phase_now is not Phase.LIFT:
-            TouchWatch.frame(self, frame)
+            TouchObserver.frame(self, frame)
             return
         if self.arm_device is not None:
             self.arm(self.arm_device.state())
@@ -134,7 +134,7 @@ class WiggleWatch(TouchWatch):
 
 
 def strongest_change(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(N,) of (N, K): the pictures' first principal component, what changes most in them."""
+    """(N,) from (N, K): the first principal component of the pictures."""
     centred = pictures - pictures.mean(axis=0)
     u, strengths, _ = np.linalg.svd(centred.astype(np.float64), full_matrices=False)
     return u[:, 0] * strengths[0]

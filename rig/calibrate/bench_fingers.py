@@ -1,11 +1,11 @@
-"""The gripper on a bench: blocks of known width between the fingers tell what the counts mean."""
+"""The gripper on a bench: its opening over counts, from blocks of known width between the fingers."""
 
 from collections.abc import Sequence
 
 from calibration.store import write_text
 from drivers.errors import InputError
 from protocols.capture_touch import Touch, capture_openings
-from rig.calibrate.bench import Station, TouchWatch, grasp_at
+from rig.calibrate.bench import Station, TouchObserver, grasp_at
 from rig.calibrate.from_tables import gripper_from_folder
 from rig.calibrate.result import CalibrationResult
 
@@ -39,7 +39,7 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
         f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them.",
         from_home=True,
     ) as (bench, operator):
-        watch = TouchWatch(tuple(tip.sensor.serial for tip in bench.fingertips))
+        watch = TouchObserver(tuple(tip.sensor.serial for tip in bench.fingertips))
         capture_openings(
             bench, operator, watch, touches,
             lambda touch, counts: note(touch, counts, "closing"),

@@ -1,4 +1,4 @@
-"""Hand-eye on a bench: poses chosen, visited, kept as files, and solved like any other folder."""
+"""Hand-eye calibration on a bench: poses are chosen and visited, samples kept as files, then solved."""
 
 from pathlib import Path
 
@@ -19,12 +19,12 @@ from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_e
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
-from rig.calibrate.hand_eye import hand_eye_outcome
+from rig.calibrate.hand_eye import hand_eye_result
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
 FIRST_POSES = 6
-"""Visited before there is an answer to improve; then each next pose is the one that tells most."""
+"""Visited as drawn; from then on each next pose is the most informative one."""
 _CANDIDATES = 60
 _MOUNTED = {
     Setup.EYE_TO_HAND: ("tool", "on the tool, facing the camera"),
@@ -57,10 +57,10 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     session.write()
     serial = config.camera.serial
-    outcome = hand_eye_outcome(
+    result = hand_eye_result(
         session.samples, camera, serial, setup, str(session.raw), session.rejected, target
     )
-    return outcome.marked(config.simulated)
+    return result.marked(config.simulated)
 
 
 def facing_poses(
@@ -96,7 +96,7 @@ def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
 
 
 class _Session:
-    """Chooses poses, keeps what comes back, and writes it down."""
+    """Chooses the poses and keeps the samples."""
 
     def __init__(
         self, target: Target, camera: CameraModel, setup: Setup, candidates: list[Pose], count: int,
@@ -118,7 +118,7 @@ class _Session:
         return f"{self._visited:03d}", self._left.pop(self._choice())
 
     def keep(self, capture: HandEyeCapture) -> None:
-        """Keep picture and pose, and see whether the target is in it."""
+        """Keep picture and pose, and look for the target in the picture."""
         grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         write_picture(self.raw / f"{capture.id}.png", grey)
         self._rows.append(pose_row(capture.id, capture.base_T_tcp))

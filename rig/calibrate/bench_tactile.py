@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.reference import Drift, Reference, compare, judge_reference, make_reference
+from calibration.gel.reference import Drift, Reference, assess_reference, drift_since, make_reference
 from calibration.store import write_text
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
 from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
-from rig.calibrate.bench import Station, TouchWatch, grasp_at, write_picture
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, write_picture
 from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.tactile import tactile_from_folder
 from rig.config import BenchConfig
@@ -31,13 +31,13 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     The mean picture is kept as `tactile-reference-<serial>.png`; one kept earlier is compared with.
     Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
     """
-    outcomes = []
+    results = []
     with station.connected("Nothing moves; the fingertips are looked at, untouched.") as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES)]
             reference, simulated = make_reference(frames), station.config.simulated
-            outcomes.append(_outcome(reference, tip.sensor.serial, station.folder, simulated))
-    return outcomes
+            results.append(_reference_result(reference, tip.sensor.serial, station.folder, simulated))
+    return results
 
 
 def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
@@ -60,7 +60,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
         f"{_GRIP_COUNTS[1]} counts past contact.",
         from_home=True,
     ) as (bench, operator):
-        watch = TouchWatch(tuple(folders))
+        watch = TouchObserver(tuple(folders))
 
         def keep(touch: Touch) -> None:
             for tip in config.tactile:
@@ -93,7 +93,9 @@ def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[
     return touches
 
 
-def _kept(touch: Touch, serial: str, sign: int, config: BenchConfig, watch: TouchWatch, folder: Path) -> str:
+def _kept(
+    touch: Touch, serial: str, sign: int, config: BenchConfig, watch: TouchObserver, folder: Path
+) -> str:
     """Keep what a fingertip shows of a press; return its row: the ball's place as its picture shows it."""
     picture, background = f"{touch.id}.png", f"untouched-{touch.id}.png"
     write_picture(folder / picture, watch.newest[serial].image)
@@ -104,16 +106,17 @@ def _kept(touch: Touch, serial: str, sign: int, config: BenchConfig, watch: Touc
     return f"{picture},{1e3 * touch.width_m:g},{-sign * right:.4f},{up:.4f},{background}"
 
 
-def _outcome(reference: Reference, serial: str, folder: Path, simulated: bool) -> CalibrationResult:
+def _reference_result(reference: Reference, serial: str, folder: Path, simulated: bool) -> CalibrationResult:
     path = folder / f"tactile-reference-{serial}.png"
-    drift = compare(reference, _earlier(path)) if path.exists() else None
-    judged = judge_reference(reference, drift)
-    if not judged.refusals:
+    drift = drift_since(reference, _earlier(path)) if path.exists() else None
+    assessment = assess_reference(reference, drift)
+    if not assessment.refusals:
         write_picture(path, np.rint(reference.image).astype(np.uint8))
     rows, columns = reference.image.shape[:2]
     value = {"image_height": rows, "image_width": columns, "reference_image": path.name}
     return CalibrationResult(
-        "tactile", {"tactile": serial}, value, _quality(reference, drift), judged, _numbers(reference, drift),
+        "tactile", {"tactile": serial}, value, _quality(reference, drift), assessment,
+        _numbers(reference, drift),
         f"{_FRAMES} frames at rest", _FRAMES, files=[path] if path.exists() else [],
         pictures=[Picture("Reference", "The mean of the frames.", _png(reference))],
         simulated=simulated, part="reference",

@@ -1,4 +1,4 @@
-"""The tool's tip on a bench: the tip in one hole at many tilts, guided in by a person."""
+"""The tool tip on a bench: in one hole at many tilts, guided by a person."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,7 @@ from rig.calibrate.result import CalibrationResult
 
 _LARGEST_TILT_DEG = 30.0
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
-"""The golden angle: directions that never line up, however many there are."""
+"""The golden angle: any number of directions spread evenly."""
 
 
 def collect_tip(station: Station, count: int) -> CalibrationResult:
@@ -53,7 +53,7 @@ def tilts(count: int) -> list[Rotation]:
 
 
 def _tip(seated: list[tuple[str, Pose]]) -> Vector3 | None:
-    """Where the tip is as far as these poses tell; None while they do not."""
+    """The tip that these poses determine; None where they do not."""
     found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
     if found is None:
         return None

@@ -1,10 +1,10 @@
-"""`rig calibrate camera`: pictures of a board to a camera file."""
+"""`rig calibrate camera`: a camera file from pictures of a board."""
 
 from pathlib import Path
 
 import numpy as np
 
-from calibration.camera.checks import board_tilts_deg, judge_camera, tilt_spread_deg
+from calibration.camera.checks import assess_camera, board_tilts_deg, tilt_spread_deg
 from calibration.camera.files import camera_info
 from calibration.camera.intrinsics import CameraFit, calibrate_camera
 from calibration.camera.projection_sigma import projection_sigma_px
@@ -37,7 +37,7 @@ def camera_from_folder(
         {"camera": serial},
         camera_info(result.fit.camera, serial),
         _quality(result, target, projected),
-        judge_camera(result),
+        assess_camera(result),
         _numbers(result, projected),
         str(folder),
         len(result.fit.views),
@@ -52,9 +52,9 @@ def _refused(
     folder: Path, files: list[Path], serial: str, unseen: list[Rejected], reason: str
 ) -> CalibrationResult:
     thumbs = [Thumbnail(r.id, r.reason, figures.thumbnail(read_grey(folder / r.id))) for r in unseen[:12]]
-    judged = Assessment(refusals=(reason,))
+    assessment = Assessment(refusals=(reason,))
     return CalibrationResult(
-        "camera", {"camera": serial}, {}, {}, judged, {}, str(folder), 0, unseen, files, (), thumbs
+        "camera", {"camera": serial}, {}, {}, assessment, {}, str(folder), 0, unseen, files, (), thumbs
     )
 
 

@@ -1,4 +1,4 @@
-"""How far two calibrations differ, where it matters."""
+"""The difference between two calibrations, in px over the picture or mm in the workspace."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,7 +15,7 @@ from drivers.types import Pose
 
 Figures = dict[str, float | None]
 WORKSPACE_M = 0.15
-"""Half the side of the cube around the target's place in which hand-eye answers are compared."""
+"""Half the side of the cube around the target in which hand-eye answers are compared."""
 
 
 def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
@@ -63,7 +63,7 @@ def _cameras(one: Path, other: Path) -> Figures:
 
 
 def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
-    """How far apart the two answers put what the camera sees in the workspace."""
+    """Distance between the places that the two answers give to points in the workspace."""
     x, y = _pose(one), _pose(other)
     centre = x.inverse() @ _pose(one["target"]) if one.get("setup") == "eye-in-hand" else None
     ahead = np.asarray([0.0, 0.0, 0.7]) if centre is None else np.asarray(centre.position_m)

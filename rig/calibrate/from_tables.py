@@ -12,13 +12,13 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
-from rig.calibrate.sources import number, read_poses, read_stream, read_table
+from rig.calibrate.sources import number, read_csv, read_poses, read_stream
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
     """gripper.csv: counts, opening_mm, direction (closing, opening); force.csv, if there: signal, force_n."""
     path = folder / "gripper.csv"
-    rows = read_table(path, ("counts", "opening_mm", "direction"))
+    rows = read_csv(path, ("counts", "opening_mm", "direction"))
     samples = []
     for line, row in enumerate(rows, start=2):
         where = f"{path} line {line}"
@@ -30,22 +30,22 @@ def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
                 f"line {line}", number(row, "counts", where), opening_m, Direction(row["direction"])
             )
         )
-    return _gripper_outcome(samples, serial, folder)
+    return _gripper_result(samples, serial, folder)
 
 
-def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) -> CalibrationResult:
+def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> CalibrationResult:
     result = calibrate_opening(samples)
     value: dict[str, object] = {
         str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
         for way, t in result.tables.items()
     }
-    judged, files = result.judgement, [folder / "gripper.csv"]
+    assessment, files = result.assessment, [folder / "gripper.csv"]
     if (path := folder / "force.csv").exists():
-        rows = read_table(path, ("signal", "force_n"))
+        rows = read_csv(path, ("signal", "force_n"))
         signal, force = (np.array([number(r, c, str(path)) for r in rows]) for c in ("signal", "force_n"))
         table = fit_force(signal, force)
         value["force"] = {"signal": table.signal, "force_n": table.force_n, "misfit_n": table.misfit_n}
-        judged, files = judged + table.judgement, [*files, path]
+        assessment, files = assessment + table.assessment, [*files, path]
     curves = {str(way): (t.counts, 1e3 * t.opening_m) for way, t in result.tables.items()}
     pictures = (
         [
@@ -75,7 +75,7 @@ def _gripper_outcome(samples: list[OpeningSample], serial: str, folder: Path) ->
         {"gripper": serial},
         value,
         quality,
-        judged,
+        assessment,
         numbers,
         str(folder),
         len(samples) - len(result.rejected),
@@ -114,7 +114,7 @@ def tcp_from_folder(folder: Path, serial: str) -> CalibrationResult:
         {"tool": serial},
         value,
         quality,
-        result.judgement,
+        result.assessment,
         numbers,
         str(folder),
         used,
@@ -174,7 +174,7 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
         {"reference": first, "stream": second},
         value,
         quality,
-        result.judgement,
+        result.assessment,
         numbers,
         str(folder),
         result.used,

@@ -1,4 +1,4 @@
-"""`rig calibrate hand-eye`: pictures at known robot poses to where the camera stands."""
+"""`rig calibrate hand-eye`: the camera's pose from pictures at known robot poses."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,13 +40,13 @@ def hand_eye_from_folder(
         else:
             samples.append(HandEyeSample(path.stem, poses[path.stem], view))
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - {p.stem for p in files}]
-    outcome = hand_eye_outcome(samples, camera, serial, setup, str(folder), rejected, target)
+    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target)
     pictures = {path.stem: path for path in files}
-    thumbs = [Thumbnail(r.id, r.reason, _thumb(pictures.get(r.id), samples)) for r in outcome.rejected]
-    return replace(outcome, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
+    thumbs = [Thumbnail(r.id, r.reason, _thumb(pictures.get(r.id), samples)) for r in result.rejected]
+    return replace(result, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
 
 
-def hand_eye_outcome(
+def hand_eye_result(
     samples: Sequence[HandEyeSample],
     camera: CameraModel,
     serial: str,
@@ -55,7 +55,7 @@ def hand_eye_outcome(
     rejected: Sequence[Rejected] = (),
     target: Target | None = None,
 ) -> CalibrationResult:
-    """Solve samples into an outcome with its figures."""
+    """Solve, and make the figures of the page."""
     result = calibrate_hand_eye(samples, camera, setup)
     views = [s.view for s in samples]
     return CalibrationResult(
@@ -63,7 +63,7 @@ def hand_eye_outcome(
         {"camera": serial},
         _value(result),
         _quality(result, target),
-        result.judgement,
+        result.assessment,
         _numbers(result),
         source,
         len(result.used),
@@ -105,7 +105,7 @@ def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
             "covariance_order": "rotation vector about the child's axes (rad), translation in the parent (m)",
             "covariance": result.spread.larger,
             "covariance_of_fit": result.spread.fit,
-            "covariance_leave_one_out": result.spread.left_out,
+            "covariance_leave_one_out": result.spread.jackknife,
             "rms_px": result.rms_px,
             "held_out_rms_px": float(np.sqrt((result.spread.held_out_px**2).mean())),
             "closed_form": result.closed_form,

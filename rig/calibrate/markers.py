@@ -1,4 +1,4 @@
-"""`rig calibrate markers`: still pictures of the two markers, from a folder."""
+"""`rig calibrate markers`: the accuracy of the two-marker angle, from pictures at rest."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def markers_from_folder(
         {"camera": serial},
         value,
         quality,
-        report.judgement,
+        report.assessment,
         numbers,
         str(folder),
         len(files),

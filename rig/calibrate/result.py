@@ -1,4 +1,4 @@
-"""What every calibration command ends with: a file, a page, a few lines for people."""
+"""The result of a calibration command: a file, a page, and lines for the terminal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Thumbnail:
-    """A rejected sample as the page shows it; no picture where the sample is none."""
+    """A rejected sample as the page shows it; png: None where the sample has no picture."""
 
     id: str
     reason: str
@@ -44,7 +44,7 @@ class CalibrationResult:
     serials: Mapping[str, str]
     value: Mapping[str, Any]
     quality: Mapping[str, Any]
-    judgement: Assessment
+    assessment: Assessment
     numbers: Mapping[str, str]
     source: str
     used: int
@@ -56,79 +56,79 @@ class CalibrationResult:
     part: str = ""
 
     def marked(self, simulated: bool) -> "CalibrationResult":
-        """The same, marked as SIMULATED or not."""
+        """A copy that says whether it was made on simulated devices."""
         return replace(self, simulated=simulated)
 
 
 @dataclass(frozen=True, slots=True)
 class Filed:
-    """Where a calibration went, and what it says."""
+    """A calibration on disk: its file, its page, and its figures for `--json`."""
 
     path: Path
     page: Path
     figures: dict[str, object] = field(default_factory=dict)
 
 
-def file_result(outcome: CalibrationResult, folder: Path) -> Filed:
+def file_result(result: CalibrationResult, folder: Path) -> Filed:
     """Write file and page into a folder. Raises `CalibrationError` for a refused one, after writing both."""
-    part = [outcome.part] if outcome.part else []
-    stem = "-".join([outcome.kind, *part, *outcome.serials.values()])
+    part = [result.part] if result.part else []
+    stem = "-".join([result.kind, *part, *result.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
-    filed = _as_file(outcome)
+    filed = _as_file(result)
     save(filed, path)
-    write_text(page, _page(outcome, filed))
+    write_text(page, _page(result, filed))
     figures = plain(
         {
-            "kind": outcome.kind,
+            "kind": result.kind,
             "file": path,
             "page": page,
-            "verdict": str(outcome.judgement.verdict),
-            "reasons": outcome.judgement.reasons,
-            "used": outcome.used,
-            "numbers": outcome.numbers,
-            "rejected": [{"id": r.id, "reason": r.reason} for r in outcome.rejected],
-            "value": outcome.value,
-            "quality": outcome.quality,
-            "simulated": outcome.simulated,
+            "verdict": str(result.assessment.verdict),
+            "reasons": result.assessment.reasons,
+            "used": result.used,
+            "numbers": result.numbers,
+            "rejected": [{"id": r.id, "reason": r.reason} for r in result.rejected],
+            "value": result.value,
+            "quality": result.quality,
+            "simulated": result.simulated,
         },
         str(path),
     )
-    if outcome.judgement.verdict is Verdict.REFUSED:
-        reasons = "; ".join(outcome.judgement.refusals)
-        raise CalibrationError(f"{outcome.kind}: refused: {reasons} (page: {page})")
+    if result.assessment.verdict is Verdict.REFUSED:
+        reasons = "; ".join(result.assessment.refusals)
+        raise CalibrationError(f"{result.kind}: refused: {reasons} (page: {page})")
     return Filed(path, page, figures)
 
 
-def _page(outcome: CalibrationResult, filed: CalibrationFile) -> str:
+def _page(result: CalibrationResult, filed: CalibrationFile) -> str:
     """One HTML page that needs nothing else; each picture is inside it as data."""
     return render(
         "rig.calibrate",
         "page.html",
-        outcome=outcome,
+        result=result,
         created=filed.created,
-        verdict=str(outcome.judgement.verdict),
+        verdict=str(result.assessment.verdict),
         software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
         inputs=filed.inputs,
     )
 
 
-def _as_file(outcome: CalibrationResult) -> CalibrationFile:
+def _as_file(result: CalibrationResult) -> CalibrationFile:
     digest = sha256()
-    for path in sorted(outcome.files):
+    for path in sorted(result.files):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
-    inputs = {"source": outcome.source, "used": outcome.used, "sha256": digest.hexdigest()}
+    inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
     software = {
         name: version(name) for name in ("visuotactile-slip-rig", "opencv-contrib-python-headless", "numpy")
     }
     return CalibrationFile(
-        outcome.kind,
-        outcome.serials,
-        outcome.value,
-        outcome.judgement,
+        result.kind,
+        result.serials,
+        result.value,
+        result.assessment,
         datetime.now(UTC).isoformat(timespec="seconds"),
-        outcome.quality,
-        tuple(outcome.rejected),
-        inputs | ({"simulated": True} if outcome.simulated else {}),
+        result.quality,
+        tuple(result.rejected),
+        inputs | ({"simulated": True} if result.simulated else {}),
         software,
     )

@@ -5,7 +5,7 @@ from io import BytesIO
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from calibration.targets.sheets import TEXT_MM, printed_sheet
+from calibration.targets.sheets import TEXT_MM, target_sheet
 
 _MM_PER_INCH = 25.4
 _POINTS_PER_INCH = 72.0
@@ -13,7 +13,7 @@ _POINTS_PER_INCH = 72.0
 
 def sheet_pdf(spec: str) -> bytes:
     """The sheet of a target. Raises `InputError` for a target that is not understood."""
-    sheet = printed_sheet(spec)
+    sheet = target_sheet(spec)
     wide, high = sheet.size_mm
     figure = Figure(figsize=(wide / _MM_PER_INCH, high / _MM_PER_INCH))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))

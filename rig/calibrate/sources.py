@@ -1,4 +1,4 @@
-"""Samples from a folder: pictures, robot poses, streams, tables; each paired by name, never by place."""
+"""Samples from a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
 import csv
 from pathlib import Path
@@ -34,7 +34,7 @@ def read_rgb(path: Path) -> Image:
     return _read(path, grey=False)
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+def read_csv(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     """Rows of a CSV with at least these columns. Raises `InputError` naming what is missing."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
@@ -51,9 +51,9 @@ def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
 def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
     """`base_T_tcp` by id, from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
 
-    Poses that are none are left out with their reason. Raises `InputError` for the file itself.
+    Rows that hold no valid pose are left out, with their reason. Raises `InputError` for the file itself.
     """
-    rows = read_table(path, ("id", "x_m", "y_m", "z_m"))
+    rows = read_csv(path, ("id", "x_m", "y_m", "z_m"))
     poses: dict[str, Pose] = {}
     rejected: list[Rejected] = []
     for number, row in enumerate(rows, start=2):
@@ -69,7 +69,7 @@ def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
 
 def read_stream(path: Path) -> TimedSignal:
     """A stream from a CSV: time_ns (or t_s) and value. Raises `InputError`, `CalibrationError`."""
-    rows = read_table(path, ("value",))
+    rows = read_csv(path, ("value",))
     if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:
         raise InputError(f"{path}: has no column time_ns or t_s")
     try:
@@ -92,7 +92,7 @@ def number(row: dict[str, str], column: str, where: str) -> float:
 
 
 def _nanoseconds(text: str) -> int:
-    """Seconds written as decimals to ns, without going through a float's rounding."""
+    """Decimal seconds to ns, without the rounding of a float."""
     whole, _, part = text.strip().partition(".")
     sign = -1 if whole.startswith("-") else 1
     return int(whole or "0") * 10**9 + sign * int((part + "0" * 9)[:9] or "0")

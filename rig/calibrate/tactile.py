@@ -1,4 +1,4 @@
-"""`rig calibrate tactile`: ball presses from a folder to a gel's scale and colour map."""
+"""`rig calibrate tactile`: a gel's scale and colour map from a folder of ball presses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,14 +8,14 @@ import numpy as np
 
 from calibration.gel.balls import BallFit, BallPress, calibrate_gel
 from calibration.gel.presses import Press, find_press, rim_centre
-from calibration.gel.reference import Reference, judge_reference
+from calibration.gel.reference import Reference, assess_reference
 from calibration.gel.scale import GelScale, fit_scale
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import number, read_rgb, read_table
+from rig.calibrate.sources import number, read_csv, read_rgb
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
@@ -23,8 +23,8 @@ _COLUMNS = ("image", "diameter(mm)")
 
 
 @dataclass(slots=True)
-class _Presses:
-    """What a folder holds. moves_mm: by id, where the ball was moved to, as the picture shows it."""
+class _PressFolder:
+    """The samples of a folder. moves_mm: place of the ball by id, x right and y down in the picture."""
 
     folder: Path
     background: Image
@@ -53,12 +53,12 @@ def tactile_from_folder(
         result = calibrate_gel(presses.found, used)
     except CalibrationError as error:
         return _refused(presses, serial, str(error))
-    mapped = not (result.judgement.refusals and scale)
-    judged = (result.judgement if mapped else _without_map(result.judgement)) + judge_reference(still)
+    mapped = not (result.assessment.refusals and scale)
+    assessment = (result.assessment if mapped else _without_map(result.assessment)) + assess_reference(still)
     if scale is not None:
-        judged += scale.judgement
+        assessment += scale.assessment
     elif mm_per_px is None:
-        judged += Assessment(
+        assessment += Assessment(
             doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
         )
     return CalibrationResult(
@@ -66,7 +66,7 @@ def tactile_from_folder(
         {"tactile": serial},
         _value(result, used, scale, mapped),
         _quality(result, scale),
-        judged,
+        assessment,
         _numbers(result, used, scale),
         str(folder),
         len(result.true_mm),
@@ -77,11 +77,13 @@ def tactile_from_folder(
     )
 
 
-def _read(folder: Path) -> _Presses:
+def _read(folder: Path) -> _PressFolder:
     """Find the press in every picture of the catalog. Raises `InputError` naming file and line."""
     path = folder / "catalog.csv"
-    rows = read_table(path, _COLUMNS)
-    presses = _Presses(folder, read_rgb(folder / "background.png"), files=[folder / "background.png", path])
+    rows = read_csv(path, _COLUMNS)
+    presses = _PressFolder(
+        folder, read_rgb(folder / "background.png"), files=[folder / "background.png", path]
+    )
     for line, row in enumerate(rows, start=2):
         where, name = f"{path} line {line}", row["image"]
         if not name or not (folder / name).is_file():
@@ -98,7 +100,7 @@ def _read(folder: Path) -> _Presses:
     return presses
 
 
-def _scale(presses: _Presses) -> GelScale | None:
+def _scale(presses: _PressFolder) -> GelScale | None:
     """The scale from known moves; None where the catalog has none. Raises `CalibrationError`."""
     moved = [p for p in presses.found if p.press.id in presses.moves_mm]
     if not moved:
@@ -112,23 +114,23 @@ def _pair(scale: GelScale) -> tuple[float, float]:
     return float(scale.mm_per_px[0]), float(scale.mm_per_px[1])
 
 
-def _thumbnails(presses: _Presses) -> list[Thumbnail]:
+def _thumbnails(presses: _PressFolder) -> list[Thumbnail]:
     return [
         Thumbnail(r.id, r.reason, figures.thumbnail(read_rgb(presses.folder / r.id)))
         for r in presses.rejected
     ]
 
 
-def _refused(presses: _Presses, serial: str, reason: str) -> CalibrationResult:
+def _refused(presses: _PressFolder, serial: str, reason: str) -> CalibrationResult:
     return CalibrationResult(
         "tactile", {"tactile": serial}, {}, {}, Assessment((reason,)), {}, str(presses.folder), 0,
         presses.rejected, presses.files, (), _thumbnails(presses),
     )  # fmt: skip
 
 
-def _without_map(judged: Assessment) -> Assessment:
+def _without_map(assessment: Assessment) -> Assessment:
     """A scale from known moves stands without the colours: what is wrong with their map is a doubt."""
-    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in judged.reasons))
+    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 
 def _value(

@@ -40,8 +40,8 @@ def calibrations_folder(name_or_path: str) -> Path:
 def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
     """Read what a folder holds for the devices of a bench; nothing where there is no such folder.
 
-    A kind that is there for other devices only is refused: the wrong one would go unseen. One that
-    was refused when it was made is left out. Raises `CalibrationError`.
+    Where all files of a kind belong to other devices, that is an error: a swapped device would otherwise
+    go unnoticed. A calibration that was refused when it was made is left out. Raises `CalibrationError`.
     """
     used: dict[str, Any] = {"files": {}, "pixel_aspect": {}, "time_shift_s": {}}
     serial = config.camera.serial
@@ -64,12 +64,12 @@ def _use(
     used: dict[str, Any],
     take: Callable[[CalibrationFile, str, dict[str, Any]], bool],
 ) -> None:
-    """Find the newest file of a kind for these serials, and take from it what is used."""
+    """Find a kind's file for these serials and take from it what is used."""
     path = _find(folder, kind, serials)
     if path is None:
         return
     file = load(path, kind, serials, allow_refused=True)
-    if file.judgement.verdict is Verdict.REFUSED:
+    if file.assessment.verdict is Verdict.REFUSED:
         return
     if file.inputs.get("simulated") and not config.simulated:
         raise CalibrationError(
@@ -85,15 +85,15 @@ def _use(
         file=str(path),
         sha256=sha256(path.read_bytes()).hexdigest(),
         created=file.created,
-        verdict=str(file.judgement.verdict),
+        verdict=str(file.assessment.verdict),
     )
 
 
 def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     """The kind's file for these serials; None where the folder has none of that kind.
 
-    Raises `CalibrationError` where all of its kind belong to other devices. Streams and fingertips
-    are several of one kind: there, another one's file says nothing about this one.
+    Raises `CalibrationError` where all files of the kind belong to other devices. Not so for streams and
+    fingertips: a bench has several, so a file of another one says nothing about this one.
     """
     wanted = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     if wanted.is_file():
@@ -118,7 +118,7 @@ def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str, used: d
 
 
 def _hand_eye(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
-    """Only a camera that stands has its place in the base's frame."""
+    """Only a fixed camera has a place in the base frame."""
     if file.value.get("setup") != "eye-to-hand":
         return False
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))

@@ -1,10 +1,10 @@
-"""What no bench can be, although each of its keys taken alone is possible."""
+"""What a bench cannot be although each key, taken alone, is possible: keys that contradict one another."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from rig.config.lines import Loc
+from rig.config.lines import KeyFault, KeyPath
 from rig.config.models import (
     ArmConfig,
     BenchConfig,
@@ -17,11 +17,10 @@ DIGIT_MODES = {(240, 320): (60.0, 30.0), (480, 640): (30.0, 15.0)}
 """Upright size in pixels, and the rates at which a DIGIT streams it (digit-interface's tables)."""
 SLOWEST_CAMERA_HZ = 24.0
 """The true angle is taken between pictures at most 50 ms apart (contract); their times vary by a fifth."""
-Misfit = tuple[Loc, str]
 
 
-def misfits(config: BenchConfig) -> Iterator[Misfit]:
-    """Yield the key and the reason of everything that cannot be."""
+def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield each key that cannot be so beside the others, and why."""
     yield from _arm(config.arm)
     yield from _gripper(config.gripper)
     for number, tactile in enumerate(config.tactile):
@@ -32,7 +31,7 @@ def misfits(config: BenchConfig) -> Iterator[Misfit]:
         yield from _addresses(config)
 
 
-def _arm(arm: ArmConfig) -> Iterator[Misfit]:
+def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
     limits = arm.limits
     if any(np.less_equal(limits.workspace_max_m, limits.workspace_min_m)):
         yield ("arm", "limits", "workspace_max_m"), "is not above workspace_min_m on every axis"
@@ -44,7 +43,7 @@ def _arm(arm: ArmConfig) -> Iterator[Misfit]:
         yield ("arm", "payload_kg"), f"is above max_payload_kg, {limits.max_payload_kg:g}"
 
 
-def _gripper(gripper: GripperConfig) -> Iterator[Misfit]:
+def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
     if gripper.fingers[0] == gripper.fingers[1]:
         yield ("gripper", "fingers"), "names one finger twice"
     if gripper.limits.max_counts <= gripper.limits.min_counts:
@@ -53,7 +52,7 @@ def _gripper(gripper: GripperConfig) -> Iterator[Misfit]:
         yield ("gripper", "preset"), f"'{gripper.preset}' is not a map of transport '{gripper.transport}'"
 
 
-def _tactile(tactile: TactileConfig, number: int) -> Iterator[Misfit]:
+def _tactile(tactile: TactileConfig, number: int) -> Iterator[KeyFault]:
     if tactile.driver != "digit":
         return
     rates = DIGIT_MODES.get(tactile.size_px)
@@ -65,7 +64,7 @@ def _tactile(tactile: TactileConfig, number: int) -> Iterator[Misfit]:
         yield ("tactile", number, "rate_hz"), f"a DIGIT streams this size at {listed} Hz"
 
 
-def _camera(camera: CameraConfig) -> Iterator[Misfit]:
+def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
     import cv2
 
     if camera.rate_hz < SLOWEST_CAMERA_HZ:
@@ -86,7 +85,7 @@ def _camera(camera: CameraConfig) -> Iterator[Misfit]:
         yield ("camera", "look_at_m"), "is straight above or below position_m: the picture has no upright"
 
 
-def _addresses(config: BenchConfig) -> Iterator[Misfit]:
+def _addresses(config: BenchConfig) -> Iterator[KeyFault]:
     """Real devices are somewhere; fakes that are started for the session fill in where."""
     arm, gripper, camera = config.arm, config.gripper, config.camera
     if arm.driver == "ur5e" and not arm.host:
@@ -99,7 +98,7 @@ def _addresses(config: BenchConfig) -> Iterator[Misfit]:
         yield ("camera",), "driver 'camera' needs address: /dev/videoN, a URL, a video file or a folder"
 
 
-def _together(config: BenchConfig) -> Iterator[Misfit]:
+def _together(config: BenchConfig) -> Iterator[KeyFault]:
     if sorted(t.finger for t in config.tactile) != sorted(config.gripper.fingers):
         yield ("tactile",), "each grasping finger of [gripper] needs exactly one [[tactile]] with its name"
     if config.tactile[0].sign == config.tactile[1].sign:
@@ -107,7 +106,7 @@ def _together(config: BenchConfig) -> Iterator[Misfit]:
     serials = [*(t.serial for t in config.tactile), config.camera.serial]
     for number, serial in enumerate(serials):
         if serial in serials[:number]:
-            where: Loc = ("camera", "serial") if number == 2 else ("tactile", number, "serial")
+            where: KeyPath = ("camera", "serial") if number == 2 else ("tactile", number, "serial")
             yield where, f"'{serial}' is another sensor's serial; each has its own"
     low, high = config.arm.limits.workspace_min_m, config.arm.limits.workspace_max_m
     if not _inside(config.table.position_m, low, high):

@@ -1,4 +1,4 @@
-"""What values in a bench file can be: lengths in m, angles, rates, names, addresses."""
+"""Types of the values in a bench file: lengths in m, angles, rates, names, addresses."""
 
 import math
 import re
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
-"""m in the base frame: no arm's bench is larger, and millimetres are seen at once."""
+"""m in the base frame. No bench is larger, so a value given in mm is caught."""
 Point = tuple[Coordinate, Coordinate, Coordinate]
 OnTool = Annotated[float, Field(ge=-1, le=1)]
 """m from the flange."""
@@ -24,7 +24,7 @@ MarkerId = Annotated[int, Field(ge=0)]
 
 
 def _written_as(pattern: str, what: str) -> AfterValidator:
-    """Return a check that a text is written as it has to be."""
+    """Return a validator that refuses text that does not match a pattern."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -39,10 +39,10 @@ HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
 
 
 class Strict(BaseModel):
-    """Refuses what it does not know, and numbers that are none."""
+    """Refuses unknown keys, NaN and infinities."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class BenchTable(Strict):
-    """A table of a bench file."""
+class BenchSection(Strict):
+    """A table (section) of a bench file."""

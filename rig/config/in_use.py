@@ -1,4 +1,4 @@
-"""Calibrations as a session uses them: part of its bench, so that a replay uses the same."""
+"""The calibrations a session uses: stored with its bench, so that a replay uses the same ones."""
 
 import numpy as np
 from pydantic import Field
@@ -40,7 +40,7 @@ class PlaceInUse(Strict):
 
 
 class CalibrationsInUse(Strict):
-    """What was found beside the bench file, and is used in place of the bench file's nominal numbers.
+    """What was found beside the bench file and replaces its nominal numbers.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
     opening: pairs of counts and m while the fingers close, counts rising.

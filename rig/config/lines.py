@@ -1,17 +1,20 @@
-"""Which line of a TOML file a key is on: a person who is told what is wrong wants to know where."""
+"""The line of a TOML file that a key is on, for messages that say where something is wrong."""
 
 import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-Loc = Sequence[str | int]
+KeyPath = Sequence[str | int]
+"""Keys and list indices from the top of a bench file, as ("tactile", 1, "rate_hz")."""
+KeyFault = tuple[KeyPath, str]
+"""A key, and what is wrong with it."""
 
 
-def line_of(text: str, path: Loc) -> int:
+def line_of(text: str, path: KeyPath) -> int:
     """Return the 1-based line on which a key, table or element of valid TOML begins.
 
-    path: keys and list indices from the top, as ("tactile", 1, "rate_hz"). What is not in the
-    text (a missing key) is where its nearest table is; an empty path is line 1.
+    What is not in the text (a missing key) counts as being where its nearest table begins; an empty
+    path is line 1.
 
     The file is read again from its beginning, a line more each time, until the key is there: no
     second idea of TOML's grammar is needed, and bench files are short.
@@ -30,7 +33,7 @@ def line_of(text: str, path: Loc) -> int:
     return 1
 
 
-def _present_part(document: Any, path: Loc) -> list[str | int]:
+def _present_part(document: Any, path: KeyPath) -> list[str | int]:
     """Return as much of a path as leads to something."""
     found: list[str | int] = []
     for step in path:

@@ -10,8 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivers.errors import InputError
-from rig.config.checks import misfits
-from rig.config.lines import Loc, line_of
+from rig.config.checks import inconsistencies
+from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
 from rig.config.unused import unused_keys
 
@@ -48,7 +48,7 @@ def parse_bench(text: str, name: str) -> BenchConfig:
         raise InputError(f"{name}: not valid TOML: {error}") from error
     except ValidationError as error:
         raise InputError(f"{name}: {validation_text(error, text)}") from error
-    wrong = [*misfits(config), *unused_keys(config)]
+    wrong = [*inconsistencies(config), *unused_keys(config)]
     if wrong:
         raise InputError(f"{name}: {_text(wrong, text)}")
     return config
@@ -59,7 +59,7 @@ def validation_text(error: ValidationError, source: str | None = None) -> str:
     return _text([(details["loc"], _reason(details)) for details in error.errors()], source)
 
 
-def _text(faults: Sequence[tuple[Loc, str]], source: str | None) -> str:
+def _text(faults: Sequence[KeyFault], source: str | None) -> str:
     parts = []
     for loc, why in faults[:MOST_FAULTS]:
         line = f"line {line_of(source, loc)}: " if source is not None else ""

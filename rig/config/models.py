@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibration.camera.model import CameraModel
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
 from rig.config.fields import (
-    BenchTable,
+    BenchSection,
     Finger,
     Host,
     HostPort,
@@ -26,8 +26,8 @@ from rig.config.fields import (
 from rig.config.in_use import CalibrationsInUse
 
 
-class ArmLimitsConfig(BenchTable):
-    """What the arm is not to exceed. The defaults are those of the simulated cell."""
+class ArmLimitsConfig(BenchSection):
+    """Limits of the arm, checked before a command is sent. The defaults are the simulated cell's."""
 
     workspace_min_m: Point = (0.15, -0.35, 0.01)
     workspace_max_m: Point = (0.75, 0.35, 0.60)
@@ -52,8 +52,8 @@ class ArmLimitsConfig(BenchTable):
         return _radians(self.joint_min_deg), _radians(self.joint_max_deg)
 
 
-class ArmConfig(BenchTable):
-    """The arm: which driver, where it is reached, what it carries, where it waits."""
+class ArmConfig(BenchSection):
+    """The arm: its driver, its address, what it carries, where it waits."""
 
     driver: Literal["fake", "ur5e"]
     host: Host | None = None
@@ -70,8 +70,8 @@ class ArmConfig(BenchTable):
         return Pose.from_rotation(self.tcp_m, Rotation.from_rotvec(self.tcp_rotation_vector_rad))
 
 
-class GripperLimitsConfig(BenchTable):
-    """Range of the fingers in counts, and the opening between the fingertips they stand for."""
+class GripperLimitsConfig(BenchSection):
+    """Range of the fingers in counts, and the opening between the fingertips that counts stand for."""
 
     min_counts: int = Field(default=6, ge=0, le=255)
     max_counts: int = Field(default=255, ge=0, le=255)
@@ -83,8 +83,8 @@ class GripperLimitsConfig(BenchTable):
         return GripperLimits(self.min_counts, self.max_counts, self.max_opening_m, self.opening_per_count_m)
 
 
-class GripperConfig(BenchTable):
-    """The gripper: which driver, how it is reached, and which two fingers grasp."""
+class GripperConfig(BenchSection):
+    """The gripper: its driver, how it is reached, and the two fingers that grasp."""
 
     driver: Literal["fake", "robotiq_3f"]
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -96,7 +96,7 @@ class GripperConfig(BenchTable):
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 
-class TactileConfig(BenchTable):
+class TactileConfig(BenchSection):
     """A tactile sensor on a grasping finger; without an address it is found by its serial."""
 
     driver: Literal["fake", "digit"]
@@ -112,7 +112,7 @@ class TactileConfig(BenchTable):
     """Whether dots are printed on the gel (the estimator `kolamuri` follows them)."""
 
 
-class CameraConfig(BenchTable):
+class CameraConfig(BenchSection):
     """The external camera and the markers it watches."""
 
     driver: Literal["fake", "camera"]
@@ -137,13 +137,13 @@ class CameraConfig(BenchTable):
         return Pose.from_rotation(self.position_m, Rotation.from_matrix(axes))
 
 
-class TableConfig(BenchTable):
+class TableConfig(BenchSection):
     """Where the operator places objects."""
 
     position_m: Point
 
 
-class FakesConfig(BenchTable):
+class FakesConfig(BenchSection):
     """Says that the real drivers of this bench talk to simulated devices.
 
     control: "host:port" of the running fakes' side channel; without it they are started for the
@@ -153,7 +153,7 @@ class FakesConfig(BenchTable):
     control: HostPort | None = None
 
 
-class FaultConfig(BenchTable):
+class FaultConfig(BenchSection):
     """A scripted failure of a simulated device, see `fakes.faults.Fault`."""
 
     device: str
@@ -164,7 +164,7 @@ class FaultConfig(BenchTable):
     attempt: int | None = 0
 
 
-class BenchConfig(BenchTable):
+class BenchConfig(BenchSection):
     """One bench file."""
 
     name: str = Field(min_length=1)
@@ -176,7 +176,7 @@ class BenchConfig(BenchTable):
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
     calibrations: CalibrationsInUse = CalibrationsInUse()
-    """What was measured, in place of the nominal numbers above; found beside the file, not written in it."""
+    """Measured values that replace the nominal ones above; found beside the file, never written in it."""
 
     def camera_model(self) -> CameraModel:
         """The camera as calibrated, else this file's pinhole: its focal length, no distortion."""
@@ -186,7 +186,7 @@ class BenchConfig(BenchTable):
         return calibrated.camera_model(size)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
-        """Where the camera was found to stand, else where this file says."""
+        """`base_T_camera` as calibrated, else as this file says."""
         found = self.calibrations.base_T_camera
         return self.camera.base_T_camera() if found is None else found.pose()
 
@@ -211,7 +211,7 @@ class BenchConfig(BenchTable):
 
     @property
     def in_process(self) -> bool:
-        """Whether all devices are simulated in this process, where several benches fit side by side."""
+        """Whether all devices are simulated in this process: only such benches run side by side."""
         return self.drivers == {"fake"}
 
     @property
@@ -226,5 +226,5 @@ def _radians(angles_deg: JointAngles) -> Vector6:
 
 
 def known_keys() -> set[str]:
-    """All keys that a bench file can have, of all its tables."""
-    return {key for model in BenchTable.__subclasses__() for key in model.model_fields}
+    """Every key a bench file can have, in any of its tables."""
+    return {key for model in BenchSection.__subclasses__() for key in model.model_fields}

@@ -4,16 +4,14 @@ from collections.abc import Iterable, Iterator
 
 from pydantic import BaseModel
 
-from rig.config.lines import Loc
+from rig.config.lines import KeyFault, KeyPath
 from rig.config.models import ArmConfig, BenchConfig, GripperConfig, TactileConfig
-
-Unused = tuple[Loc, str]
 
 FAKE_DIGIT_PX = (240, 320)
 """What a simulated DIGIT in this process draws."""
 
 
-def unused_keys(config: BenchConfig) -> Iterator[Unused]:
+def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield each key of a file's bench that would be ignored, and why.
 
     Only what was written counts: a session's stored copy, which holds every key, is not looked at here.
@@ -29,7 +27,7 @@ def unused_keys(config: BenchConfig) -> Iterator[Unused]:
     yield from _fakes(config)
 
 
-def _arm(arm: ArmConfig) -> Iterator[Unused]:
+def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
     if arm.driver != "fake":
         return
     why = _no_effect("fake")
@@ -41,7 +39,7 @@ def _arm(arm: ArmConfig) -> Iterator[Unused]:
             yield ("arm", key), f"the hand of driver 'fake' has {list(has)}, and no other; remove the key"
 
 
-def _gripper(gripper: GripperConfig) -> Iterator[Unused]:
+def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
     if gripper.driver == "fake":
         keys = ["transport", "host", "port", "device", "preset"]
         yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))
@@ -51,7 +49,7 @@ def _gripper(gripper: GripperConfig) -> Iterator[Unused]:
         yield from _written(gripper, ("gripper",), keys, why)
 
 
-def _tactile(tactile: TactileConfig, where: Loc, config: BenchConfig) -> Iterator[Unused]:
+def _tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig) -> Iterator[KeyFault]:
     if tactile.driver == "fake":
         yield from _written(tactile, where, ["address"], _no_effect("fake"))
         if tactile.size_px != FAKE_DIGIT_PX:
@@ -62,7 +60,7 @@ def _tactile(tactile: TactileConfig, where: Loc, config: BenchConfig) -> Iterato
         yield from _written(tactile, where, ["markers"], why)
 
 
-def _fakes(config: BenchConfig) -> Iterator[Unused]:
+def _fakes(config: BenchConfig) -> Iterator[KeyFault]:
     """What does not count where fakes are simulated in this process, or started for each session."""
     if config.fakes is None:
         return
@@ -77,7 +75,7 @@ def _fakes(config: BenchConfig) -> Iterator[Unused]:
         yield from _written(config.camera, ("camera",), ["address"], why)
 
 
-def _written(table: BaseModel, where: Loc, keys: Iterable[str], why: str) -> Iterator[Unused]:
+def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:
     for key in keys:
         if key in table.model_fields_set:
             yield (*where, key), why

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.markers.pair import MarkerCorners, MarkerTracker, Refusal
 from calibration.markers.planar import FEWEST_FRAMES, PlaneReference, fit_plane, in_plane_angle
+from calibration.markers.tracker import MarkerCorners, MarkerTracker, Refusal
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose

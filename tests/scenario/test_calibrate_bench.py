@@ -18,7 +18,7 @@ from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
-from rig.calibrate.bench_clocks import WiggleWatch, collect_streams
+from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
 from rig.calibrate.bench_fingers import collect_openings
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
@@ -57,19 +57,19 @@ def test_blocks_tell_the_openings_both_ways(tmp_path: Path) -> None:
 def test_one_wiggle_puts_camera_and_gels_on_the_arms_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = WiggleWatch.frame
+    seen = WiggleObserver.frame
 
-    def late(self: WiggleWatch, frame: Frame) -> None:
+    def late(self: WiggleObserver, frame: Frame) -> None:
         if frame.serial.startswith("SIM-C"):
             frame = Frame(frame.image, frame.time_ns + 20_000_000, frame.sequence, frame.serial, frame.jpeg)
         seen(self, frame)
 
-    monkeypatch.setattr(WiggleWatch, "frame", late)
+    monkeypatch.setattr(WiggleObserver, "frame", late)
     found = {o.serials["stream"]: o for o in collect_streams(station(tmp_path), "gauge:30", 0.5)}
     assert sorted(found) == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
     for serial, outcome in found.items():
         truth = -0.020 if serial == "SIM-C0001" else 0.0
-        assert outcome.judgement.verdict is Verdict.GOOD, outcome.judgement
+        assert outcome.assessment.verdict is Verdict.GOOD, outcome.assessment
         assert outcome.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.camera.checks import judge_camera
+from calibration.camera.checks import assess_camera
 from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
 from calibration.camera.projection_sigma import camera_difference_px
 from calibration.targets.boards import Chessboard, Target, parse_target
@@ -60,7 +60,9 @@ def real_photos(data: Path | None) -> list[Measured]:
         informative("chessboard photos: held-out with OpenCV's recipe, px", recipe.held_out_rms_px),
         informative("chessboard photos: held-out with our windows, px", ours.held_out_rms_px),
         at_most(
-            "four ChArUco photos: not judged weak", float(judge_camera(four).verdict is not Verdict.WEAK), 0.0
+            "four ChArUco photos: not judged weak",
+            float(assess_camera(four).verdict is not Verdict.WEAK),
+            0.0,
         ),
         at_most("four ChArUco photos: published f, in our sigmas", sigmas.max(), 3.0),
     ]

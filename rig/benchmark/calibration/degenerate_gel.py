@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.gel.balls import BallPress, calibrate_gel
 from calibration.gel.presses import find_press
-from calibration.gel.reference import compare, judge_reference, make_reference
+from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.gel.scale import fit_scale
 from drivers.types import Image
 from fakes.studio.presses import MM_PER_PX, SimulatedGel
@@ -73,25 +73,25 @@ def _still(rng: Rng, gel: SimulatedGel = _GEL) -> list[Image]:
 
 def _reference(rng: Rng, gain: tuple[float, float, float]) -> CaseAnswer:
     frames = [np.clip(f * np.asarray(gain), 0, 255).astype(np.uint8) for f in _still(rng)]
-    return _judged(frames)
+    return _assessed(frames)
 
 
-def _judged(frames: list[Image]) -> CaseAnswer:
+def _assessed(frames: list[Image]) -> CaseAnswer:
     reference = make_reference(frames)
-    judged = judge_reference(reference, compare(reference, _GEL.reference))
-    return refused(*judged.reasons) if judged.reasons else answered(1.0, 0.0)
+    assessment = assess_reference(reference, drift_since(reference, _GEL.reference))
+    return refused(*assessment.reasons) if assessment.reasons else answered(1.0, 0.0)
 
 
 def _touched_reference(_: Rng) -> CaseAnswer:
-    return _judged([_GEL.presses(1)[0].image] * 10)
+    return _assessed([_GEL.presses(1)[0].image] * 10)
 
 
 def _touched_midway(rng: Rng) -> CaseAnswer:
-    return _judged([*_still(rng)[:6], *[_GEL.presses(1)[0].image] * 6])
+    return _assessed([*_still(rng)[:6], *[_GEL.presses(1)[0].image] * 6])
 
 
 def _other_unit(rng: Rng) -> CaseAnswer:
-    return _judged(_still(rng, SimulatedGel(seed=8)))
+    return _assessed(_still(rng, SimulatedGel(seed=8)))
 
 
 def _balls(_: Rng, count: int = 10, radius_mm: float | None = None) -> CaseAnswer:

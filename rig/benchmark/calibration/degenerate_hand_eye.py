@@ -120,9 +120,9 @@ def solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE_
     """Solve a set; an answer called weak may be as far off as its own region says."""
     result = calibrate_hand_eye(samples, CAMERA, setup)
     if result.pose is None or result.spread is None:
-        return refused(*result.judgement.reasons)
+        return refused(*result.assessment.reasons)
     distance_mm, _ = truth.error(result.pose)
-    weak = bool(result.judgement.doubts)
+    weak = bool(result.assessment.doubts)
     allowed = max(1.0, 4e3 * float(np.linalg.norm(result.spread.sigma_m))) if weak else 1.0
     return answered(distance_mm, allowed)
 
@@ -245,5 +245,5 @@ def _pivot(rng: Rng, kind: str) -> CaseAnswer:
         poses[3] = ("03", _shifted(poses[3][1], 0.01, rng))
     result = calibrate_pivot(poses)
     if result.tip_m is None:
-        return refused(*result.judgement.reasons)
+        return refused(*result.assessment.reasons)
     return answered(float(np.linalg.norm(result.tip_m - tip)), 1e-3)

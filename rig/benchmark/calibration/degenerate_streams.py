@@ -88,7 +88,7 @@ def _wiggled(
 def _offset(robot: TimedSignal, camera: TimedSignal, truth_s: float) -> CaseAnswer:
     found = time_offset(robot, camera)
     if found.offset_s is None:
-        return refused(*found.judgement.reasons)
+        return refused(*found.assessment.reasons)
     return answered(abs(found.offset_s - truth_s), _ALLOWED_S)
 
 
@@ -145,7 +145,7 @@ def _openings() -> list[OpeningSample]:
 
 def _shuffled(rng: Rng) -> CaseAnswer:
     samples = [OpeningSample(s.id, s.counts, rng.uniform(0, 0.12), s.direction) for s in _openings()]
-    return refused(*calibrate_opening(samples).judgement.reasons)
+    return refused(*calibrate_opening(samples).assessment.reasons)
 
 
 def _looked(_: Rng, at: float, keep: Direction | None = None) -> CaseAnswer:
@@ -161,4 +161,4 @@ def _one_bad(_: Rng, counts: float, opening_m: float) -> CaseAnswer:
 
 
 def _few(_: Rng, count: int) -> CaseAnswer:
-    return refused(*calibrate_opening(_openings()[:count]).judgement.reasons)
+    return refused(*calibrate_opening(_openings()[:count]).assessment.reasons)

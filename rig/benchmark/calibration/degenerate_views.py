@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from calibration.camera.checks import judge_camera
+from calibration.camera.checks import assess_camera
 from calibration.camera.intrinsics import calibrate_camera
 from calibration.camera.model import CameraModel
 from calibration.camera.projection_sigma import camera_difference_px, projection_sigma_px
@@ -66,9 +66,9 @@ def _camera(views: list[View], doubted: bool = False) -> CaseAnswer:
     doubted: a case that a doubt must name.
     """
     result = calibrate_camera(views)
-    judged = judge_camera(result)
-    if judged.refusals or (doubted and judged.doubts):
-        return refused(*judged.reasons)
+    assessment = assess_camera(result)
+    if assessment.refusals or (doubted and assessment.doubts):
+        return refused(*assessment.reasons)
     off = np.sqrt((camera_difference_px(CAMERA, result.fit.camera) ** 2).sum(axis=-1).mean())
     said = 3.0 * float(np.sqrt((projection_sigma_px(result) ** 2).mean()))
     return answered(float(off), max(0.3, said))

@@ -57,10 +57,10 @@ def camera(
 
     wanted = parse_target(target)
     if source is None:
-        outcome = collect_camera(station(bench, seed, out, yes), wanted, poses)
+        result = collect_camera(station(bench, seed, out, yes), wanted, poses)
     else:
-        outcome = camera_from_folder(source, pattern, wanted, serial, keep_all)
-    file_and_say(outcome, out, bench, json)
+        result = camera_from_folder(source, pattern, wanted, serial, keep_all)
+    file_and_say(result, out, bench, json)
 
 
 def hand_eye(
@@ -105,15 +105,15 @@ def hand_eye(
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
     if source is None:
-        outcome = collect_hand_eye(station(bench, seed, out, yes), wanted, Setup(setup), poses)
+        result = collect_hand_eye(station(bench, seed, out, yes), wanted, Setup(setup), poses)
     else:
         if camera_file is None:
             raise InputError(
                 "hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)"
             )
         known = read_camera(camera_file, None if serial == "unknown" else serial)
-        outcome = hand_eye_from_folder(source, wanted, known, serial, Setup(setup))
-    file_and_say(outcome, out, bench, json)
+        result = hand_eye_from_folder(source, wanted, known, serial, Setup(setup))
+    file_and_say(result, out, bench, json)
 
 
 def markers(
@@ -149,8 +149,8 @@ def markers(
     from rig.calibrate.markers import markers_from_folder
 
     if source is None:
-        outcome = collect_markers(station(bench, seed, out, yes), object_name)
+        result = collect_markers(station(bench, seed, out, yes), object_name)
     else:
         lens = None if camera_file is None else read_camera(camera_file)
-        outcome = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
-    file_and_say(outcome, out, bench, json)
+        result = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
+    file_and_say(result, out, bench, json)

@@ -43,15 +43,15 @@ def _folder(out: Path | None, bench: str) -> Path:
     return out or calibrations_folder(bench)
 
 
-def file_all(outcomes: Sequence["CalibrationResult"], out: Path | None, bench: str, json: bool) -> None:
-    """File the outcomes of one collection; one that is refused is raised after all are on disk."""
+def file_all(results: Sequence["CalibrationResult"], out: Path | None, bench: str, json: bool) -> None:
+    """File the results of one collection; one that is refused is raised after all are on disk."""
     from drivers.errors import CalibrationError
 
     filed: list[Filed] = []
     refused: list[CalibrationError] = []
-    for outcome in outcomes:
+    for result in results:
         try:
-            filed.append(filed_and_said(outcome, out, bench))
+            filed.append(filed_and_said(result, out, bench))
         except CalibrationError as error:
             refused.append(error)
             say(str(error))
@@ -61,12 +61,12 @@ def file_all(outcomes: Sequence["CalibrationResult"], out: Path | None, bench: s
         for each in filed:
             print(each.path, each.page, sep="\n")
     if refused:
-        raise CalibrationError(f"{len(refused)} of {len(outcomes)} were refused; see their pages")
+        raise CalibrationError(f"{len(refused)} of {len(results)} were refused; see their pages")
 
 
-def file_and_say(outcome: "CalibrationResult", out: Path | None, bench: str, json: bool) -> None:
-    """File an outcome, say what it is worth, and print where file and page are."""
-    filed = filed_and_said(outcome, out, bench)
+def file_and_say(result: "CalibrationResult", out: Path | None, bench: str, json: bool) -> None:
+    """File an result, say what it is worth, and print where file and page are."""
+    filed = filed_and_said(result, out, bench)
     if json:
         emit_json(filed.figures)
     else:
@@ -74,14 +74,14 @@ def file_and_say(outcome: "CalibrationResult", out: Path | None, bench: str, jso
         print(filed.page)
 
 
-def filed_and_said(outcome: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
-    """File an outcome and say what it is worth. Raises `CalibrationError` for a refused one."""
+def filed_and_said(result: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
+    """File an result and say what it is worth. Raises `CalibrationError` for a refused one."""
     from rig.calibrate.result import file_result
 
-    filed = file_result(outcome, _folder(out, bench))
-    say(f"{'SIMULATED ' if outcome.simulated else ''}{outcome.kind}: {outcome.judgement}")
-    for name, text in outcome.numbers.items():
+    filed = file_result(result, _folder(out, bench))
+    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind}: {result.assessment}")
+    for name, text in result.numbers.items():
         say(f"  {name}: {text}")
-    for left_out in outcome.rejected:
+    for left_out in result.rejected:
         say(f"  left out {left_out.id}: {left_out.reason}")
     return filed

@@ -96,10 +96,10 @@ def gripper(
     from rig.calibrate.from_tables import gripper_from_folder
 
     if source is not None:
-        outcome = gripper_from_folder(source, serial)
+        result = gripper_from_folder(source, serial)
     else:
-        outcome = collect_openings(station(bench, seed, out, yes), blocks_mm or _BLOCKS_MM)
-    file_and_say(outcome, out, bench, json)
+        result = collect_openings(station(bench, seed, out, yes), blocks_mm or _BLOCKS_MM)
+    file_and_say(result, out, bench, json)
 
 
 def tcp(
@@ -130,10 +130,10 @@ def tcp(
     from rig.calibrate.from_tables import tcp_from_folder
 
     if source is not None:
-        outcome = tcp_from_folder(source, serial)
+        result = tcp_from_folder(source, serial)
     else:
-        outcome = collect_tip(station(bench, seed, out, yes), poses)
-    file_and_say(outcome, out, bench, json)
+        result = collect_tip(station(bench, seed, out, yes), poses)
+    file_and_say(result, out, bench, json)
 
 
 def sync(

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.checks import judge_camera
+from calibration.camera.checks import assess_camera
 from calibration.camera.intrinsics import calibrate_camera, predict
 from calibration.camera.model import CameraModel
 from calibration.camera.projection_sigma import camera_difference_px, projection_sigma_px
@@ -72,7 +72,7 @@ def test_a_camera_is_found_with_an_honest_sigma() -> None:
     assert (off < 4 * result.sigma[[0, 2]]).all()
     assert result.held_out_rms_px < 0.1
     assert np.linalg.norm(camera_difference_px(CAMERA, found), axis=-1).mean() < 0.3
-    assert judge_camera(result).verdict is Verdict.GOOD, judge_camera(result)
+    assert assess_camera(result).verdict is Verdict.GOOD, assess_camera(result)
     assert predict(found, views(5, seed=9)) < 0.1
 
 
@@ -91,15 +91,15 @@ def test_uncertainty_grows_where_nothing_was_seen() -> None:
 
 
 def test_square_on_views_are_refused() -> None:
-    judged = judge_camera(calibrate_camera(views(15, tilt=(0.0, 2.0))))
-    assert judged.verdict is Verdict.REFUSED
-    assert "square-on" in judged.refusals[0]
+    assessment = assess_camera(calibrate_camera(views(15, tilt=(0.0, 2.0))))
+    assert assessment.verdict is Verdict.REFUSED
+    assert "square-on" in assessment.refusals[0]
 
 
 def test_views_of_the_middle_only_are_weak() -> None:
-    judged = judge_camera(calibrate_camera(views(15, reach=0.1)))
-    assert judged.verdict is Verdict.WEAK
-    assert any("cover" in reason for reason in judged.reasons)
+    assessment = assess_camera(calibrate_camera(views(15, reach=0.1)))
+    assert assessment.verdict is Verdict.WEAK
+    assert any("cover" in reason for reason in assessment.reasons)
 
 
 def test_copies_of_one_view_are_one_view() -> None:
@@ -124,8 +124,8 @@ def test_a_lens_that_moved_between_views_is_not_called_good() -> None:
     wide = CameraModel(CAMERA.size, CAMERA.matrix * np.array([[1.03], [1.03], [1.0]]), CAMERA.distortion)
     rng = np.random.default_rng(2)
     seen = [exact_view(BOARD, CAMERA if i % 2 else wide, board_pose(rng), str(i), rng) for i in range(24)]
-    judged = judge_camera(calibrate_camera([v for v in seen if len(v.ids) >= 12]))
-    assert judged.verdict is not Verdict.GOOD
+    assessment = assess_camera(calibrate_camera([v for v in seen if len(v.ids) >= 12]))
+    assert assessment.verdict is not Verdict.GOOD
 
 
 def test_views_no_solver_should_see_are_left_out_with_their_reason() -> None:
@@ -174,7 +174,7 @@ def test_windows_that_hold_no_neighbour_predict_real_photos_better(real_data: Pa
 def test_the_four_real_charuco_photos_are_weak_and_say_how_much(real_data: Path) -> None:
     target = parse_target("charuco:5x7:40:20:DICT_6X6_250")
     result = calibrate_camera(_found(target, sorted((real_data / "opencv_photos").glob("charuco*.jpg"))))
-    assert judge_camera(result).verdict is Verdict.WEAK
+    assert assess_camera(result).verdict is Verdict.WEAK
     off = np.abs(np.diag(result.fit.camera.matrix)[:2] - (452.51, 456.77))
     assert (off < 3 * result.sigma[:2]).all()
 

@@ -44,14 +44,14 @@ def test_motions_that_tell_no_offset_are_refused(motion: str, reason: str) -> No
     robot, camera = wiggle_scene(rng, motion=motion)
     found = time_offset(robot, camera)
     assert found.offset_s is None
-    assert reason in found.judgement.refusals[0]
+    assert reason in found.assessment.refusals[0]
 
 
 def test_an_offset_beyond_the_search_and_streams_apart_are_refused() -> None:
     robot, camera = wiggle_scene(np.random.default_rng(0), offset_s=0.8)
-    assert time_offset(robot, camera).judgement.verdict is Verdict.REFUSED
+    assert time_offset(robot, camera).assessment.verdict is Verdict.REFUSED
     apart = TimedSignal(camera.time_ns + 60_000_000_000, camera.values)
-    assert "overlap" in time_offset(robot, apart).judgement.refusals[0]
+    assert "overlap" in time_offset(robot, apart).assessment.refusals[0]
     wider = time_offset(robot, camera, search_s=1.0)
     assert wider.offset_s == pytest.approx(0.8, abs=2e-3)
 
@@ -115,7 +115,7 @@ def test_poses_that_tell_no_tip_are_refused(kind: str, reason: str) -> None:
     _, poses = pivot_scene(rng, 10, turns)
     found = calibrate_pivot(poses)
     assert found.tip_m is None
-    assert reason in found.judgement.refusals[0]
+    assert reason in found.assessment.refusals[0]
 
 
 def _openings(noise_m: float = 0.0, lag_m: float = 0.0) -> list[OpeningSample]:
@@ -130,7 +130,7 @@ def _openings(noise_m: float = 0.0, lag_m: float = 0.0) -> list[OpeningSample]:
 
 def test_a_gripper_table_is_monotone_and_knows_its_hysteresis() -> None:
     found = calibrate_opening(_openings(1e-4, 4e-4))
-    assert found.judgement.verdict is Verdict.GOOD
+    assert found.assessment.verdict is Verdict.GOOD
     assert found.hysteresis_m == pytest.approx(4e-4, abs=3e-4)
     table = found.tables[Direction.CLOSING]
     assert (np.diff(table.opening_m) <= 0).all()
@@ -155,11 +155,11 @@ def test_bad_gripper_samples_are_left_out_and_a_shuffled_table_refused() -> None
     assert {r.id for r in found.rejected} == {"counts", "mm", "nan"}
     rng = np.random.default_rng(0)
     shuffled = [OpeningSample(s.id, s.counts, rng.uniform(0, 0.12), s.direction) for s in _openings()]
-    assert calibrate_opening(shuffled).judgement.verdict is Verdict.REFUSED
+    assert calibrate_opening(shuffled).assessment.verdict is Verdict.REFUSED
     assert not calibrate_opening(shuffled).tables
-    assert "usable measurements" in calibrate_opening([]).judgement.refusals[0]
+    assert "usable measurements" in calibrate_opening([]).assessment.refusals[0]
     one_way = calibrate_opening([s for s in _openings() if s.direction is Direction.CLOSING])
-    assert any("hysteresis is unknown" in d for d in one_way.judgement.doubts)
+    assert any("hysteresis is unknown" in d for d in one_way.assessment.doubts)
 
 
 def test_zero_force_is_not_zero_newton() -> None:

@@ -9,7 +9,7 @@ import pytest
 from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.presses import Press, find_press
-from calibration.gel.reference import compare, judge_reference, make_reference
+from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.gel.scale import fit_scale
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
@@ -103,16 +103,16 @@ def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bo
 def test_a_reference_is_judged_against_the_earlier_one() -> None:
     earlier = make_reference(_still()).image
     same = make_reference(_still())
-    assert judge_reference(same, compare(same, earlier)).verdict is Verdict.GOOD
-    assert "unseen" in judge_reference(same).doubts[0]
+    assert assess_reference(same, drift_since(same, earlier)).verdict is Verdict.GOOD
+    assert "unseen" in assess_reference(same).doubts[0]
     dim = make_reference(_still((0.8, 1.0, 1.0)))
-    assert "light changed" in str(judge_reference(dim, compare(dim, earlier)))
+    assert "light changed" in str(assess_reference(dim, drift_since(dim, earlier)))
     out = make_reference(_still((0.05, 1.0, 1.0)))
-    assert "LED went out" in str(judge_reference(out, compare(out, earlier)))
+    assert "LED went out" in str(assess_reference(out, drift_since(out, earlier)))
     touched = make_reference(_still(press=True))
-    assert "changed shape" in str(judge_reference(touched, compare(touched, earlier)))
+    assert "changed shape" in str(assess_reference(touched, drift_since(touched, earlier)))
     with pytest.raises(CalibrationError, match="is not the earlier"):
-        compare(same, earlier[:100])
+        drift_since(same, earlier[:100])
 
 
 def test_references_that_are_none_are_refused() -> None:

@@ -47,7 +47,7 @@ def test_noisy_samples_give_a_good_answer(setup: Setup) -> None:
     distance_mm, turn_deg = truth.error(result.pose)
     assert distance_mm < (1.0 if setup is Setup.EYE_TO_HAND else 2.0)
     assert turn_deg < 0.1
-    assert result.judgement.refusals == ()
+    assert result.assessment.refusals == ()
 
 
 def _poses(seed: int) -> tuple[np.ndarray, ...]:
@@ -170,8 +170,8 @@ def _motion(kind: str) -> tuple[Truth, list[HandEyeSample]]:
 def test_motions_that_determine_nothing_are_refused_for_what_they_are(kind: str, reason: str) -> None:
     result = solved(_motion(kind)[1])
     assert result.pose is None
-    assert result.judgement.verdict is Verdict.REFUSED
-    assert reason in result.judgement.refusals[0]
+    assert result.assessment.verdict is Verdict.REFUSED
+    assert reason in result.assessment.refusals[0]
 
 
 def test_each_number_of_the_gate_alone_would_pass_a_bad_case() -> None:
@@ -186,16 +186,16 @@ def test_each_number_of_the_gate_alone_would_pass_a_bad_case() -> None:
 def test_too_few_samples_are_refused(count: int) -> None:
     _, samples = general_scene(np.random.default_rng(0), 6)
     result = solved(samples[:count])
-    assert result.judgement.verdict is Verdict.REFUSED
-    assert f"{count} usable samples" in result.judgement.refusals[0]
+    assert result.assessment.verdict is Verdict.REFUSED
+    assert f"{count} usable samples" in result.assessment.refusals[0]
 
 
 def test_mistakes_are_named() -> None:
     _, samples = general_scene(np.random.default_rng(3))
     slipped = [replace(s, base_T_tcp=samples[(i + 1) % 20].base_T_tcp) for i, s in enumerate(samples)]
-    assert "mispaired by one" in solved(slipped).judgement.refusals[0]
+    assert "mispaired by one" in solved(slipped).assessment.refusals[0]
     inverted = [replace(s, base_T_tcp=s.base_T_tcp.inverse()) for s in samples]
-    assert "inverted" in solved(inverted).judgement.refusals[0]
+    assert "inverted" in solved(inverted).assessment.refusals[0]
 
 
 def test_samples_no_solver_should_see_are_left_out() -> None:

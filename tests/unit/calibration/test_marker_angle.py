@@ -80,13 +80,13 @@ def test_a_report_at_rest_judges_size_and_scatter() -> None:
         _still(NEAR, 30),
         angle_of(NEAR),
     )
-    assert good.judgement.verdict is Verdict.GOOD, good.judgement
+    assert good.assessment.verdict is Verdict.GOOD, good.assessment
     small = MarkerPictures(side_px=20.0, tilt_deg=5.0)
     weak = assess_markers(
         _still(small, 30),
         angle_of(small),
     )
-    assert any("px wide" in reason for reason in weak.judgement.reasons)
+    assert any("px wide" in reason for reason in weak.assessment.reasons)
 
 
 def test_pictures_without_markers_and_too_few_are_refused() -> None:

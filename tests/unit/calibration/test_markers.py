@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.pair import FORGET_AFTER_FRAMES, MarkerTracker
+from calibration.markers.tracker import FORGET_AFTER_FRAMES, MarkerTracker
 from calibration.targets.aruco import Refusal
 from drivers.errors import InputError
 from drivers.types import Pose

@@ -21,9 +21,9 @@ CAMERA = CameraModel(
 
 
 def camera_file(*refusals: str) -> CalibrationFile:
-    judged = Assessment(refusals, doubts=("few views",))
+    assessment = Assessment(refusals, doubts=("few views",))
     return CalibrationFile(
-        "camera", {"camera": "C1"}, camera_info(CAMERA, "C1"), judged, NOW.isoformat(),
+        "camera", {"camera": "C1"}, camera_info(CAMERA, "C1"), assessment, NOW.isoformat(),
         quality={"held_out_px": np.float64(0.07)}, rejected=(Rejected("a.png", "same view as b.png"),),
     )  # fmt: skip
 
@@ -31,7 +31,7 @@ def camera_file(*refusals: str) -> CalibrationFile:
 def test_a_file_comes_back_as_it_was(tmp_path: Path) -> None:
     save(camera_file(), tmp_path / "camera.yaml")
     back = load(tmp_path / "camera.yaml", "camera", {"camera": "C1"})
-    assert back.judgement.verdict is Verdict.WEAK
+    assert back.assessment.verdict is Verdict.WEAK
     assert back.rejected == (Rejected("a.png", "same view as b.png"),)
     assert back.quality["held_out_px"] == 0.07
     assert back.age_days(NOW + timedelta(days=3)) == pytest.approx(3.0)
@@ -58,7 +58,7 @@ def test_another_kind_and_a_refused_one_are_refused(tmp_path: Path) -> None:
         load(path, "tcp")
     with pytest.raises(CalibrationError, match="square-on"):
         read_camera(path)
-    assert load(path, "camera", allow_refused=True).judgement.refusals
+    assert load(path, "camera", allow_refused=True).assessment.refusals
 
 
 @pytest.mark.parametrize(

@@ -29,10 +29,10 @@ CAMERA = CameraModel(
 def keep(
     folder: Path, kind: str, serials: dict, value: dict, refused: str = "", simulated: bool = True
 ) -> Path:
-    judged = Assessment(refusals=(refused,)) if refused else Assessment()
+    assessment = Assessment(refusals=(refused,)) if refused else Assessment()
     path = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    save(CalibrationFile(kind, serials, value, judged, created, inputs={"simulated": simulated}), path)
+    save(CalibrationFile(kind, serials, value, assessment, created, inputs={"simulated": simulated}), path)
     return path
 
 

@@ -1,7 +1,7 @@
-"""Two ArUco markers followed from picture to picture: searched near where they were.
+"""Two ArUco markers tracked from picture to picture, searched where they are expected.
 
-A search of the whole picture costs several times a search around the last pose, and can meet
-copies of a marker elsewhere; it is made only to find the markers (again).
+Searching the whole picture costs several times a search around the last place, and can meet copies
+of a marker elsewhere; it is done only to find the markers, or to find them again.
 """
 
 from collections import Counter
@@ -14,7 +14,7 @@ from calibration.targets.aruco import (
     Refusal,
     detect_all,
     detector,
-    refine,
+    refine_corners,
     region_detector,
     side_lengths,
 )
@@ -46,7 +46,7 @@ class MarkerCorners:
 
 @dataclass(slots=True)
 class SearchCounts:
-    """What a tracker has done so far; `misses` counts refused pictures by reason."""
+    """Searches of a tracker so far, and its refused pictures by reason (misses)."""
 
     full_searches: int = 0
     region_searches: int = 0
@@ -90,7 +90,7 @@ class MarkerTracker:
         self._check(gray)
         found, full = self._search(gray)
         if not isinstance(found, Refusal):
-            found = refine(gray, found)
+            found = refine_corners(gray, found)
         if isinstance(found, Refusal):
             self._miss(found)
             return None
@@ -165,7 +165,7 @@ def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
 
 
 def _paired(quads: list[Corners | Refusal]) -> Corners | Refusal:
-    """Both markers as one array, if both are there and alike."""
+    """Both markers as one array, if both were found and have similar sizes."""
     reasons = [quad for quad in quads if isinstance(quad, Refusal)]
     if Refusal.DUPLICATE in reasons:
         return Refusal.DUPLICATE

@@ -63,7 +63,8 @@ def record(
     from rig.bench.source import session_bench
     from rig.cli.printing import WorkProgress
     from rig.config.calibrations import load_calibrated_bench
-    from rig.experiments.record import RecordSettings, describe_recording, run_record
+    from rig.experiments.pose_attempt import RecordSettings
+    from rig.experiments.record import describe_recording, run_record
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)

@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import CalibrationError, DeviceError, InputError, OutOfLimitsError
+from drivers.errors import CalibrationError, DeviceError
 from drivers.types import Pose
-from protocols.grasps import GraspFile, Position, find_grasp_file
+from protocols.grasps import find_grasp_file
 from protocols.observer import LiftObserver
 from protocols.readiness import make_ready
 from protocols.slip_trial import LiftPlan, run_lift
-from protocols.steps import require_room
-from rig.bench.assembly import TOOL_DOWN
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
+from rig.experiments.attempts import Attempt, fault_text
+from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
 from rig.experiments.seeds import derived_seed
 from rig.lift.latency import LatencyProbe
 from rig.lift.marker_distance import ExpectedDistance
@@ -36,9 +35,6 @@ from rig.tactile.estimators import EstimatorChoice
 LEAST_LIFT = 0.4
 """A lift rises to a random share of the object file's height, from this share to all of it."""
 MAX_TRIAL_TURN_DEG = 15.0
-MAX_FAULTS_IN_A_ROW = 3
-"""Rig faults in a row that end a trial or a recording: by then a person has to look."""
-
 NOBODY = LiveFeed()
 
 
@@ -73,15 +69,6 @@ class TrialSettings:
     realtime: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """What came of it: the row for `lifts.jsonl`, the line for `timing.jsonl`, the recording."""
-
-    row: LiftRow
-    timing: LiftTiming
-    recording: bytes
-
-
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
     """Draw position, turn, grip and height of a lift from its seed and its object's file.
 
@@ -105,29 +92,12 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     )
 
 
-def refuse_too_wide(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
-    """Raise `InputError` where the bench's fingers do not open around an object."""
-    try:
-        require_room(bench.gripper_limits(), place.width_m)
-    except OutOfLimitsError as error:
-        raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error
-
-
-def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803
-    """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
-
-    turn_deg is counter-clockwise as the external camera sees it (about the base's -y axis).
-    """
-    turned = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
-    return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
-
-
 def attempt_lift(
     settings: TrialSettings,
     task: LiftTask,
     benches: BenchSource | None = None,
     live: LiveFeed = NOBODY,
-) -> Attempt:
+) -> Attempt[LiftRow]:
     """Carry out one lift and evaluate it.
 
     A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
@@ -136,7 +106,7 @@ def attempt_lift(
     cv2.setNumThreads(1)
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
-    seed = derived_seed(settings.seed, task.object_id, task.lift, *([task.attempt] if task.attempt else []))
+    seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     stream = io.BytesIO()
     recorder = LiftRecorder(stream)
@@ -145,7 +115,8 @@ def attempt_lift(
     shown = LiveObserver(watched, live, head) if live.listeners else None
     with closing(shown) if shown else nullcontext():
         error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
-    row = _row(head, watched, error, round(bench_s, 6))
+    fault = None if error is None else fault_text(error)
+    row = _row(head, watched, fault, round(bench_s, 6))
     if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()
     recorder.close()
@@ -156,21 +127,22 @@ def attempt_lift(
         stages=stage_times(watched),
         capture_to_angle=latency or None,
     )
-    return Attempt(row, timing, stream.getvalue())
+    return Attempt(row, timing, fault, {task.recording: stream.getvalue()}, _warning(row))
 
 
-def _row(
-    head: LiftHead, watched: LiftMeasurement, error: DeviceError | CalibrationError | None, bench_s: float
-) -> LiftRow:
+def _row(head: LiftHead, watched: LiftMeasurement, fault: str | None, bench_s: float) -> LiftRow:
     """Evaluate a lift that reached its end, angles into its recording; else say what ended it."""
-    if error is not None:
-        fault = fault_text(error)
+    if fault is not None:
         return FailedLift(
             **vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=bench_s
         )
     figures, series = lift_result(watched)
     watched.record_results(series)
     return FinishedLift(**vars(head), **vars(figures), accepted=True, bench_s=bench_s)
+
+
+def _warning(row: LiftRow) -> str | None:
+    return str(row.marker_distance) if isinstance(row, FinishedLift) and row.marker_distance else None
 
 
 def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:
@@ -212,12 +184,6 @@ def _carry_out(
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
     return fault, bench_s, timed.times() if timed else {}
-
-
-def fault_text(error: Exception) -> str:
-    """Say what failed, and how the bench was left."""
-    notes = "; ".join(getattr(error, "__notes__", []))
-    return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
 
 
 def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> LiftHead:

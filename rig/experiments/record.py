@@ -7,35 +7,27 @@ where LabelMe keeps its polygons beside the images.
 import csv
 import io
 import logging
-import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from drivers.bench import Bench
-from drivers.errors import DeviceError, InputError, SessionError
+from drivers.errors import InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Image, Pose
-from protocols.grasps import GraspFile, GraspPose, grasp_poses
+from protocols.grasps import grasp_poses
 from protocols.home import home_plan
-from protocols.operator import Operator
-from protocols.readiness import free_hand, make_ready
-from protocols.record_grasps import PosePlan, record_pose, record_reference
+from protocols.readiness import free_hand
+from protocols.record_grasps import record_reference
 from protocols.steps import TRAVEL_SPEED_M_S
-from rig.bench.assembly import home_pose, true_masks
+from rig.bench.assembly import home_pose
 from rig.bench.source import BenchSource, FreshBenches
-from rig.config import BenchConfig
-from rig.experiments.lift_attempt import MAX_FAULTS_IN_A_ROW, fault_text, grasp_pose, refuse_too_wide
-from rig.experiments.pose_capture import PoseCapture, ReferenceCapture
+from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
+from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
+from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
-from rig.sessions.layout import TRUE_MASKS
 from rig.sessions.manifest import RecordManifest, begun_on
-from rig.sessions.records import POSES, PoseImage, PoseRow
+from rig.sessions.records import POSES, PoseRow
 from rig.sessions.session import Session, open_session
-from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 
@@ -49,28 +41,8 @@ MANIFEST_COLUMNS: tuple[str, ...] = (
     "time_s",
     "contact_area_px",
 )
-GRIPS_PER_POSE = 5
+WORDING = Wording("recording", "pose")
 _log = logging.getLogger("rig.experiments.record")
-
-
-@dataclass(frozen=True, slots=True)
-class RecordSettings:
-    """What a recording is asked for: `images` counts both fingertips, over all poses.
-
-    randomise: simulated sensors unlike those of a bench, drawn from the seed.
-    """
-
-    bench: BenchConfig
-    seed: int
-    grasps: GraspFile
-    poses: int
-    images: int
-    randomise: bool = False
-
-    @property
-    def variation_seed(self) -> int | None:
-        """What the sensors are drawn from, None for the bench's own."""
-        return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
 def record_manifest(settings: RecordSettings) -> RecordManifest:
@@ -90,11 +62,11 @@ def describe_recording(settings: RecordSettings) -> str:
         home_plan(home_pose(settings.bench), "Before each pose"),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):",
     ]
-    for pose, images in zip(grasp_poses(settings.grasps), _quotas(settings), strict=False):
-        plan = plan_pose(settings, pose, images, table)
+    for task in _all_tasks(settings):
+        plan = plan_pose(settings, task.pose, task.images, table)
         x, y, z = plan.base_T_grasp.position_m
         lines.append(
-            f"  {pose.number:>2} {pose.position.name} at {pose.orientation_deg:+.0f} deg: "
+            f"  {task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg: "
             f"({x:.3f}, {y:.3f}, {z:.3f}) m, up to {plan.grips[-1][0]} counts past contact"
         )
     return "\n".join([*lines, "Begin?"])
@@ -105,7 +77,7 @@ def run_record(
     settings: RecordSettings,
     resume: bool = False,
     benches: BenchSource | None = None,
-    progress: Callable[[int, int, PoseRow], None] = lambda done, total, row: None,
+    progress: Progress[PoseRow] = lambda done, total, row: None,
 ) -> list[PoseRow]:
     """Record the poses that are still to do; return the rows of all attempts.
 
@@ -113,12 +85,14 @@ def run_record(
     Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
     finished poses stay on disk and `resume` goes on from them.
     """
-    quotas = _quotas(settings)
+    tasks = _all_tasks(settings)
     with open_session(folder, record_manifest(settings), POSES, resume) as session:
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             finders = _references(session, settings, benches)
-            _record_poses(session, settings, finders, quotas, benches, progress)
+            left = left_to_do(tasks, session.rows, lambda row: row.pose)
+            work = partial(attempt_pose, settings, finders, benches)
+            repeat_until_accepted(session, left, work, WORDING, progress)
             session.finish(order=lambda row: (row.pose, row.attempt))
             for row in session.rows:
                 _log.info("pose %s: %d images", row.pose, len(row.images))
@@ -126,38 +100,20 @@ def run_record(
         return session.rows
 
 
-def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
-    """Plan one pose: its images spread over grips from the lightest to the firmest."""
-    refuse_too_wide(settings.bench, settings.grasps, pose.position)
-    low, high = settings.grasps.grip_counts
-    levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
-    share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]
-    return PosePlan(
-        object_id=settings.grasps.id,
-        object_name=settings.grasps.name,
-        pose_number=pose.number,
-        base_T_grasp=grasp_pose(base_T_table, pose.position.offset_m, pose.orientation_deg),
-        width_m=pose.position.width_m,
-        grips=tuple((int(level), count) for level, count in zip(levels, share, strict=True)),
-    )
-
-
-def object_folder(grasps: GraspFile) -> str:
-    """Return the object's folder in the data set's layout, e.g. "07_spam"."""
-    number = f"{int(grasps.id):02d}" if grasps.id.isdigit() else grasps.id
-    return f"{number}_{grasps.name.replace(' ', '_')}"
-
-
-def _quotas(settings: RecordSettings) -> list[int]:
-    available = len(grasp_poses(settings.grasps))
-    if settings.poses > available:
+def _all_tasks(settings: RecordSettings) -> list[PoseTask]:
+    """Return all poses with their share of the images. Raises `InputError` for impossible numbers."""
+    poses = grasp_poses(settings.grasps)
+    if settings.poses > len(poses):
         raise InputError(
-            f"object {settings.grasps.id} has {available} poses in its file, not {settings.poses}"
+            f"object {settings.grasps.id} has {len(poses)} poses in its file, not {settings.poses}"
         )
     if settings.images < 2 * settings.poses:
         raise InputError(f"--images {settings.images} is too few: at least two per pose (one per fingertip)")
     share, rest = divmod(settings.images, settings.poses)
-    return [share + (i < rest) for i in range(settings.poses)]
+    return [
+        PoseTask(settings.grasps.id, pose, share + (i < rest))
+        for i, pose in enumerate(poses[: settings.poses])
+    ]
 
 
 def _references(
@@ -175,109 +131,6 @@ def _references(
         for serial, name in names.items():
             session.write(name, encode_png(mean_background(watch.frames[serial])))
     return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}
-
-
-def _record_poses(
-    session: Session[PoseRow],
-    settings: RecordSettings,
-    finders: dict[str, ContactFinder],
-    quotas: list[int],
-    benches: BenchSource,
-    progress: Callable[[int, int, PoseRow], None],
-) -> None:
-    done = {row.pose for row in session.rows if row.accepted}
-    faults = 0
-    for pose, images in zip(grasp_poses(settings.grasps), quotas, strict=False):
-        while pose.number not in done:
-            row = _attempt(session, settings, finders, pose, images, benches)
-            if row.accepted:
-                done.add(pose.number)
-                faults = 0
-            else:
-                faults += 1
-            progress(len(done), settings.poses, row)
-            if faults >= MAX_FAULTS_IN_A_ROW:
-                raise DeviceError(
-                    f"recording: {faults} faults in a row, the last: {row.fault}; {len(done)} of "
-                    f"{settings.poses} poses are done: mend the fault, then continue with --resume"
-                )
-
-
-def _attempt(
-    session: Session[PoseRow],
-    settings: RecordSettings,
-    finders: dict[str, ContactFinder],
-    pose: GraspPose,
-    images: int,
-    benches: BenchSource,
-) -> PoseRow:
-    """Record one pose; images first, line last. A device's failure is a row that is not accepted."""
-    began = time.perf_counter()
-    attempt = sum(row.pose == pose.number for row in session.rows)
-    name = f"{settings.grasps.id}/{pose.number}"
-    seed = derived_seed(
-        settings.seed, settings.grasps.id, "pose", pose.number, *([attempt] if attempt else [])
-    )
-    plan = plan_pose(settings, pose, images, Pose(settings.bench.table.position_m))
-    watch = PoseCapture(finders)
-    fault = _carry_out(benches, benches.for_lift(seed, name, attempt), plan, watch)
-    if fault:
-        benches.displaced()
-    row = PoseRow(
-        pose=pose.number,
-        attempt=attempt,
-        position=pose.position.name,
-        orientation_deg=pose.orientation_deg,
-        accepted=fault is None,
-        fault=fault,
-        rejected_frames=watch.rejected,
-        images=() if fault else _keep_images(session, settings.grasps, pose, watch),
-        seed=seed,
-        simulated=settings.bench.simulated,
-        force_n=None,
-    )
-    session.add(row, PoseTiming(pose=pose.number, attempt=attempt, wall_s=time.perf_counter() - began))
-    return row
-
-
-def _carry_out(
-    benches: BenchSource,
-    given: AbstractContextManager[tuple[Bench, Operator]],
-    plan: PosePlan,
-    watch: PoseCapture,
-) -> str | None:
-    """Return None, or the fault's text."""
-    try:
-        with given as (bench, operator):
-            watch.true_masks = true_masks(bench)
-            make_ready(bench, operator, benches.after_fault)
-            operator.place(plan.object_id, plan.object_name)
-            record_pose(bench, plan, watch)
-    except DeviceError as error:
-        _log.warning("pose %d: %s", plan.pose_number, error)
-        return fault_text(error)
-    return None
-
-
-def _keep_images(
-    session: Session[PoseRow], grasps: GraspFile, pose: GraspPose, watch: PoseCapture
-) -> tuple[PoseImage, ...]:
-    files = []
-    for number, (frame, grip_counts, area) in enumerate(watch.taken):
-        name = f"{object_folder(grasps)}/image_label/p{pose.number:02d}_{number + 1:02d}_{frame.serial}.png"
-        session.write(name, encode_png(frame.image))
-        if frame.serial in watch.true_masks:
-            session.write(f"{TRUE_MASKS}/{Path(name).stem}.png", encode_png(watch.masks[number]))
-        files.append(
-            PoseImage(
-                file=name,
-                grip_counts=grip_counts,
-                serial=frame.serial,
-                time_s=frame.time_ns / 1e9,
-                contact_area_px=area,
-            )
-        )
-    return tuple(files)
 
 
 def _manifest_csv(rows: list[PoseRow]) -> str:

@@ -1,12 +1,10 @@
 """The slip trial: five accepted lifts for each object, every one on disk as soon as it ends."""
 
 import logging
-from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from drivers.errors import DeviceError, InputError
+from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
 from protocols.home import home_plan
@@ -14,22 +12,15 @@ from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S
 from rig.bench.assembly import home_pose
 from rig.bench.source import BenchSource
-from rig.experiments.lift_attempt import (
-    MAX_FAULTS_IN_A_ROW,
-    NOBODY,
-    Attempt,
-    LiftTask,
-    TrialSettings,
-    attempt_lift,
-    plan_lift,
-)
-from rig.experiments.process_pool import run_tasks
+from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
+from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.live.feed import LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.sessions.manifest import TrialManifest, begun_on
-from rig.sessions.records import LIFTS, FailedLift, FinishedLift, LiftRow, finished
-from rig.sessions.session import Session, open_session
+from rig.sessions.records import LIFTS, LiftRow
+from rig.sessions.session import open_session
 
+WORDING = Wording("trial", "lift")
 _log = logging.getLogger("rig.experiments.trial")
 
 
@@ -81,7 +72,7 @@ def run_trial(
     jobs: int = 1,
     resume: bool = False,
     benches: BenchSource | None = None,
-    progress: Callable[[int, int, LiftRow], None] = lambda done, total, row: None,
+    progress: Progress[LiftRow] = lambda done, total, row: None,
     live: LiveFeed = NOBODY,
 ) -> TrialSummary:
     """Run a trial, or what is left of it, and return its summary.
@@ -94,9 +85,10 @@ def run_trial(
     """
     with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
         if not session.complete:
-            tasks = remaining_tasks(session, objects, lifts)
+            tasks = left_to_do(_all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
-            _carry_on(session, settings, tasks, jobs, benches, progress, live)
+            work = partial(attempt_lift, settings, benches=benches, live=live)
+            repeat_until_accepted(session, tasks, work, WORDING, progress, jobs)
             session.finish(order=lambda row: (row.number, row.attempt))
             for row in session.rows:
                 _log.info("lift %s/%s: %s", row.object, row.lift, row.outcome)
@@ -105,56 +97,6 @@ def run_trial(
         return summary
 
 
-def remaining_tasks(session: Session[LiftRow], objects: list[str], lifts: int) -> list[LiftTask]:
-    """Return the lifts not yet accepted, each with the number of attempts already made."""
-    accepted = {row.number for row in session.rows if row.accepted}
-    made = [row.number for row in session.rows]
-    return [
-        replace(t, attempt=made.count(t.number))
-        for t in _all_tasks(objects, lifts)
-        if t.number not in accepted
-    ]
-
-
 def _all_tasks(objects: list[str], lifts: int) -> list[LiftTask]:
     pairs = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
     return [LiftTask(number, *pair) for number, pair in enumerate(pairs, start=1)]
-
-
-def _carry_on(
-    session: Session[LiftRow],
-    settings: TrialSettings,
-    tasks: list[LiftTask],
-    jobs: int,
-    benches: BenchSource | None,
-    progress: Callable[[int, int, LiftRow], None],
-    live: LiveFeed,
-) -> None:
-    accepted = len(finished(session.rows))
-    total = accepted + len(tasks)
-    faults = 0
-    work = partial(attempt_lift, settings, benches=benches, live=live)
-    for task, attempt in run_tasks(work, tasks, jobs):
-        _keep(session, task, attempt)
-        if isinstance(attempt.row, FinishedLift):
-            accepted, faults = accepted + 1, 0
-            progress(accepted, total, attempt.row)
-            continue
-        faults += 1
-        tasks.insert(0, replace(task, attempt=task.attempt + 1))
-        progress(accepted, total, attempt.row)
-        if faults >= MAX_FAULTS_IN_A_ROW:
-            raise DeviceError(
-                f"trial: {faults} rig faults in a row, the last: {attempt.row.fault}; "
-                f"{accepted} of {total} lifts are done: mend the fault, then continue with --resume"
-            )
-
-
-def _keep(session: Session[LiftRow], task: LiftTask, attempt: Attempt) -> None:
-    """Recording first, line last: a line in the results says that all of the lift is there."""
-    session.write(task.recording, attempt.recording)
-    session.add(attempt.row, attempt.timing)
-    if isinstance(attempt.row, FailedLift):
-        _log.warning("lift %s attempt %d: %s", task.name, task.attempt, attempt.row.fault)
-    elif attempt.row.marker_distance:
-        _log.warning("lift %s: %s", task.name, attempt.row.marker_distance)

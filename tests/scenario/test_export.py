@@ -15,7 +15,8 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.cli.main import app
 from rig.config import load_bench
-from rig.experiments.record import RecordSettings, run_record
+from rig.experiments.pose_attempt import RecordSettings
+from rig.experiments.record import run_record
 from rig.export.formats import export_session
 from rig.sessions.layout import TRUE_MASKS
 from rig.sessions.reading import recorded_angles, recorded_frames

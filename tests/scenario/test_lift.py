@@ -14,8 +14,8 @@ from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
+from rig.experiments.attempts import Attempt
 from rig.experiments.lift_attempt import (
-    Attempt,
     LiftTask,
     TrialSettings,
     attempt_lift,
@@ -25,7 +25,7 @@ from rig.experiments.lift_attempt import (
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result
 from rig.sessions.reading import show_again
-from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
+from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome, LiftRow
 from rig.tactile.estimators import choose_estimator
 from support.benches import with_half_the_frames
 
@@ -64,11 +64,11 @@ def fault(device: str, kind: str, at_s: float = 8.0, **more: object) -> TrialSet
 
 
 @pytest.fixture(scope="module")
-def good() -> Attempt:
+def good() -> Attempt[LiftRow]:
     return attempt_lift(settings(), TASK)
 
 
-def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt) -> None:
+def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt[LiftRow]) -> None:
     row = good.row
     assert isinstance(row, FinishedLift)
     assert row.outcome is LiftOutcome.SLIPPED
@@ -88,8 +88,8 @@ def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt) -> None
     assert phases[Phase.HOLD] - phases[Phase.LIFT] == pytest.approx(1.5, abs=0.2)
 
 
-def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt) -> None:
-    reader = make_reader(io.BytesIO(good.recording))
+def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt[LiftRow]) -> None:
+    reader = make_reader(io.BytesIO(good.files[TASK.recording]))
     summary = reader.get_summary()
     assert summary is not None
     schemas = {schema.name: schema.encoding for schema in summary.schemas.values()}
@@ -100,10 +100,10 @@ def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt) -> N
     assert {"/angle/estimate", "/angle/truth", "/image/SIM-D0001", "/image/SIM-C0001"} <= topics
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: Attempt) -> None:
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: Attempt[LiftRow]) -> None:
     again = attempt_lift(settings(), TASK)
     assert again.row == good.row
-    assert again.recording == good.recording
+    assert again.files[TASK.recording] == good.files[TASK.recording]
     other = TrialSettings(settings().bench, 1, choose_estimator())
     other_row = attempt_lift(other, TASK).row
     assert isinstance(other_row, FinishedLift)
@@ -169,10 +169,10 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
     assert opening <= bench.gripper.limits.counts_for_opening(plan.width_m)
 
 
-def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt) -> None:
+def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow]) -> None:
     """Frames of noise in place of the real ones leave nothing to answer."""
     path = tmp_path / "lift.mcap"
-    path.write_bytes(good.recording)
+    path.write_bytes(good.files[TASK.recording])
     watched = new_measurement(settings())
 
     class Noise(Relay):

@@ -11,7 +11,8 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.record import RecordSettings, describe_recording
+from rig.experiments.pose_attempt import RecordSettings
+from rig.experiments.record import describe_recording
 from rig.experiments.trial import describe_plan
 from rig.tactile.estimators import choose_estimator
 

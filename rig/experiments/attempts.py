@@ -1,0 +1,135 @@
+"""Attempts at a session's work, one after another or side by side, each repeated until it counts.
+
+What a trial does with lifts and a recording with poses: a rig fault is a row that does not count, the
+same work comes again, and after some faults in a row a person has to look.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from drivers.errors import DeviceError
+from rig.experiments.process_pool import run_tasks
+from rig.sessions.session import Session
+from rig.sessions.timing import TimingLine
+
+MAX_FAULTS_IN_A_ROW = 3
+_log = logging.getLogger("rig.experiments.attempts")
+
+
+class Task(Protocol):
+    """A piece of work, a frozen dataclass: its number in the session from 1, and which attempt it is."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def number(self) -> int:
+        """Number in the session."""
+        ...
+
+    @property
+    def attempt(self) -> int:
+        """Attempts before this one."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name in logs and fault scripts."""
+        ...
+
+
+class AttemptRow(Protocol):
+    """What is kept of an attempt, as `LiftRow` and `PoseRow`."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it counts."""
+        ...
+
+
+Piece = TypeVar("Piece", bound=Task)
+Row = TypeVar("Row", bound=AttemptRow)
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt(Generic[Row]):
+    """What came of an attempt. files: by name in the session.
+
+    fault: what ended it, None where it counts. warning: what somebody should look at though it counts.
+    """
+
+    row: Row
+    timing: TimingLine
+    fault: str | None
+    files: Mapping[str, bytes]
+    warning: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """What messages call the session and one piece of its work, as "trial" and "lift"."""
+
+    session: str
+    piece: str
+
+
+Progress = Callable[[int, int, Row], None]
+"""Called after each attempt with how many pieces are done, how many are wanted, and the row."""
+
+
+def left_to_do(tasks: Iterable[Piece], rows: Sequence[Row], number_of: Callable[[Row], int]) -> list[Piece]:
+    """Return the tasks that are not done yet, each with the number of attempts already made.
+
+    number_of: which task's number a row is of.
+    """
+    done = {number_of(row) for row in rows if row.accepted}
+    made = Counter(number_of(row) for row in rows)
+    return [replace(task, attempt=made[task.number]) for task in tasks if task.number not in done]
+
+
+def repeat_until_accepted(
+    session: Session[Row],
+    tasks: list[Piece],
+    work: Callable[[Piece], Attempt[Row]],
+    wording: Wording,
+    progress: Progress[Row],
+    jobs: int = 1,
+) -> None:
+    """Carry out all tasks, each again until it counts; what came of each attempt is kept at once.
+
+    Raises `DeviceError` after three faults in a row; what is done stays on disk.
+    """
+    done = sum(row.accepted for row in session.rows)
+    total, faults = done + len(tasks), 0
+    for task, attempt in run_tasks(work, tasks, jobs):
+        _keep(session, task, attempt, wording)
+        if attempt.fault is None:
+            done, faults = done + 1, 0
+        else:
+            faults += 1
+            tasks.insert(0, replace(task, attempt=task.attempt + 1))
+        progress(done, total, attempt.row)
+        if faults >= MAX_FAULTS_IN_A_ROW:
+            raise DeviceError(
+                f"{wording.session}: {faults} rig faults in a row, the last: {attempt.fault}; "
+                f"{done} of {total} {wording.piece}s are done: mend the fault, then continue with --resume"
+            )
+
+
+def fault_text(error: Exception) -> str:
+    """Say what failed, and how the bench was left."""
+    notes = "; ".join(getattr(error, "__notes__", []))
+    return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
+
+
+def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:
+    """Files first, line last: a line in the results says that all of the work is there."""
+    for name, data in attempt.files.items():
+        session.write(name, data)
+    session.add(attempt.row, attempt.timing)
+    if attempt.fault is not None:
+        _log.warning("%s %s attempt %d: %s", wording.piece, task.name, task.attempt, attempt.fault)
+    elif attempt.warning is not None:
+        _log.warning("%s %s: %s", wording.piece, task.name, attempt.warning)

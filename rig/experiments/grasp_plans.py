@@ -1,0 +1,27 @@
+"""Where the hand goes to grasp an object, for lifts and poses alike."""
+
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import InputError, OutOfLimitsError
+from drivers.types import Pose
+from protocols.grasps import GraspFile, Position
+from protocols.steps import require_room
+from rig.bench.assembly import TOOL_DOWN
+from rig.config import BenchConfig
+
+
+def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803
+    """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
+
+    turn_deg is counter-clockwise as the external camera sees it (about the base's -y axis).
+    """
+    turned = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
+    return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
+
+
+def refuse_too_wide(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
+    """Raise `InputError` where the bench's fingers do not open around an object."""
+    try:
+        require_room(bench.gripper_limits(), place.width_m)
+    except OutOfLimitsError as error:
+        raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error

@@ -1,0 +1,159 @@
+"""One attempt at a grasp pose, from its plan to its row and images."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.errors import DeviceError
+from drivers.images import encode_png
+from drivers.types import Pose
+from protocols.grasps import GraspFile, GraspPose
+from protocols.readiness import make_ready
+from protocols.record_grasps import PosePlan, record_pose
+from rig.bench.assembly import true_masks
+from rig.bench.source import BenchSource
+from rig.config import BenchConfig
+from rig.experiments.attempts import Attempt, fault_text
+from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
+from rig.experiments.pose_capture import PoseCapture
+from rig.experiments.seeds import derived_seed
+from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.records import PoseImage, PoseRow
+from rig.sessions.timing import PoseTiming
+from rig.tactile.contact.finder import ContactFinder
+
+GRIPS_PER_POSE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSettings:
+    """What a recording is asked for: `images` counts both fingertips, over all poses.
+
+    randomise: simulated sensors unlike those of a bench, drawn from the seed.
+    """
+
+    bench: BenchConfig
+    seed: int
+    grasps: GraspFile
+    poses: int
+    images: int
+    randomise: bool = False
+
+    @property
+    def variation_seed(self) -> int | None:
+        """What the sensors are drawn from, None for the bench's own."""
+        return derived_seed(self.seed, "sensors") if self.randomise else None
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTask:
+    """One pose to record, and how many images of it."""
+
+    object_id: str
+    pose: GraspPose
+    images: int
+    attempt: int = 0
+
+    @property
+    def number(self) -> int:
+        """Its number in the object's file, from 1."""
+        return self.pose.number
+
+    @property
+    def name(self) -> str:
+        """Name in logs and fault scripts, e.g. "7/3"."""
+        return f"{self.object_id}/{self.number}"
+
+
+def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
+    """Plan one pose: its images spread over grips from the lightest to the firmest."""
+    refuse_too_wide(settings.bench, settings.grasps, pose.position)
+    low, high = settings.grasps.grip_counts
+    levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
+    share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]
+    return PosePlan(
+        object_id=settings.grasps.id,
+        object_name=settings.grasps.name,
+        pose_number=pose.number,
+        base_T_grasp=grasp_pose(base_T_table, pose.position.offset_m, pose.orientation_deg),
+        width_m=pose.position.width_m,
+        grips=tuple((int(level), count) for level, count in zip(levels, share, strict=True)),
+    )
+
+
+def attempt_pose(
+    settings: RecordSettings, finders: dict[str, ContactFinder], benches: BenchSource, task: PoseTask
+) -> Attempt[PoseRow]:
+    """Record one pose. A device's failure is a row that is not accepted; nothing else is caught.
+
+    finders: of contacts, by serial.
+    """
+    began = time.perf_counter()
+    seed = derived_seed(settings.seed, task.object_id, "pose", task.number, attempt=task.attempt)
+    plan = plan_pose(settings, task.pose, task.images, Pose(settings.bench.table.position_m))
+    watch = PoseCapture(finders)
+    fault = _carry_out(benches, task, seed, plan, watch)
+    if fault:
+        benches.displaced()
+    images, files = ((), {}) if fault else _images(settings.grasps, task.number, watch)
+    row = PoseRow(
+        pose=task.number,
+        attempt=task.attempt,
+        position=task.pose.position.name,
+        orientation_deg=task.pose.orientation_deg,
+        accepted=fault is None,
+        fault=fault,
+        rejected_frames=watch.rejected,
+        images=images,
+        seed=seed,
+        simulated=settings.bench.simulated,
+        force_n=None,
+    )
+    timing = PoseTiming(pose=task.number, attempt=task.attempt, wall_s=time.perf_counter() - began)
+    return Attempt(row, timing, fault, files)
+
+
+def object_folder(grasps: GraspFile) -> str:
+    """Return the object's folder in the data set's layout, e.g. "07_spam"."""
+    number = f"{int(grasps.id):02d}" if grasps.id.isdigit() else grasps.id
+    return f"{number}_{grasps.name.replace(' ', '_')}"
+
+
+def _carry_out(
+    benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan, watch: PoseCapture
+) -> str | None:
+    """Return None, or the fault's text."""
+    try:
+        with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
+            watch.true_masks = true_masks(bench)
+            make_ready(bench, operator, benches.after_fault)
+            operator.place(plan.object_id, plan.object_name)
+            record_pose(bench, plan, watch)
+    except DeviceError as error:
+        return fault_text(error)
+    return None
+
+
+def _images(
+    grasps: GraspFile, pose: int, watch: PoseCapture
+) -> tuple[tuple[PoseImage, ...], dict[str, bytes]]:
+    """Return what the row says of the images taken, and their files by name, true masks among them."""
+    images: list[PoseImage] = []
+    files: dict[str, bytes] = {}
+    for number, (frame, grip_counts, area) in enumerate(watch.taken):
+        name = f"{object_folder(grasps)}/image_label/p{pose:02d}_{number + 1:02d}_{frame.serial}.png"
+        files[name] = encode_png(frame.image)
+        if frame.serial in watch.true_masks:
+            files[f"{TRUE_MASKS}/{Path(name).stem}.png"] = encode_png(watch.masks[number])
+        images.append(
+            PoseImage(
+                file=name,
+                grip_counts=grip_counts,
+                serial=frame.serial,
+                time_s=frame.time_ns / 1e9,
+                contact_area_px=area,
+            )
+        )
+    return tuple(images), files

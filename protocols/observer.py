@@ -36,5 +36,5 @@ class LiftObserver(Protocol):
         ...
 
     def touching(self, serial: str) -> bool:
-        """Whether the newest frame of a fingertip shows contact."""
+        """Whether a fingertip touches: its last frames, not one alone, show contact."""
         ...

@@ -20,9 +20,7 @@ from rig.bench.source import session_bench
 from rig.config import BenchConfig
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
-
-TOUCH_FRAMES = 2
-"""Contact counts when so many frames in a row show it, as in a lift."""
+from rig.tactile.contact.touch import TouchDebounce
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +93,14 @@ class TouchObserver:
     phase_now: Phase | None = None
     _still: dict[str, list[Image]] = field(default_factory=dict)
     _finders: dict[str, ContactFinder] = field(default_factory=dict)
-    _touching: dict[str, int] = field(default_factory=dict)
+    _touches: dict[str, TouchDebounce] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         """Collect references during REFERENCE; make them when GRASP begins."""
         self.phase_now = phase
         if phase is Phase.REFERENCE:
             self._still = {serial: [] for serial in self.serials}
-            self._finders, self._touching = {}, {}
+            self._finders, self._touches = {}, {}
         elif phase is Phase.GRASP:
             for serial, frames in self._still.items():
                 if not frames:
@@ -120,7 +118,7 @@ class TouchObserver:
             self._still.setdefault(frame.serial, []).append(frame.image)
             return
         seen = finder.find(frame.image).mask is not None
-        self._touching[frame.serial] = self._touching.get(frame.serial, 0) + 1 if seen else 0
+        self._touches.setdefault(frame.serial, TouchDebounce()).update(seen)
 
     def arm(self, state: ArmState) -> None:
         """Not needed here."""
@@ -130,7 +128,7 @@ class TouchObserver:
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""
-        return self._touching.get(serial, 0) >= TOUCH_FRAMES
+        return serial in self._touches and self._touches[serial].sure
 
 
 def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:

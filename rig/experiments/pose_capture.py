@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.observer import Phase
 from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.contact.touch import TouchDebounce
 
 FRAMES_APART = 3
 """Images of one grip are this many frames apart, so that they differ by more than noise."""
@@ -26,7 +27,7 @@ class PoseCapture:
     rejected: int = 0
     _grip_counts: int = 0
     _wanted: int = 0
-    _touching: dict[str, bool] = field(default_factory=dict)
+    _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _areas: dict[str, float] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
 
@@ -48,8 +49,8 @@ class PoseCapture:
         return len(self.taken) >= self._wanted
 
     def touching(self, serial: str) -> bool:
-        """Whether the newest frame of a fingertip shows contact."""
-        return self._touching.get(serial, False)
+        """Whether a fingertip has shown contact in its last frames."""
+        return serial in self._touches and self._touches[serial].sure
 
     def frame(self, frame: Frame) -> None:
         """Look for contact; take the image when one of this fingertip is wanted."""
@@ -57,7 +58,7 @@ class PoseCapture:
         if finder is None:
             return
         area = finder.find(frame.image).area_px
-        self._touching[frame.serial] = area > 0
+        self._touches.setdefault(frame.serial, TouchDebounce()).update(area > 0)
         if self.satisfied() or not self._due(frame):
             return
         if area > 0:

@@ -23,6 +23,7 @@ from rig.sessions.images import stored
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.touch import TouchDebounce
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
@@ -34,8 +35,6 @@ Where a slow camera or a hidden marker leaves fewer, all the time at rest before
 FALLEN_S = 0.2
 CAMERA = "camera"
 """The external camera's name among the sources that are counted; fingertips go by serial."""
-TOUCH_FRAMES = 2
-"""Contact counts when this many frames in a row show it, so that one noisy frame stops nothing."""
 
 
 @dataclass(slots=True)
@@ -48,7 +47,7 @@ class TipTrack:
     samples: list[SlipSample] = field(default_factory=list)
     zero_deg: float | None = None
     zero_sample: SlipSample | None = None
-    touching_frames: int = 0
+    touch: TouchDebounce = field(default_factory=TouchDebounce)
 
     def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
         """Sign an estimate and take it from its zero; without a zero there is no answer."""
@@ -153,7 +152,7 @@ class LiftMeasurement:
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""
-        return self.tips[serial].touching_frames >= TOUCH_FRAMES
+        return self.tips[serial].touch.sure
 
     def fallen(self, until_ns: int) -> bool:
         """Whether no fingertip has felt anything for the last moments before `until_ns`."""
@@ -193,7 +192,7 @@ class LiftMeasurement:
             return
         sample = tip.estimator.update(frame.image, frame.time_ns)
         tip.samples.append(sample)
-        tip.touching_frames = 0 if sample.state is State.NO_CONTACT else tip.touching_frames + 1
+        tip.touch.update(sample.state is not State.NO_CONTACT)
         if Phase.LIFT in self.phases:
             others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
             fused = fuse(tip.newest(), others)

@@ -11,12 +11,13 @@ import numpy as np
 from drivers.errors import InputError
 from rig.frames.series import FrameSeries
 from rig.frames.times import FrameTime
+from rig.tactile.contact.steadiness import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state")
-# The zero is the first frame of stable full contact: over the next frames the contact's area
-# stays within this share, and it has reached this share of what it is from there on.
-STABLE_FRAMES, STABLE_AREA, FULL_AREA = 5, 0.05, 0.8
+# The zero is the first frame of stable full contact: the contact's area stays, over it and the next frames,
+# as while an estimator lets it settle, and has reached this share of what it is from there on.
+STABLE_FRAMES, FULL_AREA = 6, 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +161,10 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
 
 def _is_stable(areas: np.ndarray) -> bool:
     """Whether the contact at the first of these areas is as large as it stays."""
-    near = areas[: STABLE_FRAMES + 1]
+    near = areas[:STABLE_FRAMES]
     later = areas[areas > 0]
-    within = np.abs(near - areas[0]) <= STABLE_AREA * areas[0]
-    return len(near) > STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
+    within = np.abs(near - areas[0]) <= SETTLED_SHARE * areas[0]
+    return len(near) == STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
 
 
 def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.contact.steadiness import Levels, changed
 
 # Blur of the squared difference, in work pixels: a contact is wider than noise.
 ENERGY_BLUR_PX = 1.5
@@ -39,12 +40,14 @@ class Region:
     area_px: int
     strength: float
 
+    @property
+    def levels(self) -> Levels:
+        """Area and strength, which say whether the contact still grows."""
+        return self.area_px, self.strength
+
     def changed(self, before: "Region | None", share: float) -> bool:
         """Whether strength or area differ from an earlier contact's by more than a share; True with none."""
-        if before is None:
-            return True
-        strength = abs(self.strength / before.strength - 1.0)
-        return strength > share or abs(self.area_px / before.area_px - 1.0) > share
+        return changed(self.levels, None if before is None else before.levels, share)
 
 
 class ContactGate:

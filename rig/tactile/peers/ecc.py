@@ -20,12 +20,13 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 
 NOISE_BLUR_PX = 1.0
-# The reference is taken anew until area and strength have stayed within this share for so many frames.
-SETTLED_SHARE, SETTLED_FRAMES = 0.05, 5
+# The reference is taken anew until area and strength have settled: they have stayed for so many frames.
+SETTLED_FRAMES = 6
 # Share of the reference's energy that a turn by 1 rad changes beyond what a shift can imitate: below
 # this the contact is round (simulated smooth balls reach 0.1, cans 0.3 and more).
 LEAST_CONTRAST = 0.15
@@ -160,11 +161,11 @@ class ReferenceEstimator(FreshFrameEstimator):
         if self._matcher is not None:
             found = self._matcher.match(energy, region.mask, self._match)
             self._match = found or self._match
-            if found is None and self._settled:
+            if found is None and self._steadiness.settled:
                 return State.LOST
-        elif self._settled:
+        elif self._steadiness.settled:
             return State.UNOBSERVABLE
-        if not self._settled and self._changed(region):
+        if not self._steadiness.settled and self._is_reference(region):
             self._rebase(energy, region)
             return State.UNOBSERVABLE if self._matcher is None else State.REKEYED
         return State.UNOBSERVABLE if self._matcher is None else State.TRACKING
@@ -185,13 +186,10 @@ class ReferenceEstimator(FreshFrameEstimator):
             stage_s=watch.stage_s,
         )
 
-    def _changed(self, region: Region) -> bool:
+    def _is_reference(self, region: Region) -> bool:
         """Follow a contact's growth; whether a new reference has to be taken of this frame."""
-        last, self._level = self._level, region
-        changed = region.changed(last, SETTLED_SHARE)
-        self._steady = 0 if changed else self._steady + 1
-        self._settled = self._steady >= SETTLED_FRAMES
-        return changed or self._settled
+        changed = self._steadiness.update(region.levels)
+        return changed or self._steadiness.settled
 
     def _rebase(self, energy: Energy, region: Region) -> None:
         """Take this frame as the reference, at the angle it was found to have."""
@@ -203,8 +201,7 @@ class ReferenceEstimator(FreshFrameEstimator):
     def _release(self) -> None:
         self._match = Match(0.0, np.zeros(2))
         self._matcher: Matcher | None = None
-        self._level: Region | None = None
-        self._settled, self._steady = False, 0
+        self._steadiness = Steadiness(SETTLED_FRAMES, drifting=True)
 
 
 def _magnitude(difference: NDArray[np.float32]) -> Energy:

@@ -12,13 +12,14 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.peers.dots import DotTracker, without_markers
 from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 
-# The reference is taken anew until the area has stayed within this share for so many frames.
-SETTLED_SHARE, SETTLED_FRAMES = 0.05, 5
+# The reference is taken anew until the area has settled: it has stayed for so many frames.
+SETTLED_FRAMES = 6
 # A contact gone for longer is a new grasp.
 FORGET_S = 0.5
 
@@ -87,13 +88,9 @@ class KolamuriEstimator(FreshFrameEstimator):
 
     def _settle(self, image: Image, contact: Contact) -> bool:
         """Follow a contact's growth; whether this frame becomes the reference."""
-        if self._settled:
+        if self._steadiness.settled:
             return False
-        changed = abs(contact.area_px - self._area_px) > SETTLED_SHARE * self._area_px
-        self._area_px = contact.area_px
-        self._steady = 0 if changed else self._steady + 1
-        self._settled = self._steady >= SETTLED_FRAMES
-        if changed or self._settled:
+        if self._steadiness.update((contact.area_px,)) or self._steadiness.settled:
             self._rebase()
             return True
         return False
@@ -105,4 +102,4 @@ class KolamuriEstimator(FreshFrameEstimator):
 
     def _release(self) -> None:
         self._rebase()
-        self._area_px, self._steady, self._settled = 0.0, 0, False
+        self._steadiness = Steadiness(SETTLED_FRAMES, drifting=True)

@@ -1,0 +1,40 @@
+"""A contact's touch and its settling, each one rule for whoever asks."""
+
+from rig.tactile.contact.steadiness import Steadiness
+from rig.tactile.contact.touch import TouchDebounce
+
+
+def settled_at(levels: list[float], frames: int, drifting: bool = False) -> list[bool]:
+    steadiness = Steadiness(frames, drifting)
+    settled = []
+    for level in levels:
+        steadiness.update((level,))
+        settled.append(steadiness.settled)
+    return settled
+
+
+def test_it_settles_once_its_level_has_stayed_for_so_many_frames() -> None:
+    assert settled_at([10, 20, 30, 31, 30, 29], 3) == [False, False, False, False, True, True]
+
+
+def test_a_slow_drift_settles_only_where_each_frame_is_compared_with_the_one_before() -> None:
+    drift = [100.0 * 1.03**frame for frame in range(6)]
+    assert not any(settled_at(drift, 3))
+    assert settled_at(drift, 3, drifting=True) == [False, False, True, True, True, True]
+
+
+def test_every_level_has_to_stay() -> None:
+    steadiness = Steadiness(2)
+    assert steadiness.update((100.0, 1.0))
+    assert steadiness.update((100.0, 1.2))
+    assert not steadiness.update((102.0, 1.2))
+    assert steadiness.settled
+
+
+def test_one_frame_is_no_touch_and_a_gap_begins_anew() -> None:
+    touch = TouchDebounce()
+    seen = []
+    for contact in (True, False, True, True, True, False):
+        touch.update(contact)
+        seen.append(touch.sure)
+    assert seen == [False, False, False, True, True, False]

@@ -6,19 +6,21 @@ import cv2
 import numpy as np
 from cv2.typing import MatLike
 
-from drivers.errors import RecordingError
+from drivers.errors import InputError, RecordingError
 from drivers.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings of the image files that are read, lower case."""
 JPEG_QUALITY = 95
 """Of what is kept; a camera's own JPEG is kept as received instead."""
+_FILE_ENDS = {b"\xff\xd8": b"\xff\xd9", b"\x89P": b"IEND"}
+"""How a whole JPEG and PNG end, by how they begin."""
 
 
 def decode_image(data: bytes, grey: bool = False) -> Image | None:
     """Decode to (H, W, 3) uint8 RGB, or (H, W) where `grey`, upright by an orientation header.
 
-    None where that cannot be done; damage inside a JPEG goes unnoticed.
+    None where that cannot be done; what is cut short or damaged inside may be decoded as far as it goes.
     """
     way = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
     try:
@@ -29,11 +31,24 @@ def decode_image(data: bytes, grey: bool = False) -> Image | None:
 
 
 def load_image(path: Path, grey: bool = False) -> Image | None:
-    """Read an image file as `decode_image` does; None where it is missing or cannot be decoded."""
+    """Read an image file as `decode_image` does; None where it is missing, damaged or cut short."""
     try:
-        return decode_image(path.read_bytes(), grey)
+        data = path.read_bytes()
     except OSError:
         return None
+    end = _FILE_ENDS.get(data[:2])
+    # In the second half: a JPEG's preview in its head has an end of its own.
+    if end is not None and data.rfind(end) < len(data) // 2:
+        return None
+    return decode_image(data, grey)
+
+
+def read_image(path: Path, grey: bool = False) -> Image:
+    """Read an image file as `load_image` does. Raises `InputError` naming it."""
+    image = load_image(path, grey)
+    if image is None:
+        raise InputError(f"{path}: not a complete image: copy it anew or leave it out")
+    return image
 
 
 def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:

@@ -12,9 +12,10 @@ from calibration.targets.boards import Target
 from calibration.targets.views import View, coverage
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
+from drivers.images import read_image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import picture_files, read_grey
+from rig.calibrate.sources import picture_files
 
 
 def camera_from_folder(
@@ -22,7 +23,7 @@ def camera_from_folder(
 ) -> CalibrationResult:
     """Find the target in a folder's pictures and fit the camera. Raises `InputError`."""
     files = picture_files(folder, pattern)
-    found = {path.name: target.find(read_grey(path), path.name) for path in files}
+    found = {path.name: target.find(read_image(path, grey=True), path.name) for path in files}
     views = [view for view in found.values() if isinstance(view, View)]
     unseen = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
     by_name = {path.name: path for path in files}
@@ -51,7 +52,10 @@ def camera_from_folder(
 def _refused(
     folder: Path, files: list[Path], serial: str, unseen: list[Rejected], reason: str
 ) -> CalibrationResult:
-    thumbs = [Thumbnail(r.id, r.reason, figures.thumbnail(read_grey(folder / r.id))) for r in unseen[:12]]
+    thumbs = [
+        Thumbnail(r.id, r.reason, figures.thumbnail(read_image(folder / r.id, grey=True)))
+        for r in unseen[:12]
+    ]
     assessment = Assessment(refusals=(reason,))
     return CalibrationResult(
         "camera", {"camera": serial}, {}, {}, assessment, {}, str(folder), 0, unseen, files, (), thumbs
@@ -136,4 +140,4 @@ def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
 
 def _thumbnail(rejected: Rejected, path: Path, view: View | str) -> Thumbnail:
     marks = [view.image_px] if isinstance(view, View) else []
-    return Thumbnail(rejected.id, rejected.reason, figures.thumbnail(read_grey(path), marks))
+    return Thumbnail(rejected.id, rejected.reason, figures.thumbnail(read_image(path, grey=True), marks))

@@ -13,10 +13,11 @@ from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.targets.boards import Target
 from calibration.targets.views import View
 from calibration.verdict import Rejected
+from drivers.images import read_image
 from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import picture_files, read_grey, read_poses
+from rig.calibrate.sources import picture_files, read_poses
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
 """Parent and child frame of the answer, and the parent of the target, by setup."""
@@ -34,7 +35,7 @@ def hand_eye_from_folder(
             if path.stem not in {r.id for r in rejected}:
                 rejected.append(Rejected(path.stem, "no pose of this id in poses.csv"))
             continue
-        view = target.find(read_grey(path), path.stem)
+        view = target.find(read_image(path, grey=True), path.stem)
         if isinstance(view, str):
             rejected.append(Rejected(path.stem, view))
         else:
@@ -174,4 +175,4 @@ def _thumb(path: Path | None, samples: Sequence[HandEyeSample]) -> bytes | None:
     if path is None:
         return None
     marks = [s.view.image_px for s in samples if s.id == path.stem]
-    return figures.thumbnail(read_grey(path), marks)
+    return figures.thumbnail(read_image(path, grey=True), marks)

@@ -6,9 +6,10 @@ import numpy as np
 
 from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle, assess_markers
+from drivers.images import read_image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import picture_files, read_grey
+from rig.calibrate.sources import picture_files
 
 
 def markers_from_folder(
@@ -21,7 +22,7 @@ def markers_from_folder(
 ) -> CalibrationResult:
     """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
-    pictures = [read_grey(path) for path in files]
+    pictures = [read_image(path, grey=True) for path in files]
     report = assess_markers(pictures, MarkerAngle(ids, dictionary, camera))
     plane = report.plane
     value = {

@@ -10,8 +10,8 @@ from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
 from calibration.time_offset import TimedSignal, make_stream
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
-from drivers.images import SUFFIXES, load_image
-from drivers.types import Image, Pose
+from drivers.images import SUFFIXES
+from drivers.types import Pose
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
@@ -22,16 +22,6 @@ def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
     if not found:
         raise InputError(f"{folder}: no pictures named {pattern} here ({', '.join(SUFFIXES)})")
     return found
-
-
-def read_grey(path: Path) -> Image:
-    """A picture as (H, W) uint8. Raises `InputError`."""
-    return _read(path, grey=True)
-
-
-def read_rgb(path: Path) -> Image:
-    """A picture as (H, W, 3) uint8 RGB. Raises `InputError`."""
-    return _read(path, grey=False)
 
 
 def read_csv(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
@@ -111,10 +101,3 @@ def _pose(row: dict[str, str], where: str) -> Pose:
     if "rx_rad" in row:
         return pose_from_rotation_vector(position, read("rx_rad", "ry_rad", "rz_rad"), where)
     raise CalibrationError(f"{where}: no orientation; qx, qy, qz, qw or rx_rad, ry_rad, rz_rad are needed")
-
-
-def _read(path: Path, grey: bool) -> Image:
-    image = load_image(path, grey)
-    if image is None:
-        raise InputError(f"{path}: is no picture that can be read")
-    return image

@@ -12,10 +12,11 @@ from calibration.gel.reference import Reference, assess_reference
 from calibration.gel.scale import GelScale, fit_scale
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
+from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import number, read_csv, read_rgb
+from rig.calibrate.sources import number, read_csv
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
@@ -82,15 +83,15 @@ def _read(folder: Path) -> _PressFolder:
     path = folder / "catalog.csv"
     rows = read_csv(path, _COLUMNS)
     presses = _PressFolder(
-        folder, read_rgb(folder / "background.png"), files=[folder / "background.png", path]
+        folder, read_image(folder / "background.png"), files=[folder / "background.png", path]
     )
     for line, row in enumerate(rows, start=2):
         where, name = f"{path} line {line}", row["image"]
         if not name or not (folder / name).is_file():
             raise InputError(f"{where}: {name} is not in {folder}")
-        untouched = read_rgb(folder / row["background"]) if row.get("background") else presses.background
+        untouched = read_image(folder / row["background"]) if row.get("background") else presses.background
         presses.files.append(folder / name)
-        found = find_press(read_rgb(folder / name), untouched.astype(np.float32), name)
+        found = find_press(read_image(folder / name), untouched.astype(np.float32), name)
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
             continue
@@ -116,7 +117,7 @@ def _pair(scale: GelScale) -> tuple[float, float]:
 
 def _thumbnails(presses: _PressFolder) -> list[Thumbnail]:
     return [
-        Thumbnail(r.id, r.reason, figures.thumbnail(read_rgb(presses.folder / r.id)))
+        Thumbnail(r.id, r.reason, figures.thumbnail(read_image(presses.folder / r.id)))
         for r in presses.rejected
     ]
 

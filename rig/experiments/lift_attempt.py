@@ -27,6 +27,7 @@ from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result, stage_times
 from rig.live.feed import LiveFeed
 from rig.live.observer import LiveObserver
+from rig.sessions.layout import recording_file
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
 from rig.sessions.timing import LatencyTimes, LiftTiming
@@ -55,8 +56,7 @@ class LiftTask:
     @property
     def recording(self) -> str:
         """File of this attempt inside the session."""
-        suffix = f"-attempt{self.attempt}" if self.attempt else ""
-        return f"lifts/{self.number:03d}{suffix}.mcap"
+        return recording_file(self.number, self.attempt)
 
 
 @dataclass(frozen=True, slots=True)

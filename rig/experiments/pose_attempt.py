@@ -19,7 +19,7 @@ from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
 from rig.experiments.pose_capture import PoseCapture
 from rig.experiments.seeds import derived_seed
-from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.layout import true_mask_file
 from rig.sessions.records import PoseImage, PoseRow
 from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.finder import ContactFinder
@@ -146,7 +146,7 @@ def _images(
         name = f"{object_folder(grasps)}/image_label/p{pose:02d}_{number + 1:02d}_{frame.serial}.png"
         files[name] = encode_png(frame.image)
         if frame.serial in watch.true_masks:
-            files[f"{TRUE_MASKS}/{Path(name).stem}.png"] = encode_png(watch.masks[number])
+            files[true_mask_file(Path(name).stem)] = encode_png(watch.masks[number])
         images.append(
             PoseImage(
                 file=name,

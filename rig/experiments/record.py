@@ -25,6 +25,7 @@ from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
+from rig.sessions.layout import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
 from rig.sessions.session import Session, open_session
@@ -121,7 +122,7 @@ def _references(
 ) -> dict[str, ContactFinder]:
     """Take the no-contact reference once; a continued session uses the one it has."""
     serials = [tactile.serial for tactile in settings.bench.tactile]
-    names = {serial: f"reference/{serial}.png" for serial in serials}
+    names = {serial: reference_file(serial) for serial in serials}
     if not all((session.folder / name).exists() for name in names.values()):
         watch = ReferenceCapture({serial: [] for serial in serials})
         seed = derived_seed(settings.seed, settings.grasps.id, "reference")

@@ -12,7 +12,7 @@ from drivers.types import Image
 from protocols.observer import Phase
 from rig.export.result import ExportRequest
 from rig.sessions.images import decoded
-from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.layout import reference_file, true_mask_file
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
@@ -48,12 +48,12 @@ def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
 
 def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
     serials = {image.serial for pose in request.accepted_poses for image in pose.images}
-    finders = {s: ContactFinder(_read(request.session / f"reference/{s}.png")) for s in serials}
+    finders = {s: ContactFinder(_read(request.session / reference_file(s))) for s in serials}
     for pose in request.accepted_poses:
         for image in pose.images:
             path = request.session / image.file
             picture = _read(path)
-            truth = request.session / TRUE_MASKS / f"{path.stem}.png"
+            truth = request.session / true_mask_file(path.stem)
             if truth.exists():
                 mask, note = _mask(truth, picture), TRUE_NOTE
             else:

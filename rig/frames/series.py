@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.images import SUFFIXES, decode_image
+from drivers.images import SUFFIXES, load_image, read_image
 from drivers.types import Image
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
@@ -21,8 +21,6 @@ from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_bac
 FOLDER_FPS = 60.0
 # Without --background the background is made from the frames; fewer than this say too little.
 ENOUGH_FRAMES = 9
-# How a complete JPEG or PNG ends; decoders hand out the readable half of one cut short in silence.
-FILE_ENDS = {b"\xff\xd8": b"\xff\xd9", b"\x89P": b"IEND"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,14 +93,6 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     return background, f"background: {spec}"
 
 
-def read_image(path: Path) -> Image:
-    """Read an image file as (H, W, 3) uint8 RGB. Raises `InputError` naming it."""
-    image = _decoded(path)
-    if image is None:
-        raise InputError(f"{path}: not a complete image: copy it anew or leave it out")
-    return image
-
-
 def size_text(shape: tuple[int, ...]) -> str:
     """Return a size as people read it, width x height."""
     return f"{shape[1]} x {shape[0]} px"
@@ -142,7 +132,7 @@ def _spread(series: FrameSeries) -> list[Image]:
 
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
-    if not any(_decoded(file) is not None for file in files):
+    if not any(load_image(file) is not None for file in files):
         raise InputError(f"{path}: not one complete image ({files[0].name} is damaged): copy it anew")
     times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
@@ -151,7 +141,7 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     )
 
     def read() -> Iterator[TimedFrame]:
-        return (TimedFrame(f.name, t, _decoded(f)) for f, t in zip(files, times, strict=True))
+        return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
     return FrameSeries(str(path), read, notes)
 
@@ -171,19 +161,6 @@ def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sort key in which 2.png comes before 10.png."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
-
-
-def _decoded(path: Path) -> Image | None:
-    """Decode an image file to RGB; None where it is missing, damaged or cut short."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return None
-    end = FILE_ENDS.get(data[:2])
-    # In the second half: a JPEG's preview in its head has an end of its own.
-    if not data or (end is not None and data.rfind(end) < len(data) // 2):
-        return None
-    return decode_image(data)
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

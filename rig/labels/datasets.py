@@ -14,18 +14,16 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.images import SUFFIXES
+from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
-from rig.frames.series import read_image
 from rig.labels.outline import contact_label
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
-from rig.sessions.layout import MANIFEST, TRUE_MASKS
+from rig.sessions.layout import MANIFEST, REFERENCES, TRUE_MASKS, reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, read_manifest
 from rig.sessions.rows import read_poses
 
-REFERENCE = "reference"
 _VOC = "voc_format"
 _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
 
@@ -143,13 +141,13 @@ def _session_files(session: Path) -> list[LabelledFile]:
     for pose in read_poses(session):
         for taken in pose.images if pose.accepted else ():
             image = session / taken.file
-            mask = session / TRUE_MASKS / f"{image.stem}.png"
+            mask = session / true_mask_file(image.stem)
             files.append(
                 LabelledFile(
                     image,
                     manifest.objects[0],
                     f"{session}/{taken.serial}",
-                    session / REFERENCE / f"{taken.serial}.png",
+                    session / reference_file(taken.serial),
                     True,
                     lambda shape, path=mask: contact_label(_png_label(path, shape)),
                 )
@@ -158,7 +156,7 @@ def _session_files(session: Path) -> list[LabelledFile]:
 
 
 def _file(image: Path, owner: Path, read_label: Callable[[tuple[int, int]], Image]) -> LabelledFile:
-    references = sorted((owner / REFERENCE).glob("*.png"))
+    references = sorted((owner / REFERENCES).glob("*.png"))
     return LabelledFile(
         image, object_of(owner), str(owner), references[0] if references else None, False, read_label
     )

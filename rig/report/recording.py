@@ -11,7 +11,7 @@ from drivers.images import load_image
 from drivers.types import Image
 from rig.report.parts import Notice, joined
 from rig.report.session import read_usable
-from rig.sessions.layout import RESULTS
+from rig.sessions.layout import RESULTS, reference_file
 from rig.sessions.manifest import RecordManifest
 from rig.sessions.records import POSES, PoseImage, PoseRow
 from rig.tactile.contact.finder import Contact, ContactFinder
@@ -55,7 +55,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
     """Read the images of a recording; what is missing or damaged is named and left out."""
     rows, problems = read_usable(folder / RESULTS["record"], POSES)
     rows.sort(key=lambda row: (row.pose, row.attempt))
-    references = {s: load_image(folder / "reference" / f"{s}.png") for s in _serials(rows)}
+    references = {s: load_image(folder / reference_file(s)) for s in _serials(rows)}
     without = [serial for serial, reference in references.items() if reference is None]
     if without:
         what = f"The reference image of {joined(without)} cannot be read."

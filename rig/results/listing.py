@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError
 from rig.results.metrics import Mare
 from rig.results.summary import mare_of
-from rig.sessions.layout import MANIFEST, RESULTS
+from rig.sessions.layout import LOCK, MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
     AnyManifest,
     BenchManifest,
@@ -74,7 +74,7 @@ def find_sessions(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: no such folder; give the folder that holds the sessions")
     found = []
     for place, names, files in os.walk(folder):
-        if MANIFEST in files or set(RESULTS.values()) & set(files) or Path(place, "lifts").is_dir():
+        if MANIFEST in files or set(RESULTS.values()) & set(files) or Path(place, RECORDINGS).is_dir():
             found.append(Path(place))
             names.clear()
         names.sort()
@@ -133,7 +133,7 @@ def _recording_damage(path: Path) -> str | None:
 def _in_use(folder: Path) -> bool:
     """Whether a process holds the session's lock; a lock left behind holds nothing."""
     try:
-        handle = os.open(folder / ".lock", os.O_RDONLY)
+        handle = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:
         return False
     try:

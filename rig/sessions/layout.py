@@ -6,5 +6,26 @@ RESULTS = {"trial": "lifts.jsonl", "record": "poses.jsonl", "replay": "replays.j
 TIMING = "timing.jsonl"
 """Everything that was measured in time, so that all else is identical for identical seeds."""
 LOG = "log.txt"
+LOCK = ".lock"
+"""Held by the process that writes; left behind it holds nothing."""
+RECORDINGS = "lifts"
+REFERENCES = "reference"
+"""Each fingertip's frame without contact, in a recording."""
 TRUE_MASKS = "truth/masks"
 """Where the true contacts of simulated images are kept, apart from what the rig sees."""
+
+
+def recording_file(number: int, attempt: int) -> str:
+    """Return where an attempt at a lift is recorded. number: in the session, from 1; attempt: from 0."""
+    suffix = f"-attempt{attempt}" if attempt else ""
+    return f"{RECORDINGS}/{number:03d}{suffix}.mcap"
+
+
+def reference_file(serial: str) -> str:
+    """Return where a fingertip's frame without contact is kept."""
+    return f"{REFERENCES}/{serial}.png"
+
+
+def true_mask_file(image: str) -> str:
+    """Return where the true contact of a simulated image is kept. image: its name without ending."""
+    return f"{TRUE_MASKS}/{image}.png"

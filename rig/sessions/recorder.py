@@ -1,4 +1,4 @@
-"""Streams one lift into an MCAP file that standard viewers open.
+"""Writes one lift as MCAP, which standard viewers open.
 
 Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
 schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns.
@@ -73,7 +73,8 @@ class LiftRecorder:
     """Writes the messages of one lift to a binary stream; `close` completes the file."""
 
     def __init__(self, stream: IO[bytes]) -> None:
-        # Images are compressed already; a chunk per few frames bounds what a crash can cost.
+        # Images are compressed already; chunks of a few frames let viewers jump. They save nothing from a
+        # crash: a lift is recorded in memory and reaches the disk when it is over.
         self._writer = Writer(stream, chunk_size=512 * 1024, compression=CompressionType.NONE)
         self._writer.start()
         self._channels: dict[str, int] = {}

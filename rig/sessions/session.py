@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from drivers.errors import InputError, RecordingError
 from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line, write_file, write_json
-from rig.sessions.layout import LOG, MANIFEST, RESULTS, TIMING
+from rig.sessions.layout import LOCK, LOG, MANIFEST, RESULTS, TIMING
 from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest
 from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
@@ -121,7 +121,7 @@ def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
 
 def _left_by_a_crash(folder: Path) -> bool:
     """Whether only the traces of a start that was killed before its manifest are there."""
-    return all(path.name in (".lock", MANIFEST + ".part") for path in folder.iterdir())
+    return all(path.name in (LOCK, MANIFEST + ".part") for path in folder.iterdir())
 
 
 def _make_folder(folder: Path) -> None:
@@ -136,7 +136,7 @@ def _make_folder(folder: Path) -> None:
 def _locked(folder: Path) -> int:
     """Take the folder's lock; the system lets go of it when this process ends, however it ends."""
     try:
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written ({error.strerror}); give another --out") from error
     try:

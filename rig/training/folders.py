@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import read_image
 from drivers.types import Image
-from rig.frames.series import read_image
 from rig.labels.datasets import LabelledFile, read_dataset
+from rig.sessions.layout import REFERENCES
 from rig.tactile.contact.background import MAX_FRAMES, MIN_FRAMES, auto_background
 from rig.training.examples import Examples, sized
 
@@ -47,7 +48,7 @@ def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, 
     if len(group) < MIN_FRAMES:
         raise InputError(
             f"{file.group}: {len(group)} images make no frame without contact: put one in "
-            f"{Path(file.group) / 'reference'}"
+            f"{Path(file.group) / REFERENCES}"
         )
     spread = np.unique(np.linspace(0, len(group) - 1, MAX_FRAMES).round().astype(int))
     return auto_background([sized(read_image(group[i]), size) for i in spread])

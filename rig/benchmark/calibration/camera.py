@@ -10,9 +10,9 @@ from calibration.camera.projection_sigma import camera_difference_px
 from calibration.targets.boards import Chessboard, Target, parse_target
 from calibration.targets.views import View
 from calibration.verdict import Verdict
+from drivers.images import read_image
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.measured import Measured, at_most, informative, not_there
-from rig.calibrate.sources import read_grey
 
 _PUBLISHED_CHESSBOARD = (535.92, 342.28, 235.57)
 """Focal length and centre, px, as OpenCV publishes them for its left photos."""
@@ -79,5 +79,5 @@ def _from_published(result: CameraFit) -> float:
 
 
 def _found(target: Target, photos: list[Path]) -> list[View]:
-    views = [target.find(read_grey(photo), photo.name) for photo in photos]
+    views = [target.find(read_image(photo, grey=True), photo.name) for photo in photos]
     return [view for view in views if isinstance(view, View)]

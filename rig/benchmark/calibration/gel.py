@@ -7,8 +7,8 @@ import numpy as np
 
 from calibration.gel.balls import BallPress, calibrate_gel
 from calibration.gel.presses import find_press
+from drivers.images import read_image
 from rig.benchmark.measured import Measured, at_most, informative, not_there
-from rig.calibrate.sources import read_rgb
 
 GELSIGHT_MINI_MM_PER_PX = (0.0634, 0.0634)
 """GelSight's own scale at 320 x 240. A ball's radius hardly depends on it: it cancels."""
@@ -44,11 +44,11 @@ def gel_limits(data: Path | None) -> list[Measured]:
 
 def gelsight_presses(folder: Path) -> list[BallPress]:
     """The presses of a folder with background.png and catalog.csv (image, diameter(mm))."""
-    reference = read_rgb(folder / "background.png").astype(np.float32)
+    reference = read_image(folder / "background.png").astype(np.float32)
     presses = []
     with (folder / "catalog.csv").open(newline="") as stream:
         for row in csv.DictReader(stream):
-            found = find_press(read_rgb(folder / row["image"]), reference, row["image"])
+            found = find_press(read_image(folder / row["image"]), reference, row["image"])
             if not isinstance(found, str):
                 presses.append(BallPress(found, float(row["diameter(mm)"]) / 2.0))
     return presses

@@ -10,10 +10,10 @@ from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
 from calibration.targets.aruco import Refusal, detector
 from calibration.targets.edges import find_corners
+from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
 from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
-from rig.calibrate.sources import read_grey
 
 _FRAMES = 300
 _AT_REST = 150
@@ -87,7 +87,7 @@ def _gold(data: Path | None) -> list[Measured]:
     missing, worst = 0, 0.0
     for name in np.unique(gold["image"]):
         dictionary = str(folder / "tutorial_dict.yml") if name.startswith("gb") else "DICT_6X6_250"
-        grey = read_grey(folder / name)
+        grey = read_image(folder / name, grey=True)
         found = find_corners(grey, dictionary)
         for row in gold[gold["image"] == name]:
             corners = np.array([[row[f"x{i}"], row[f"y{i}"]] for i in range(4)], np.float64)

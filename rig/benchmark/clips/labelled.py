@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
-from drivers.images import SUFFIXES
+from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
-from rig.frames.series import FrameSeries, read_frames, read_image
+from rig.frames.series import FrameSeries, read_frames
 
 LABELS, TIMES, GROUPS = "labels.csv", "timestamps.csv", "groups.csv"
 FRAMES, BACKGROUND = "frames", "background"

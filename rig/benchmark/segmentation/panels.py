@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.images import read_image
 from drivers.types import Image
-from rig.frames.series import read_image
 from rig.tactile.contact.background import auto_background
 
 FOLDER = Path("aurova_figures") / "panels"

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.frames.series import make_background, read_frames, read_image
+from drivers.images import read_image
+from rig.frames.series import make_background, read_frames
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.images import read_image
 from rig.benchmark.segmentation.panels import Panels, panels_picture, read_panels
-from rig.frames.series import read_image
 from rig.labels.scores import agreement
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.network import load_network

@@ -51,7 +51,7 @@ class Touch:
 def capture_presses(
     bench: Bench,
     operator: Operator,
-    watch: LiftObserver,
+    observer: LiftObserver,
     touches: Sequence[Touch],
     keep: Callable[[Touch], None],
 ) -> None:
@@ -62,17 +62,17 @@ def capture_presses(
     """
 
     def press(pump: Pump, touch: Touch, contact_counts: int) -> None:
-        tighten(bench, pump, watch, contact_counts, touch.grip_counts)
+        tighten(bench, pump, observer, contact_counts, touch.grip_counts)
         pump.run_for(SETTLE_S)
         keep(touch)
 
-    _each(bench, operator, watch, touches, press)
+    _each(bench, operator, observer, touches, press)
 
 
 def capture_openings(
     bench: Bench,
     operator: Operator,
-    watch: LiftObserver,
+    observer: LiftObserver,
     touches: Sequence[Touch],
     closed: Callable[[Touch, float], None],
     opened: Callable[[Touch, float], None],
@@ -86,22 +86,22 @@ def capture_openings(
 
     def measure(pump: Pump, touch: Touch, contact_counts: int) -> None:
         closed(touch, contact_counts - 0.5)
-        counts = tighten(bench, pump, watch, contact_counts, PAST_CONTACT)
+        counts = tighten(bench, pump, observer, contact_counts, PAST_CONTACT)
         for _ in range(MAX_STEPS):
             counts -= 1
-            step_fingers(bench, pump, watch, counts)
+            step_fingers(bench, pump, observer, counts)
             pump.run_for(SETTLE_S)
-            if not all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
+            if not all(observer.touching(tip.sensor.serial) for tip in bench.fingertips):
                 opened(touch, counts + 0.5)
                 return
 
-    _each(bench, operator, watch, touches, measure)
+    _each(bench, operator, observer, touches, measure)
 
 
 def _each(
     bench: Bench,
     operator: Operator,
-    watch: LiftObserver,
+    observer: LiftObserver,
     touches: Sequence[Touch],
     touched: Callable[[Pump, Touch, int], None],
 ) -> None:
@@ -117,8 +117,8 @@ def _each(
             else:
                 _beside(bench, touch)
             before = touch
-            pump = start_watching(bench, watch, REFERENCE_S)
-            touched(pump, touch, close_to_contact(bench, pump, watch))
+            pump = start_watching(bench, observer, REFERENCE_S)
+            touched(pump, touch, close_to_contact(bench, pump, observer))
         _leave(bench, before)
 
 

@@ -31,9 +31,9 @@ class Stroke:
 
 
 def capture_wiggle(
-    bench: Bench, operator: Operator, watch: LiftObserver, touch: Touch, strokes: Sequence[Stroke]
+    bench: Bench, operator: Operator, observer: LiftObserver, touch: Touch, strokes: Sequence[Stroke]
 ) -> None:
-    """Grasp, wiggle, set down; the watch sees all of it, the wiggle between LIFT and LOWER.
+    """Grasp, wiggle, set down; the observer sees all of it, the wiggle between LIFT and LOWER.
 
     Strokes of different heights and speeds: a motion that repeats fits itself at more than one
     offset. Raises what a device raises after a safe end.
@@ -42,13 +42,13 @@ def capture_wiggle(
     operator.place(touch.gauge, touch.name)
     with safe_end(bench):
         approach(bench, touch.base_T_grasp, touch.width_m, touch.name)
-        pump = start_watching(bench, watch, REFERENCE_S)
-        tighten(bench, pump, watch, close_to_contact(bench, pump, watch), touch.grip_counts)
+        pump = start_watching(bench, observer, REFERENCE_S)
+        tighten(bench, pump, observer, close_to_contact(bench, pump, observer), touch.grip_counts)
         pump.run_for(SETTLE_S)
-        watch.phase(Phase.LIFT, pump.seen_ns)
+        observer.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
             pump.run_until(motion.done, MOTION_TIMEOUT_S)
-        watch.phase(Phase.LOWER, pump.seen_ns)
+        observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m)

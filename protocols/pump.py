@@ -1,4 +1,4 @@
-"""Brings every sensor's frames to the watch: the fingertips' in the order they were captured."""
+"""Brings every sensor's frames to the observer: the fingertips' in the order they were captured."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,9 +27,9 @@ class Pump:
     backlogs hold what arrives meanwhile.
     """
 
-    def __init__(self, bench: Bench, watch: LiftObserver) -> None:
+    def __init__(self, bench: Bench, observer: LiftObserver) -> None:
         self._bench = bench
-        self._watch = watch
+        self._observer = observer
         self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
         self._camera = _Stream(bench.camera)
         self._streams = [*self._tips, self._camera]
@@ -77,9 +77,9 @@ class Pump:
             # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
             state = self._bench.arm.state()
             require_running(state)
-            self._watch.arm(state)
-            self._watch.gripper(self._bench.gripper.state())
-        self._watch.frame(frame)
+            self._observer.arm(state)
+            self._observer.gripper(self._bench.gripper.state())
+        self._observer.frame(frame)
 
 
 class _Stream:

@@ -15,7 +15,7 @@ CAPTURE_TIMEOUT_S = 4.0
 
 
 class CaptureObserver(LiftObserver, Protocol):
-    """A watch that takes images when asked to."""
+    """An observer that takes images when asked to."""
 
     def want(self, images: int, grip_counts: int) -> None:
         """Take this many more images, at a grip of so many counts past first contact."""
@@ -38,25 +38,25 @@ class PosePlan:
     grips: tuple[tuple[int, int], ...]
 
 
-def record_reference(bench: Bench, watch: LiftObserver) -> None:
-    """Show the watch what the fingertips see without contact; nothing moves."""
-    pump = Pump(bench, watch)
+def record_reference(bench: Bench, observer: LiftObserver) -> None:
+    """Show the observer what the fingertips see without contact; nothing moves."""
+    pump = Pump(bench, observer)
     pump.start()
     pump.run_for(REFERENCE_S)
 
 
-def record_pose(bench: Bench, plan: PosePlan, watch: CaptureObserver) -> None:
+def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None:
     """Grasp at one pose, grip step by step while images are taken, and set the object free.
 
     Raises the device's error after the safe end, with a note on how it ended.
     """
     with safe_end(bench):
-        pump = Pump(bench, watch)
+        pump = Pump(bench, observer)
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump.start()
-        contact_counts = close_to_contact(bench, pump, watch)
+        contact_counts = close_to_contact(bench, pump, observer)
         for grip_counts, images in plan.grips:
-            step_fingers(bench, pump, watch, contact_counts + grip_counts)
-            watch.want(images, grip_counts)
-            pump.run_until(watch.satisfied, CAPTURE_TIMEOUT_S)
+            step_fingers(bench, pump, observer, contact_counts + grip_counts)
+            observer.want(images, grip_counts)
+            pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m)

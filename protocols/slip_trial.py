@@ -41,29 +41,29 @@ class LiftPlan:
     lift_height_m: float
 
 
-def run_lift(bench: Bench, plan: LiftPlan, watch: LiftObserver) -> None:
+def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver) -> None:
     """Carry out one lift; whatever happens, it ends as `protocols.safe_end` says.
 
     A phase begins where the frames seen so far end, so that each frame belongs to one phase.
-    Raises the device's error after the safe end, with a note on how it ended; the watch has seen
+    Raises the device's error after the safe end, with a note on how it ended; the observer has seen
     everything until then.
     """
     with safe_end(bench):
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
-        pump = start_watching(bench, watch, REFERENCE_S)
-        _grasp(bench, pump, watch, plan)
-        watch.phase(Phase.LIFT, pump.seen_ns)
+        pump = start_watching(bench, observer, REFERENCE_S)
+        _grasp(bench, pump, observer, plan)
+        observer.phase(Phase.LIFT, pump.seen_ns)
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(rising.done, LIFT_TIMEOUT_S)
-        watch.phase(Phase.HOLD, pump.seen_ns)
+        observer.phase(Phase.HOLD, pump.seen_ns)
         pump.run_for(HOLD_S)
-        watch.phase(Phase.LOWER, pump.seen_ns)
+        observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m)
 
 
-def _grasp(bench: Bench, pump: Pump, watch: LiftObserver, plan: LiftPlan) -> None:
+def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> None:
     """Close to first contact, a few counts further, and wait until phase A has lasted its time."""
     began_ns = bench.clock.now_ns()
-    tighten(bench, pump, watch, close_to_contact(bench, pump, watch), plan.grip_counts)
+    tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
     spent_s = (bench.clock.now_ns() - began_ns) / 1e9
     pump.run_for(max(GRASP_S - spent_s, SETTLE_S))

@@ -49,17 +49,17 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     move(bench, base_T_grasp, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
-def start_watching(bench: Bench, watch: LiftObserver, reference_s: float) -> Pump:
+def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> Pump:
     """Begin to deliver frames: of the untouched gels for so long, then of the grasp."""
-    pump = Pump(bench, watch)
+    pump = Pump(bench, observer)
     pump.start()
-    watch.phase(Phase.REFERENCE, pump.seen_ns)
+    observer.phase(Phase.REFERENCE, pump.seen_ns)
     pump.run_for(reference_s)
-    watch.phase(Phase.GRASP, pump.seen_ns)
+    observer.phase(Phase.GRASP, pump.seen_ns)
     return pump
 
 
-def close_to_contact(bench: Bench, pump: Pump, watch: LiftObserver) -> int:
+def close_to_contact(bench: Bench, pump: Pump, observer: LiftObserver) -> int:
     """Close in one-count steps until both fingertips touch; return the counts at that point.
 
     The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
@@ -68,28 +68,28 @@ def close_to_contact(bench: Bench, pump: Pump, watch: LiftObserver) -> int:
     """
     counts = bench.gripper.state().position_counts
     for _ in range(min(MAX_STEPS, bench.gripper.limits.max_counts - counts)):
-        if all(watch.touching(tip.sensor.serial) for tip in bench.fingertips):
+        if all(observer.touching(tip.sensor.serial) for tip in bench.fingertips):
             bench.hand.note(replace(bench.hand.state, holding=Holding.HELD))
             return counts
         counts += 1
-        step_fingers(bench, pump, watch, counts)
+        step_fingers(bench, pump, observer, counts)
     raise GraspError(
         f"gripper: no contact on both fingertips, closed step by step to {counts} counts; "
         "check that the object lies in its place and that its width in the object file is right"
     )
 
 
-def tighten(bench: Bench, pump: Pump, watch: LiftObserver, from_counts: int, by_counts: int) -> int:
+def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_counts: int, by_counts: int) -> int:
     """Close by so many counts, one at a time; return the counts then."""
     for counts in range(from_counts + 1, from_counts + by_counts + 1):
-        step_fingers(bench, pump, watch, counts)
+        step_fingers(bench, pump, observer, counts)
     return from_counts + by_counts
 
 
-def step_fingers(bench: Bench, pump: Pump, watch: LiftObserver, counts: int) -> None:
+def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, counts: int) -> None:
     """Move the fingers to `counts` while frames keep coming, and let the gel settle."""
     pump.run_until(bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
-    watch.gripper(bench.gripper.state())
+    observer.gripper(bench.gripper.state())
     pump.run_for(STEP_SETTLE_S)
 
 

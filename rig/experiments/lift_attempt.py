@@ -110,13 +110,13 @@ def attempt_lift(
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     stream = io.BytesIO()
     recorder = LiftRecorder(stream)
-    watched = new_measurement(settings, recorder)
+    measurement = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
-    shown = LiveObserver(watched, live, head) if live.listeners else None
+    shown = LiveObserver(measurement, live, head) if live.listeners else None
     with closing(shown) if shown else nullcontext():
-        error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or watched)
+        error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or measurement)
     fault = None if error is None else fault_text(error)
-    row = _row(head, watched, fault, round(bench_s, 6))
+    row = _row(head, measurement, fault, round(bench_s, 6))
     if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()
     recorder.close()
@@ -124,20 +124,20 @@ def attempt_lift(
         number=task.number,
         attempt=task.attempt,
         wall_s=time.perf_counter() - began,
-        stages=stage_times(watched),
+        stages=stage_times(measurement),
         capture_to_angle=latency or None,
     )
     return Attempt(row, timing, fault, {task.recording: stream.getvalue()}, _warning(row))
 
 
-def _row(head: LiftHead, watched: LiftMeasurement, fault: str | None, bench_s: float) -> LiftRow:
+def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, bench_s: float) -> LiftRow:
     """Evaluate a lift that reached its end, angles into its recording; else say what ended it."""
     if fault is not None:
         return FailedLift(
             **vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=bench_s
         )
-    figures, series = lift_result(watched)
-    watched.record_results(series)
+    figures, series = lift_result(measurement)
+    measurement.record_results(series)
     return FinishedLift(**vars(head), **vars(figures), accepted=True, bench_s=bench_s)
 
 
@@ -146,7 +146,7 @@ def _warning(row: LiftRow) -> str | None:
 
 
 def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:
-    """Make the watch of one lift, the same for a lift as it happens and for its replay."""
+    """Make the observer of one lift, the same for a lift as it happens and for its replay."""
     camera = settings.bench.camera
     truth = MarkerTruth(
         camera.marker_ids,
@@ -163,7 +163,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
 
 
 def _carry_out(
-    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, watch: LiftObserver
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, observer: LiftObserver
 ) -> tuple[DeviceError | CalibrationError | None, float, dict[str, LatencyTimes]]:
     """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
 
@@ -178,8 +178,8 @@ def _carry_out(
             clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
-            timed = LatencyProbe(watch, clock) if isinstance(clock, SystemClock) else None
-            run_lift(bench, plan, timed or watch)
+            timed = LatencyProbe(observer, clock) if isinstance(clock, SystemClock) else None
+            run_lift(bench, plan, timed or observer)
     except (DeviceError, CalibrationError) as error:
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0

@@ -93,11 +93,11 @@ def attempt_pose(
     began = time.perf_counter()
     seed = derived_seed(settings.seed, task.object_id, "pose", task.number, attempt=task.attempt)
     plan = plan_pose(settings, task.pose, task.images, Pose(settings.bench.table.position_m))
-    watch = PoseCapture(finders)
-    fault = _carry_out(benches, task, seed, plan, watch)
+    observer = PoseCapture(finders)
+    fault = _carry_out(benches, task, seed, plan, observer)
     if fault:
         benches.displaced()
-    images, files = ((), {}) if fault else _images(settings.grasps, task.number, watch)
+    images, files = ((), {}) if fault else _images(settings.grasps, task.number, observer)
     row = PoseRow(
         pose=task.number,
         attempt=task.attempt,
@@ -105,7 +105,7 @@ def attempt_pose(
         orientation_deg=task.pose.orientation_deg,
         accepted=fault is None,
         fault=fault,
-        rejected_frames=watch.rejected,
+        rejected_frames=observer.rejected,
         images=images,
         seed=seed,
         simulated=settings.bench.simulated,
@@ -122,31 +122,31 @@ def object_folder(grasps: GraspFile) -> str:
 
 
 def _carry_out(
-    benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan, watch: PoseCapture
+    benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan, observer: PoseCapture
 ) -> str | None:
     """Return None, or the fault's text."""
     try:
         with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
-            watch.true_masks = true_masks(bench)
+            observer.true_masks = true_masks(bench)
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
-            record_pose(bench, plan, watch)
+            record_pose(bench, plan, observer)
     except DeviceError as error:
         return fault_text(error)
     return None
 
 
 def _images(
-    grasps: GraspFile, pose: int, watch: PoseCapture
+    grasps: GraspFile, pose: int, observer: PoseCapture
 ) -> tuple[tuple[PoseImage, ...], dict[str, bytes]]:
     """Return what the row says of the images taken, and their files by name, true masks among them."""
     images: list[PoseImage] = []
     files: dict[str, bytes] = {}
-    for number, (frame, grip_counts, area) in enumerate(watch.taken):
+    for number, (frame, grip_counts, area) in enumerate(observer.taken):
         name = f"{object_folder(grasps)}/image_label/p{pose:02d}_{number + 1:02d}_{frame.serial}.png"
         files[name] = encode_png(frame.image)
-        if frame.serial in watch.true_masks:
-            files[true_mask_file(Path(name).stem)] = encode_png(watch.masks[number])
+        if frame.serial in observer.true_masks:
+            files[true_mask_file(Path(name).stem)] = encode_png(observer.masks[number])
         images.append(
             PoseImage(
                 file=name,

@@ -14,7 +14,7 @@ FRAMES_APART = 3
 
 @dataclass(slots=True)
 class PoseCapture:
-    """A watch that takes images with contact, turn about from each fingertip.
+    """An observer that takes images with contact, turn about from each fingertip.
 
     true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
     taken. Nothing here looks at them.
@@ -78,7 +78,7 @@ class PoseCapture:
 
 @dataclass(slots=True)
 class ReferenceCapture:
-    """A watch that keeps the fingertips' frames without contact."""
+    """An observer that keeps the fingertips' frames without contact."""
 
     frames: dict[str, list[Image]]
 

@@ -124,13 +124,13 @@ def _references(
     serials = [tactile.serial for tactile in settings.bench.tactile]
     names = {serial: reference_file(serial) for serial in serials}
     if not all((session.folder / name).exists() for name in names.values()):
-        watch = ReferenceCapture({serial: [] for serial in serials})
+        observer = ReferenceCapture({serial: [] for serial in serials})
         seed = derived_seed(settings.seed, settings.grasps.id, "reference")
         with benches.for_lift(seed, "reference") as (bench, operator):
             free_hand(bench, operator)
-            record_reference(bench, watch)
+            record_reference(bench, observer)
         for serial, name in names.items():
-            session.write(name, encode_png(mean_background(watch.frames[serial])))
+            session.write(name, encode_png(mean_background(observer.frames[serial])))
     return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}
 
 

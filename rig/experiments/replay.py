@@ -51,9 +51,9 @@ def run_replay(
 
 def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift:
     """Watch one recorded lift again; return its row with the measured part made anew."""
-    watched = new_measurement(settings)
-    show_again(folder / row.recording, watched)
-    figures, _ = lift_result(watched)
+    measurement = new_measurement(settings)
+    show_again(folder / row.recording, measurement)
+    figures, _ = lift_result(measurement)
     return replace(row, **vars(figures))
 
 

@@ -14,34 +14,34 @@ class LatencyProbe(LiftObserver):
     clock: the bench's, which the frames' capture times are of.
     """
 
-    def __init__(self, watch: LiftObserver, clock: Clock) -> None:
-        self._watch = watch
+    def __init__(self, observer: LiftObserver, clock: Clock) -> None:
+        self._observer = observer
         self._clock = clock
         self._phase = Phase.REFERENCE
         self._late_ns: dict[str, list[int]] = {}
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         """Begin a phase."""
-        self._watch.phase(phase, time_ns)
+        self._observer.phase(phase, time_ns)
         self._phase = phase
 
     def frame(self, frame: Frame) -> None:
         """Take a frame."""
-        self._watch.frame(frame)
+        self._observer.frame(frame)
         if self._phase in (Phase.LIFT, Phase.HOLD):
             self._late_ns.setdefault(frame.serial, []).append(self._clock.now_ns() - frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
         """Take the arm's state."""
-        self._watch.arm(state)
+        self._observer.arm(state)
 
     def gripper(self, state: GripperState) -> None:
         """Take the gripper's state."""
-        self._watch.gripper(state)
+        self._observer.gripper(state)
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip touches."""
-        return self._watch.touching(serial)
+        return self._observer.touching(serial)
 
     def times(self) -> dict[str, LatencyTimes]:
         """Return by serial how late angles came over phases B and C."""

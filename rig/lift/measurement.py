@@ -1,4 +1,4 @@
-"""What is measured during one lift: the watch that records, estimates and compares.
+"""What is measured during one lift: the observer that records, estimates and compares.
 
 The same object watches a lift as it happens and a recording of it, so that a replay gives the
 same results bit for bit.

@@ -1,4 +1,4 @@
-"""From a watched lift to the row that is kept of it."""
+"""From a measured lift to the row that is kept of it."""
 
 from collections import Counter
 
@@ -18,29 +18,29 @@ from rig.tactile.sample import State
 FINAL_S = 0.3
 
 
-def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
+def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
     Returns the row's measured part and the true angle.
     """
-    series = watched.truth.series()
-    lift_ns, hold_ns = watched.phases[Phase.LIFT], watched.phases[Phase.HOLD]
-    end_ns = watched.phases[Phase.LOWER]
-    fused = [s for s in watched.fused if s.time_ns < end_ns]
+    series = measurement.truth.series()
+    lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
+    end_ns = measurement.phases[Phase.LOWER]
+    fused = [s for s in measurement.fused if s.time_ns < end_ns]
     true_deg = [interpolate(series, s.time_ns) for s in fused]
     in_b = np.array([s.time_ns < hold_ns for s in fused], bool)
     errors = _errors([s.angle_deg for s in fused], true_deg)
     held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
-    since_zero = watched.truth.series_since_zero()
+    since_zero = measurement.truth.series_since_zero()
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
-    answers = [(s.time_ns, s.angle_deg) for s in watched.fused]
-    samples = [s for tip in watched.tips.values() for s in tip.samples]
+    answers = [(s.time_ns, s.angle_deg) for s in measurement.fused]
+    samples = [s for tip in measurement.tips.values() for s in tip.samples]
     figures = LiftFigures(
-        outcome=_outcome(watched, onset, end_ns),
+        outcome=_outcome(measurement, onset, end_ns),
         re_b=_summary(errors[in_b]),
         re=_summary(errors),
         re_held=_summary(held_errors),
-        contact_area_px=_contact_areas(watched, lift_ns),
+        contact_area_px=_contact_areas(measurement, lift_ns),
         answered=float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
         final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
         final_truth_deg=_final(
@@ -48,22 +48,24 @@ def lift_result(watched: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
         ),
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
-        onset_alarm_s=_since(watched.alarm.raised_ns, lift_ns),
-        phases_s={phase: time_ns / NS_PER_S for phase, time_ns in watched.phases.items()},
-        frames={name: tally.frames for name, tally in watched.tallies.items()},
-        dropped={name: tally.dropped for name, tally in watched.tallies.items()},
+        onset_alarm_s=_since(measurement.alarm.raised_ns, lift_ns),
+        phases_s={phase: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
+        frames={name: tally.frames for name, tally in measurement.tallies.items()},
+        dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
         states={state.value: sum(s.state is state for s in samples) for state in State},
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
-        disagreements={why.value: sum(s.disagreement is why for s in watched.fused) for why in Disagreement},
-        marker_distance=watched.marker_distance(),
+        disagreements={
+            why.value: sum(s.disagreement is why for s in measurement.fused) for why in Disagreement
+        },
+        marker_distance=measurement.marker_distance(),
     )
     return figures, series
 
 
-def stage_times(watched: LiftMeasurement) -> dict[str, StageTimes]:
+def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
     """Return wall time per stage and tactile frame, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
-    for tip in watched.tips.values():
+    for tip in measurement.tips.values():
         for sample in tip.samples:
             for stage, spent_s in sample.stage_s.items():
                 stages.setdefault(stage, []).append(spent_s * 1e3)
@@ -83,8 +85,8 @@ def _summary(errors_deg: Floats) -> ErrorSummary | None:
     return summarize(errors_deg[np.isfinite(errors_deg)])
 
 
-def _outcome(watched: LiftMeasurement, onset_ns: int | None, end_ns: int) -> LiftOutcome:
-    if watched.fallen(end_ns):
+def _outcome(measurement: LiftMeasurement, onset_ns: int | None, end_ns: int) -> LiftOutcome:
+    if measurement.fallen(end_ns):
         return LiftOutcome.FALLEN
     return LiftOutcome.HELD if onset_ns is None else LiftOutcome.SLIPPED
 
@@ -98,11 +100,11 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
 
-def _contact_areas(watched: LiftMeasurement, lift_ns: int) -> dict[str, float]:
+def _contact_areas(measurement: LiftMeasurement, lift_ns: int) -> dict[str, float]:
     """Mean contact area of each fingertip over the last moments of phase A: how firm the grip is."""
     since = lift_ns - to_ns(ZERO_S)
     areas = {
         serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]
-        for serial, tip in watched.tips.items()
+        for serial, tip in measurement.tips.items()
     }
     return {serial: float(np.mean(values)) if values else 0.0 for serial, values in areas.items()}

@@ -1,4 +1,4 @@
-"""A watch that tells of a lift while another one measures it: it only reads, so nothing changes."""
+"""An observer that tells of a lift while another one measures it: it only reads, so nothing changes."""
 
 import os
 from collections import deque
@@ -33,9 +33,9 @@ class LiveObserver(LiftObserver):
     """
 
     def __init__(
-        self, watched: LiftMeasurement, feed: LiveFeed, head: LiftHead, clock: Clock | None = None
+        self, measurement: LiftMeasurement, feed: LiveFeed, head: LiftHead, clock: Clock | None = None
     ) -> None:
-        self._watched = watched
+        self._measurement = measurement
         self._sender = Sender(feed)
         self._pictures = feed.pictures
         self._lift = {**{key: getattr(head, key) for key in LIFT_KEYS}, "sender": os.getpid()}
@@ -49,16 +49,16 @@ class LiveObserver(LiftObserver):
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         """Begin a phase."""
-        self._watched.phase(phase, time_ns)
+        self._measurement.phase(phase, time_ns)
         self._phase = phase.value
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
         """Take a frame: measured first, then shown unless one of its source was shown just now."""
-        self._watched.frame(frame)
+        self._measurement.frame(frame)
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
-        if frame.serial not in self._watched.tips:
-            self._truth.append((frame.time_ns, self._watched.truth.latest_angle_deg()))
+        if frame.serial not in self._measurement.tips:
+            self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
         if self._pictures and self._due(frame.serial):
             self._show(frame)
         if self._due("figures"):
@@ -66,7 +66,7 @@ class LiveObserver(LiftObserver):
 
     def arm(self, state: ArmState) -> None:
         """Take the arm's state."""
-        self._watched.arm(state)
+        self._measurement.arm(state)
         if self._pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
@@ -74,11 +74,11 @@ class LiveObserver(LiftObserver):
 
     def gripper(self, state: GripperState) -> None:
         """Take the gripper's state."""
-        self._watched.gripper(state)
+        self._measurement.gripper(state)
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""
-        return self._watched.touching(serial)
+        return self._measurement.touching(serial)
 
     def close(self) -> None:
         """Send what is left."""
@@ -96,17 +96,17 @@ class LiveObserver(LiftObserver):
     def _show(self, frame: Frame) -> None:
         small, scale = _shrunk(frame.image)
         values: dict[str, object] = {"serial": frame.serial, "time_ns": frame.time_ns}
-        if frame.serial not in self._watched.tips:
+        if frame.serial not in self._measurement.tips:
             values["source"] = "camera"
-            corners = self._watched.truth.latest_corners_px()
+            corners = self._measurement.truth.latest_corners_px()
             # OpenCV has whole numbers at a pixel's middle, viewers have halves
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
         self._send("frame", values, encode_jpeg(small, PICTURE_QUALITY))
 
     def _figures(self, time_ns: int) -> None:
-        fused = self._watched.fused[self._fused_sent :]
-        self._fused_sent = len(self._watched.fused)
-        tips = self._watched.tips
+        fused = self._measurement.fused[self._fused_sent :]
+        self._fused_sent = len(self._measurement.fused)
+        tips = self._measurement.tips
         values = {
             "time_ns": time_ns,
             "phase": self._phase,
@@ -115,7 +115,7 @@ class LiveObserver(LiftObserver):
             "rates_hz": {
                 serial if serial in tips else "camera": _rate(times) for serial, times in self._times.items()
             },
-            "dropped": {name: tally.dropped for name, tally in self._watched.tallies.items()},
+            "dropped": {name: tally.dropped for name, tally in self._measurement.tallies.items()},
         }
         self._truth = []
         self._send("figures", values)

@@ -52,21 +52,21 @@ _JOINTS: Codec[_Joints] = Codec(_Joints)
 _ANGLE: Codec[_Angle] = Codec(_Angle)
 
 
-def show_again(path: Path, watch: LiftObserver) -> None:
-    """Give a recorded lift to a watch exactly as it was given when it happened.
+def show_again(path: Path, observer: LiftObserver) -> None:
+    """Give a recorded lift to an observer exactly as it was given when it happened.
 
     Raises `SessionError` when the recording is missing or damaged.
     """
     pose = b""
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == PHASE_TOPIC:
-            watch.phase(_parsed(_PHASE, data, path).phase, time_ns)
+            observer.phase(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == ARM_TOPIC:
             pose = data
         elif topic == JOINTS_TOPIC:
-            watch.arm(_arm_state(pose, _parsed(_JOINTS, data, path), time_ns))
+            observer.arm(_arm_state(pose, _parsed(_JOINTS, data, path), time_ns))
         elif topic.startswith(image_topic("")):
-            watch.frame(_frame(data, time_ns, sequence))
+            observer.frame(_frame(data, time_ns, sequence))
 
 
 def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:

@@ -173,7 +173,7 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow
     """Frames of noise in place of the real ones leave nothing to answer."""
     path = tmp_path / "lift.mcap"
     path.write_bytes(good.files[TASK.recording])
-    watched = new_measurement(settings())
+    measurement = new_measurement(settings())
 
     class Noise(Relay):
         def frame(self, frame: Frame) -> None:
@@ -183,8 +183,8 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow
                 frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)
             super().frame(frame)
 
-    show_again(path, Noise(watched))
-    row, _ = lift_result(watched)
+    show_again(path, Noise(measurement))
+    row, _ = lift_result(measurement)
     assert row.answered == 0.0
     assert row.re is None
     assert row.final_estimate_deg is None

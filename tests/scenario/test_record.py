@@ -23,17 +23,17 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     empty = np.full((320, 240, 3), 100, np.uint8)
     pressed = empty.copy()
     cv2.ellipse(pressed, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
-    watch = PoseCapture({"L": ContactFinder(empty), "R": ContactFinder(empty)})
-    watch.want(4, grip_counts=2)
+    observer = PoseCapture({"L": ContactFinder(empty), "R": ContactFinder(empty)})
+    observer.want(4, grip_counts=2)
     for number in range(8 * FRAMES_APART):
         for serial in ("L", "R"):
             picture = pressed if number >= 2 * FRAMES_APART else empty
             noisy = (picture + rng.normal(0, 1.5, picture.shape)).clip(0, 255).astype(np.uint8)
-            watch.frame(Frame(noisy, number, number, serial))
-    assert watch.satisfied()
-    assert watch.rejected == 4
-    assert sorted(frame.serial for frame, _, _ in watch.taken) == ["L", "L", "R", "R"]
-    assert all(area > 0 and grip == 2 for _, grip, area in watch.taken)
+            observer.frame(Frame(noisy, number, number, serial))
+    assert observer.satisfied()
+    assert observer.rejected == 4
+    assert sorted(frame.serial for frame, _, _ in observer.taken) == ["L", "L", "R", "R"]
+    assert all(area > 0 and grip == 2 for _, grip, area in observer.taken)
 
 
 def test_killed_recordings_are_completed_without_doing_anything_twice(

@@ -20,7 +20,7 @@ from rig.config import load_bench
 
 
 class Seen:
-    """A watch that notes what it is shown."""
+    """An observer that notes what it is shown."""
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []

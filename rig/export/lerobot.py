@@ -12,13 +12,12 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
 from rig.export.episodes import Episode, read_episode
 from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
 from rig.sessions.images import decoded
-from rig.sessions.manifest import TrialManifest
+from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Line, pyarrow_modules
 
@@ -45,13 +44,11 @@ class Picture(TypedDict):
 
 
 def export_lerobot(request: ExportRequest) -> Exported:
-    """Write the data set. Raises `InputError` for a recording or without pyarrow, `SessionError`."""
-    if not isinstance(request.manifest, TrialManifest):
-        raise InputError(
-            f"{request.session}: a recording has images at rest, no episodes; use --to coco or labelme"
-        )
+    """Write the data set. Raises `SessionError` for a recording, `InputError` without pyarrow."""
+    why = "a recording has images at rest, no episodes; use --to coco or labelme"
+    manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     pyarrow_modules()
-    camera = request.manifest.config.camera
+    camera = manifest.config.camera
     fps, lifts = round(camera.rate_hz), request.finished_lifts
     tasks = sorted({_task(lift) for lift in lifts})
     statistics = FeatureStatistics()

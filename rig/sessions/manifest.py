@@ -158,11 +158,17 @@ def read_manifest(folder: Path) -> AnyManifest:
 
 
 def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:
-    """Read the manifest of a session of one kind, or of some, as `TrialManifest`.
+    """Read the manifest of a session of one kind, or of some; see `require_kind`. Raises `SessionError`."""
+    return require_kind(folder, read_manifest(folder), kind, why)
+
+
+def require_kind(
+    folder: Path, manifest: Manifest, kind: type[Wanted] | tuple[type[Wanted], ...], why: str
+) -> Wanted:
+    """Return the manifest as one of a kind, as `TrialManifest`.
 
     why: what is wrong with another kind, as "only trials have lifts to replay". Raises `SessionError`.
     """
-    manifest = read_manifest(folder)
     if not isinstance(manifest, kind):
         raise SessionError(f"{folder}: is a '{manifest.kind}' session; {why}")
     return manifest

@@ -8,7 +8,7 @@ import typer
 from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
 
 if TYPE_CHECKING:
-    from rig.experiments.batch_replay import CampaignPlan
+    from rig.experiments.batch_replay import ReplayPlan
     from rig.sessions.records import ReplayRow
 
 
@@ -99,18 +99,18 @@ def _replay_many(
     from rig.cli.common import session_folder
     from rig.cli.printing import WorkProgress
     from rig.cli.results import print_results, results_json, row_note
-    from rig.experiments.batch_replay import gather_sessions, plan_campaign, replay_manifest, run_campaign
+    from rig.experiments.batch_replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.experiments.dask_engine import runner
 
     began = time.perf_counter()
     folder = session_folder(out, resume, "replay")
     run = runner(engine, trial_jobs(jobs, True, False))
     folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
-    plan = plan_campaign(folders, estimator, window)
+    plan = plan_replays(folders, estimator, window)
     manifest = replay_manifest(folders, estimator, window)
     _say_plan(plan, estimator)
     with WorkProgress(len(plan.tasks), "lifts") as bar:
-        rows = run_campaign(
+        rows = run_replays(
             folder,
             plan,
             manifest,
@@ -126,7 +126,7 @@ def _replay_many(
     _report_broken(rows)
 
 
-def _say_plan(plan: "CampaignPlan", estimator: str | None) -> None:
+def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
     sessions = {task.folder for task in plan.tasks}
     simulated = "SIMULATED " if any(task.settings.bench.simulated for task in plan.tasks) else ""
     say(

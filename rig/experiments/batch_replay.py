@@ -42,7 +42,7 @@ class ReplayTask:
 
 
 @dataclass(frozen=True, slots=True)
-class CampaignPlan:
+class ReplayPlan:
     """What is to be replayed, what cannot be, and what was left out because it is no trial."""
 
     tasks: tuple[ReplayTask, ...]
@@ -63,7 +63,7 @@ def gather_sessions(paths: list[Path]) -> list[Path]:
     return list(found)
 
 
-def plan_campaign(folders: list[Path], estimator: str | None, window: int | None) -> CampaignPlan:
+def plan_replays(folders: list[Path], estimator: str | None, window: int | None) -> ReplayPlan:
     """Read what is to be replayed. Raises `InputError` for an unknown estimator or window."""
     if estimator is not None or window is not None:
         choose_estimator(estimator, window)
@@ -79,12 +79,12 @@ def plan_campaign(folders: list[Path], estimator: str | None, window: int | None
                 left_out.append((folder, f"a '{manifest.kind}' session has no lifts to replay"))
         except InputError as error:
             broken.append((folder, str(error)))
-    return CampaignPlan(tuple(tasks), tuple(broken), tuple(left_out))
+    return ReplayPlan(tuple(tasks), tuple(broken), tuple(left_out))
 
 
-def run_campaign(
+def run_replays(
     out: Path,
-    plan: CampaignPlan,
+    plan: ReplayPlan,
     manifest: ReplayManifest,
     run: Runner,
     resume: bool = False,

@@ -36,7 +36,7 @@ EVERY_IMAGE = 30
 """Of the images, each so-many-th goes into the statistics."""
 
 
-class Picture(TypedDict):
+class StoredJpeg(TypedDict):
     """A stored JPEG as the data set holds it, with the name it would have as a file."""
 
     bytes: bytes
@@ -89,7 +89,7 @@ def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:
     return features | {name: Feature(dtype, [1], None) for name, dtype in {**SCALARS, **COUNTERS}.items()}
 
 
-def _pictures(episode: Episode, serial: str, number: int) -> list[Picture]:
+def _pictures(episode: Episode, serial: str, number: int) -> list[StoredJpeg]:
     """Return a source's stored images, one per step."""
     return [
         {"bytes": jpeg, "path": f"{serial}-{number:03d}-{step:06d}.jpg"}
@@ -118,7 +118,7 @@ def _columns(episode: Episode, number: int, first: int, task: int, fps: int) -> 
 def _write_data(
     out: Path,
     number: int,
-    columns: Mapping[str, NDArray[Any] | list[Picture]],
+    columns: Mapping[str, NDArray[Any] | list[StoredJpeg]],
     features: Mapping[str, Feature],
 ) -> None:
     arrow, parquet = pyarrow_modules()
@@ -146,7 +146,7 @@ def _write_data(
 
 def _count(
     statistics: FeatureStatistics,
-    pictures: Mapping[str, list[Picture]],
+    pictures: Mapping[str, list[StoredJpeg]],
     columns: Mapping[str, NDArray[Any]],
 ) -> None:
     for name, shown in pictures.items():

@@ -24,7 +24,7 @@ _REFUSED = ("", "nan", "none", "null")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TableLift:
+class CsvLift:
     """A lift from a table. errors: over all its frames, None where no frame has both angles."""
 
     path: Path
@@ -38,7 +38,7 @@ class TableLift:
 class Tables:
     """The lifts that could be read, and a note for each file that could not."""
 
-    lifts: tuple[TableLift, ...]
+    lifts: tuple[CsvLift, ...]
     notes: tuple[str, ...]
 
 
@@ -66,7 +66,7 @@ def read_tables(sources: Sequence[Path]) -> Tables:
     return Tables(tuple(lifts), tuple(notes))
 
 
-def read_table(path: Path) -> TableLift:
+def read_table(path: Path) -> CsvLift:
     """Read one CSV file. Raises `InputError` naming the column or line that is wrong."""
     columns = _columns(path)
     time_s = columns["time"]
@@ -89,7 +89,7 @@ def read_table(path: Path) -> TableLift:
         time_label="time, s",
     )
     errors = np.abs(signed_errors(curves))
-    return TableLift(
+    return CsvLift(
         path, curves, summarize(errors[np.isfinite(errors)]), _final_deg(estimate), _final_deg(truth)
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.pages.page import render
 from rig.report.advice import FEW_LIFTS
-from rig.report.csv_lifts import TableLift, Tables
+from rig.report.csv_lifts import CsvLift, Tables
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
@@ -104,12 +104,12 @@ def _notices(tables: Tables) -> list[Notice]:
     return notices
 
 
-def _caption(lift: TableLift) -> str:
+def _caption(lift: CsvLift) -> str:
     if lift.errors is None:
         return "no frame has both angles"
     error = lift.errors
     return f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
 
 
-def _answered(lift: TableLift) -> float:
+def _answered(lift: CsvLift) -> float:
     return float(np.mean(np.isfinite(lift.curves.estimate.angle_deg)))

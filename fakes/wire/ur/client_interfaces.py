@@ -68,7 +68,7 @@ class StatePackage(IntEnum):
     TOOL_MODE = 12
 
 
-class Source(Protocol):
+class StateSource(Protocol):
     """What the states tell of: the robot."""
 
     bank: OutputBank
@@ -104,19 +104,19 @@ class StateStream:
         return self.state()
 
 
-def version_message(robot: Source) -> bytes:
+def version_message(robot: StateSource) -> bytes:
     """What a client of port 30001 or 30002 gets first: the controller's version."""
     major, minor, bugfix, build = robot.version
     body = struct.pack(">QbBB", _NO_TIME, _SOURCE, VERSION_MESSAGE, len(_PROJECT)) + _PROJECT
     return _framed(ROBOT_MESSAGE, body + struct.pack(">BBii", major, minor, bugfix, build) + _BUILT)
 
 
-def robot_state(robot: Source) -> bytes:
+def robot_state(robot: StateSource) -> bytes:
     """The state that ports 30001 and 30002 send."""
     return _framed(ROBOT_STATE, b"".join(_framed(kind, _PACKAGES[kind](robot)) for kind in StatePackage))
 
 
-def realtime_state(robot: Source) -> bytes:
+def realtime_state(robot: StateSource) -> bytes:
     """The state that port 30003 sends: 1108 bytes, 1116 since 5.4, 1220 since 5.10."""
     layout = _REALTIME
     for since, further in (((5, 4), _SINCE_5_4), ((5, 10), _SINCE_5_10)):
@@ -144,16 +144,16 @@ def _numbers(bank: OutputBank, name: str) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _values(robot: Source, *names: str) -> Iterator[float]:
+def _values(robot: StateSource, *names: str) -> Iterator[float]:
     for name in names:
         yield from _numbers(robot.bank, name)
 
 
-def _whole(robot: Source, name: str) -> int:
+def _whole(robot: StateSource, name: str) -> int:
     return int(_numbers(robot.bank, name)[0])
 
 
-def _robot_mode(robot: Source) -> bytes:
+def _robot_mode(robot: StateSource) -> bytes:
     safety = robot.safety
     states = (
         *(True, True, safety.robot_mode > RobotMode.POWER_OFF),
@@ -165,7 +165,7 @@ def _robot_mode(robot: Source) -> bytes:
     return struct.pack(">Q7?BB3dB", robot.time_ns // _US, *states, safety.robot_mode, 0, *speeds, 1.0, 0)
 
 
-def _joints(robot: Source) -> bytes:
+def _joints(robot: StateSource) -> bytes:
     names = ("actual_q", "target_q", "actual_qd", "actual_current", "actual_joint_voltage")
     columns = [_numbers(robot.bank, name) for name in (*names, "joint_temperatures")]
     modes = [int(mode) for mode in _numbers(robot.bank, "joint_mode")]
@@ -173,15 +173,15 @@ def _joints(robot: Source) -> bytes:
     return b"".join(struct.pack(">3d4fB", *row) for row in rows)
 
 
-def _cartesian(robot: Source) -> bytes:
+def _cartesian(robot: StateSource) -> bytes:
     return struct.pack(">12d", *_values(robot, "actual_TCP_pose", "tcp_offset"))
 
 
-def _kinematics(_: Source) -> bytes:
+def _kinematics(_: StateSource) -> bytes:
     return struct.pack(">6I24dI", *_NO_CHECKSUM, *_DH_THETA, *_DH_A, *_DH_D, *_DH_ALPHA, 0)
 
 
-def _masterboard(robot: Source) -> bytes:
+def _masterboard(robot: StateSource) -> bytes:
     types = _whole(robot, "analog_io_types")
     outputs = [
         value if types >> 2 + i & 1 else value / 1000.0  # A
@@ -198,21 +198,21 @@ def _masterboard(robot: Source) -> bytes:
     )
 
 
-def _tool(robot: Source) -> bytes:
+def _tool(robot: StateSource) -> bytes:
     inputs = _values(robot, "tool_analog_input0", "tool_analog_input1", "actual_robot_voltage")
     volts, mode = _whole(robot, "tool_output_voltage"), _whole(robot, "tool_mode")
     warmth = _values(robot, "tool_output_current", "tool_temperature")
     return struct.pack(">BB2dfB2fB", 1, 1, *inputs, volts, *warmth, mode)
 
 
-def _configuration(_: Source) -> bytes:
+def _configuration(_: StateSource) -> bytes:
     ranges = (-_JOINT_LIMIT_RAD, _JOINT_LIMIT_RAD) * 6
     motion = (MAX_JOINT_SPEED, _JOINT_ACCELERATION) * 6
     arm = (*_DH_A, *_DH_D, *_DH_ALPHA, *_DH_THETA)
     return struct.pack(">53d4i", *ranges, *motion, *_DEFAULTS, *arm, _MASTERBOARD, _BOX, _UR5, _E_SERIES)
 
 
-def _force_mode(robot: Source) -> bytes:
+def _force_mode(robot: StateSource) -> bytes:
     return struct.pack(">7d", *_values(robot, "actual_TCP_force"), dexterity(robot.body))
 
 
@@ -223,12 +223,12 @@ def dexterity(body: Body) -> float:
     return (A2_M * A3_M * math.sin(q3) * math.sin(q5) * reach) ** 2
 
 
-def _tool_mode(robot: Source) -> bytes:
+def _tool_mode(robot: StateSource) -> bytes:
     names = ("tool_output_mode", "tool_digital_output0_mode", "tool_digital_output1_mode")
     return bytes(_whole(robot, name) for name in names)
 
 
-_PACKAGES: dict[StatePackage, Callable[[Source], bytes]] = {
+_PACKAGES: dict[StatePackage, Callable[[StateSource], bytes]] = {
     StatePackage.ROBOT_MODE: _robot_mode,
     StatePackage.JOINTS: _joints,
     StatePackage.CARTESIAN: _cartesian,

@@ -29,7 +29,7 @@ LEAST_MA, SPAN_MA, SPAN_V = 4.0, 16.0, 10.0
 """An analog output's range as a current and as a voltage."""
 
 
-class Source(Protocol):
+class OutputSource(Protocol):
     """What the figures follow from: the robot."""
 
     bank: OutputBank
@@ -70,7 +70,7 @@ def publish_constants(bank: OutputBank) -> None:
         bank.set(name, value)
 
 
-def publish_on_demand(robot: Source) -> None:
+def publish_on_demand(robot: OutputSource) -> None:
     """Publish what follows from the arm's state, worked out for those who ask for it."""
     body = robot.body
     figures: dict[str, Callable[[], Value]] = {
@@ -102,14 +102,14 @@ def _torques(body: Body) -> Vector6:
     return loads.joint_torques(body.q, body.flange, body.payload_kg, body.payload_cog_m)
 
 
-def _raw_wrench(robot: Source) -> Vector6:
+def _raw_wrench(robot: OutputSource) -> Vector6:
     body = robot.body
     carried = loads.weight(body.flange, body.payload_kg, body.payload_cog_m)
     a, b, c, d, e, f = (v + w for v, w in zip(robot.force.unzeroed, carried, strict=True))
     return loads.in_flange_axes(body.flange, (a, b, c, d, e, f))
 
 
-def _powered(robot: Source, value: float) -> float:
+def _powered(robot: OutputSource, value: float) -> float:
     return value if robot.safety.robot_mode > RobotMode.POWER_OFF else 0.0
 
 

@@ -1,7 +1,6 @@
 """The page of `rig benchmark clips`: each clip's curve, sigma band, labels and frames, worst first."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -17,20 +16,13 @@ from rig.benchmark.estimators.benchmark import machine
 from rig.pages.figure import drawing, legend_above, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
+from rig.report.strips import Still
 
 SIGMAS = 2.0
 CHART_PX = (440, 260)
 STILL_WIDTH_PX, JPEG_QUALITY = 160, 80
 _ROOM = 0.15
 """Of the labels' range, left above and below them: a sigma of 30 degrees does not shrink the curve."""
-
-
-@dataclass(frozen=True, slots=True)
-class Still:
-    """One frame of a clip: JPEG bytes and what was measured and answered there."""
-
-    jpeg: bytes
-    caption: str
 
 
 def page(result: ClipsResult) -> str:

@@ -18,7 +18,7 @@ from rig.benchmark.estimators.precision import Precision, compare_precision
 from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.stress import (
     CONTACTS,
-    ClipScore,
+    StressedClip,
     StressRow,
     run_stress,
     stress_rows,
@@ -200,7 +200,7 @@ def _lifts(
 def _stress(settings: BenchmarkSettings, progress: Progress) -> list[StressRow]:
     tasks = stress_tasks(settings.full, settings.seed)
     tasks = [task for task in tasks if settings.groups is None or task.group in settings.groups]
-    done: dict[int, list[ClipScore]] = {}
+    done: dict[int, list[StressedClip]] = {}
     order = {task: place for place, task in enumerate(tasks)}
     for task, scores in run_tasks(run_stress, list(tasks), settings.jobs):
         done[order[task]] = scores

@@ -52,7 +52,7 @@ class StressTask:
 
 
 @dataclass(frozen=True, slots=True)
-class ClipScore:
+class StressedClip:
     """One clip of one estimator under one condition; median_ms: of a frame, while others run beside it."""
 
     condition: str
@@ -91,7 +91,7 @@ def stress_tasks(full: bool, seed: int) -> list[StressTask]:
     ]
 
 
-def run_stress(task: StressTask) -> list[ClipScore]:
+def run_stress(task: StressTask) -> list[StressedClip]:
     """Score every estimator on the clips of a task; what a worker process does."""
     cv2.setNumThreads(1)
     scores = []
@@ -106,7 +106,7 @@ def run_stress(task: StressTask) -> list[ClipScore]:
     return scores
 
 
-def stress_rows(scores: Sequence[ClipScore], full: bool = False) -> list[StressRow]:
+def stress_rows(scores: Sequence[StressedClip], full: bool = False) -> list[StressRow]:
     """Put clips together, condition by condition in the order of the table."""
     rows = []
     for condition in conditions(full):
@@ -121,7 +121,7 @@ def stress_rows(scores: Sequence[ClipScore], full: bool = False) -> list[StressR
     return rows
 
 
-def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> ClipScore:
+def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> StressedClip:
     estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
     samples, costs = [], []
     for frame, time_ns in zip(clip.frames, clip.time_ns, strict=True):
@@ -129,7 +129,9 @@ def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, cli
         samples.append(estimator.update(frame, time_ns))
         costs.append(time.perf_counter() - began)
     key = f"{task.contact.partition(':')[0]}/{task.contact} {scene.angle_deg:+.0f} deg"
-    return ClipScore(condition.name, name, _series_score(key, samples, clip), 1e3 * float(np.median(costs)))
+    return StressedClip(
+        condition.name, name, _series_score(key, samples, clip), 1e3 * float(np.median(costs))
+    )
 
 
 def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> SeriesScore:

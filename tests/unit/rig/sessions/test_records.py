@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import SessionError
 from rig.config import load_bench
-from rig.experiments.batch_replay import plan_campaign
+from rig.experiments.batch_replay import plan_replays
 from rig.results.listing import SessionState, list_session
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
@@ -142,7 +142,7 @@ def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
         del row["accepted"]
         line = json.dumps(row)
     (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
-    plan = plan_campaign([broken, good], None, None)
+    plan = plan_replays([broken, good], None, None)
     assert [task.folder for task in plan.tasks] == [good, good]
     [(folder, problem)] = plan.broken
     assert folder == broken

@@ -17,7 +17,7 @@ from drivers.tally import FrameTally
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
 from drivers.video.decode import DecodedFrame
-from drivers.video.sequence import MeasuredRate, SequenceCounter
+from drivers.video.sequence import SequenceCounter
 from drivers.video.stream import CaptureTimes, FrameStream, RawFrame
 
 BACKLOG_S = 2.0
@@ -25,8 +25,6 @@ BACKLOG_S = 2.0
 OPEN_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 0.8
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
-SLOW_SHARE = 0.95
-"""A measured rate below this share of the requested one is reported."""
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
 
 
@@ -63,7 +61,6 @@ class FrameReader(FrameSource):
         # Written by the reader's thread alone.
         self._counts: Counter[str] = Counter()
         self._count = SequenceCounter(rate_hz)
-        self._rate = MeasuredRate()
         self._times = CaptureTimes("arrival")
 
     @property
@@ -137,20 +134,6 @@ class FrameReader(FrameSource):
         """
         return self._times.kind
 
-    def measured_rate_hz(self) -> float | None:
-        """Frames per second over the newest few seconds; None while too few came."""
-        return self._rate.hz()
-
-    def rate_finding(self) -> str | None:
-        """Say that the source is slower than requested and what to look at; None when it is not."""
-        measured = self.measured_rate_hz()
-        if measured is None or measured >= SLOW_SHARE * self._rate_hz:
-            return None
-        return (
-            f"{self._serial}: {measured:.1f} frames per second, {self._rate_hz:g} requested; "
-            "check exposure time, USB port and what else uses the bus"
-        )
-
     def _connected(self) -> _Run:
         run = self._run
         if run is None:
@@ -202,7 +185,6 @@ class FrameReader(FrameSource):
         run.streams += 1
         self._counts["reopened"] += failed_before
         self._count.opened(after_failure=failed_before)
-        self._rate.clear()
 
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, tally: FrameTally) -> None:
         """Read, judge and deliver one image."""
@@ -221,7 +203,6 @@ class FrameReader(FrameSource):
         tally.add(frame)
         self._counts["frozen"] += tally.repeated
         self._times = times
-        self._rate.add(time_ns)
         self._counts["frames"] += 1
         self._counts["unread"] += run.buffer.put(frame)
 

@@ -1,4 +1,4 @@
-"""Numbers a source's images so that a gap is a drop, and measures their rate."""
+"""Numbers a source's images so that a gap is a drop."""
 
 from collections import deque
 from statistics import median
@@ -7,7 +7,6 @@ from drivers.clock import NS_PER_S
 
 _INTERVALS = 31
 _ENOUGH = 8
-_RATE_TIMES = 241
 
 
 class SequenceCounter:
@@ -61,25 +60,3 @@ class SequenceCounter:
             step = round(periods) if periods > 1.6 else 1
         self._offset = 0 if number is None else last + step - number
         return step
-
-
-class MeasuredRate:
-    """Rate of the newest images, from their capture times."""
-
-    def __init__(self) -> None:
-        self._times_ns: deque[int] = deque(maxlen=_RATE_TIMES)
-
-    def add(self, time_ns: int) -> None:
-        """Take note of an image."""
-        self._times_ns.append(time_ns)
-
-    def clear(self) -> None:
-        """Begin anew: the stream was interrupted."""
-        self._times_ns.clear()
-
-    def hz(self) -> float | None:
-        """Images per second over the newest few seconds; None while too few came."""
-        times = list(self._times_ns)
-        if len(times) < _ENOUGH or times[-1] <= times[0]:
-            return None
-        return (len(times) - 1) * NS_PER_S / (times[-1] - times[0])

@@ -102,7 +102,6 @@ def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit
     span_ns, periods = frames[-1].time_ns - frames[0].time_ns, numbers[-1] - numbers[0]
     assert span_ns / periods == pytest.approx(1e9 / 60, rel=0.01)
     assert digit.time_kind == "peer"
-    assert digit.measured_rate_hz() == pytest.approx(59e9 / span_ns, rel=0.1)
 
 
 def test_size_comes_before_rate_and_light_last(light: list[tuple[float, float, float]]) -> None:
@@ -194,12 +193,11 @@ def test_a_lasting_shift_is_ended_by_opening_the_sensor_again(server: MjpegServe
 
 
 @pytest.mark.real_time
-def test_a_sensor_slower_than_asked_is_reported_with_both_rates(server: MjpegServer, digit: Digit) -> None:
+def test_a_sensor_slower_than_asked_drops_nothing(server: MjpegServer, digit: Digit) -> None:
     server.inject("slow")
-    until(digit, "frames", 40)
-    finding = digit.rate_finding()
-    assert finding is not None
-    assert "60 requested" in finding
+    until(digit, "frames", 10)
+    one, other = digit.next_frame(1.0), digit.next_frame(1.0)
+    assert other.time_ns - one.time_ns == pytest.approx(2e9 / 60, rel=0.1)
     assert digit.counters()["dropped"] == 0
 
 

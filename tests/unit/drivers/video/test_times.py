@@ -1,11 +1,11 @@
-"""Capture times, sequence numbers and measured rates, from what sources give of each."""
+"""Capture times and sequence numbers, from what sources give of each."""
 
 from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.video.sequence import MeasuredRate, SequenceCounter
+from drivers.video.sequence import SequenceCounter
 from drivers.video.stream import CaptureTimes, RawFrame
 
 PERIOD_NS = 16_666_667
@@ -75,11 +75,3 @@ def test_the_first_stamp_decides_whose_clock_it_is() -> None:
     assert ours.time_of(RawFrame(3 * 10**10, stamped_ns=10**10 + 5)) == 10**10 + 5  # late, and known to be
     assert theirs.time_of(RawFrame(10**10, stamped_ns=10**18)) == 10**10
     assert (ours.kind, theirs.kind) == ("kernel", "arrival")
-
-
-def test_the_rate_is_that_of_the_newest_times() -> None:
-    rate = MeasuredRate()
-    assert rate.hz() is None
-    for n in range(30):
-        rate.add(n * 20_000_000)
-    assert rate.hz() == 50.0

@@ -1,0 +1,113 @@
+"""The UR5e's driver in protective stops and in every fault, at connect and in mid-motion."""
+
+import time
+
+import pytest
+
+from drivers.errors import (
+    DeviceError,
+    NotConnectedError,
+    OperatorStopError,
+    ProtectiveStopError,
+)
+from drivers.types import ArmMode
+from drivers.ur5e.arm import UR5e
+from fakes.wire.ur.controller import URController
+from support.ur5e import HOME, agree, first_error, make_arm, stands
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
+
+
+def test_a_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
+    controller.inject("protective_stop")
+    error, _ = first_error(motion.done)
+    assert isinstance(error, ProtectiveStopError)
+    assert arm.state().mode is ArmMode.PROTECTIVE_STOP
+
+    def refuse(question: str) -> None:
+        raise OperatorStopError("no")
+
+    with pytest.raises(OperatorStopError):
+        arm.recover(refuse)
+    assert arm.state().mode is ArmMode.PROTECTIVE_STOP
+    arm.recover(agree)
+    assert arm.state().mode is ArmMode.RUNNING
+    assert stands(controller), "recovery moves nothing"
+    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
+
+
+def test_one_can_connect_in_a_protective_stop_and_recover(controller: URController) -> None:
+    controller.inject("protective_stop")
+    arm = make_arm(controller.host)
+    arm.connect()
+    with pytest.raises(ProtectiveStopError):
+        arm.move_linear(HOME, 0.1, 1.0)
+    arm.recover(agree)
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "said"),
+    [
+        ("program_killed", {}, "control program is stopped"),
+        ("stream_frozen", {}, "state is unknown"),
+        ("stream_frozen", {"repeat": True}, "state is unknown"),
+        ("socket_dropped", {}, "connection lost"),
+        ("silent", {}, "state is unknown"),
+        ("emergency_stop", {}, "emergency stop"),
+    ],
+)
+def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
+    controller: URController, arm: UR5e, kind: str, arguments: dict[str, bool], said: str
+) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.1, 1.0)
+    time.sleep(0.2)
+    controller.inject(kind, **arguments)
+    error, _ = first_error(motion.done)
+    assert said in str(error)
+    arm.stop()
+    assert stands(controller)
+    with pytest.raises(DeviceError):
+        arm.move_linear(HOME, 0.1, 1.0)
+    arm.disconnect()
+    controller.inject("clear")
+    if kind == "emergency_stop":
+        with pytest.raises(DeviceError, match="power off"):
+            arm.connect()
+        return
+    arm.connect()
+    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "said"),
+    [
+        ("silent", {}, "does not answer"),
+        ("stream_frozen", {}, "does not answer"),
+        ("stream_frozen", {"repeat": True}, "time stands still|does not answer"),
+        ("remote_control_off", {}, "remote control is off"),
+        ("recipe_refused", {"reply": "IN_USE"}, "already in use"),
+        ("recipe_refused", {"reply": "NOT_FOUND"}, "NOT_FOUND"),
+        ("recipe_refused", {"reply": "NOT_FOUND", "prefix": "actual_q"}, "no state.*actual_q"),
+        ("emergency_stop", {}, "emergency stop"),
+    ],
+)
+def test_a_fault_at_connect_is_named_at_once(
+    controller: URController, kind: str, arguments: dict[str, bool | str], said: str
+) -> None:
+    controller.inject(kind, **arguments)
+    arm = make_arm(controller.host)
+    with pytest.raises(DeviceError, match=said):
+        arm.connect()
+    with pytest.raises(NotConnectedError):
+        arm.state()
+
+
+def test_nothing_starts_while_the_pendant_is_in_local_control(controller: URController, arm: UR5e) -> None:
+    controller.inject("remote_control_off")
+    with pytest.raises(DeviceError, match="remote control is off"):
+        arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
+    assert "3" not in controller.snapshot()["commands"]

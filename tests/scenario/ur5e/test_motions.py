@@ -1,0 +1,171 @@
+"""The UR5e's driver on the simulated controller: connecting, motions, stops, limits, force and time."""
+
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    OutOfLimitsError,
+)
+from drivers.types import Pose
+from drivers.ur5e.arm import UR5e
+from drivers.ur5e.dashboard import Dashboard
+from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
+from fakes.wire.ur.controller import URController
+from support.ur5e import HOME, make_arm, make_controller, stands
+from support.waiting import until
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
+
+
+@pytest.mark.parametrize("version", ["5.11.0", "5.25.0"])
+def test_a_motion_on_either_version(version: str) -> None:
+    controller = make_controller(version)
+    controller.start()
+    arm = make_arm(controller.host)
+    try:
+        arm.connect()
+        motion = arm.move_linear(HOME.translated(z_m=-0.05), 0.25, 1.0)
+        assert motion.progress() < 0.9
+        motion.wait(5.0)
+        assert motion.progress() == 1.0
+        assert arm.state().base_T_tcp.position_m == pytest.approx((0.45, 0.0, 0.25), abs=1e-4)
+        assert arm.identity()["firmware"].startswith(version)
+    finally:
+        arm.disconnect()
+        controller.stop()
+
+
+def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
+    assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=1e-9)
+    assert controller.robot.bank.get("payload") == 1.8
+    assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
+    assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
+
+
+def test_a_program_that_stands_still_is_ended_before_ours_is_started(controller: URController) -> None:
+    with Dashboard(controller.host) as pendant:
+        pendant.ask("load wait.urp")
+        assert pendant.ask("play") == "Starting program"
+    arm = make_arm(controller.host)
+    arm.connect()
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.disconnect()
+
+
+def test_a_program_that_moves_the_arm_is_left_alone(controller: URController) -> None:
+    with socket.create_connection((controller.host, 30003)) as scripts:
+        scripts.sendall(b"def sweep():\n  movel(p[0.45, 0, 0.1, 3.1415926, 0, 0], a=1, v=0.02)\nend\n")
+        until(lambda: controller.snapshot()["tcp_m"][2] < 0.299)
+        arm = make_arm(controller.host)
+        with pytest.raises(DeviceError, match="a program moves it"):
+            arm.connect()
+    assert controller.snapshot()["program_running"]
+
+
+def test_two_arms_at_once(controller: URController, arm: UR5e) -> None:
+    other = make_controller()
+    other.start()
+    second = make_arm(other.host)
+    try:
+        second.connect()
+        motions = [
+            a.move_linear(HOME.translated(z_m=d), 0.25, 1.0) for a, d in ((arm, -0.05), (second, 0.05))
+        ]
+        for motion in motions:
+            motion.wait(5.0)
+        assert arm.state().base_T_tcp.position_m[2] == pytest.approx(0.25, abs=1e-4)
+        assert second.state().base_T_tcp.position_m[2] == pytest.approx(0.35, abs=1e-4)
+    finally:
+        second.disconnect()
+        other.stop()
+
+
+def test_a_stop_from_another_thread(controller: URController, arm: UR5e) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
+    stopper = threading.Timer(0.3, arm.stop)
+    stopper.start()
+    motion.wait(5.0)
+    stopper.join()
+    assert motion.done()
+    assert 0.2 < arm.state().base_T_tcp.position_m[2] < 0.299
+    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
+
+
+def test_a_stop_during_the_preparation_of_a_motion_keeps_it_from_being_sent(
+    controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop_meanwhile(*_: object) -> None:
+        arm.stop()
+
+    monkeypatch.setattr("drivers.ur5e.arm.check_joints", stop_meanwhile)
+    with pytest.raises(DeviceError, match="not sent"):
+        arm.move_linear(HOME.translated(z_m=-0.1), 0.1, 1.0)
+    assert "3" not in controller.snapshot()["commands"]
+
+
+def test_letting_go_stops_a_motion(controller: URController, arm: UR5e) -> None:
+    arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
+    arm.disconnect()
+    assert stands(controller)
+    assert not controller.snapshot()["program_running"]
+
+
+def test_a_motion_that_takes_too_long_is_stopped(controller: URController, arm: UR5e) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.02, 1.0)
+    with pytest.raises(DeviceTimeoutError, match="stopped it"):
+        motion.wait(0.3)
+    assert stands(controller)
+
+
+def test_what_cannot_be_reached_is_refused_and_the_program_survives(
+    controller: URController, arm: UR5e
+) -> None:
+    sideways = Pose((0.7, 0.35, 0.02), (0.7, 0.0, 0.0, 0.7))
+    with pytest.raises(OutOfLimitsError, match="reach"):
+        arm.move_linear(sideways, 0.1, 1.0)
+    assert "3" not in controller.snapshot()["commands"], "no motion was sent"
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+
+
+def test_joints_are_kept_in_their_limits(controller: URController) -> None:
+    tool, narrow = Pose((0.0, 0.0, TOOL_LENGTH_M)), (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    limits = ((-0.1, -0.1, -0.1, -0.1, -0.1, -0.1), narrow)
+    arm = UR5e(controller.host, LIMITS, tool, 1.8, (0.0, 0.0, 0.08), joint_limits_rad=limits)
+    arm.connect()
+    with pytest.raises(OutOfLimitsError, match="joint 1"):
+        arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
+    arm.disconnect()
+
+
+def at_rest(arm: UR5e) -> bool:
+    """Zero the force sensor if the arm has rested for long enough; return whether it had."""
+    try:
+        arm.zero_force_sensor()
+    except DeviceError as error:
+        if "not at rest" not in str(error):
+            raise
+        return False
+    return True
+
+
+def test_the_force_sensor_is_zeroed_at_rest_only(controller: URController, arm: UR5e) -> None:
+    arm.move_linear(HOME.translated(z_m=-0.02), 0.25, 1.0).wait(5.0)
+    with pytest.raises(DeviceError, match="not at rest"):
+        arm.zero_force_sensor()
+    until(lambda: at_rest(arm))
+    assert np.linalg.norm(arm.state().wrench[:3]) < 0.6
+
+
+def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
+    dates = [arm.state().time_ns for _ in range(2000)]
+    assert dates == sorted(dates)
+    assert 0 <= time.monotonic_ns() - arm.state().time_ns < 200_000_000
+    assert arm.counters()["samples"] > 0
+    assert arm.clock_offset_s() < 0.0

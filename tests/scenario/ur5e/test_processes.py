@@ -1,0 +1,87 @@
+"""The UR5e's processes: a crash of one, the end of the rig, and a rig without their library."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from drivers.errors import (
+    DeviceError,
+)
+from drivers.types import ArmMode
+from drivers.ur5e.arm import UR5e
+from fakes.wire.ur.controller import URController
+from support.ur5e import HOME, agree, first_error, make_arm, stands
+from support.waiting import until
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
+
+
+@pytest.mark.parametrize("crash", [signal.SIGSEGV, signal.SIGKILL])
+def test_a_crash_of_the_process_that_commands_costs_the_motion_only(
+    controller: URController, arm: UR5e, crash: signal.Signals
+) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.05, 1.0)
+    process = arm._link.control._process._process  # type: ignore[union-attr]
+    process.send_signal(crash)
+    process.wait()
+    error, _ = first_error(motion.done)
+    assert crash.name in str(error) or "control program" in str(error)
+    arm.stop()
+    assert stands(controller)
+    arm.recover(agree)
+    arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
+
+
+def test_a_crash_of_the_process_that_listens_leaves_the_state_unknown(
+    controller: URController, arm: UR5e
+) -> None:
+    process = arm._link._listener._process  # type: ignore[union-attr]
+    process.send_signal(signal.SIGSEGV)
+    process.wait()
+    error, _ = first_error(arm.state)
+    assert "SIGSEGV" in str(error)
+    arm.connect()
+    assert arm.state().mode is ArmMode.RUNNING
+
+
+def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URController) -> None:
+    code = (
+        "import sys, time\n"
+        "from drivers.types import Pose\n"
+        "from drivers.ur5e.arm import UR5e\n"
+        "from fakes.devices.arm import LIMITS\n"
+        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 1.8, (0, 0, 0.08))\n"
+        "arm.connect()\n"
+        "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
+        "print(arm._link._listener._process.pid, arm._link.control._process._process.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    rig = subprocess.Popen([sys.executable, "-c", code, controller.host], stdout=subprocess.PIPE, text=True)
+    assert rig.stdout is not None
+    children = [int(pid) for pid in rig.stdout.readline().split()]
+    rig.kill()
+    rig.wait()
+    rig.stdout.close()
+    until(lambda: not any(map(exists, children)))
+    until(lambda: not controller.snapshot()["program_running"])
+    assert stands(controller)
+
+
+def exists(pid: int) -> bool:
+    """Whether a process runs (one that is only not yet collected does not)."""
+    try:
+        with open(f"/proc/{pid}/stat") as stat:
+            return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_everything_but_the_arm_runs_without_its_library(
+    monkeypatch: pytest.MonkeyPatch, controller: URController
+) -> None:
+    monkeypatch.setattr("drivers.ur5e.link.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(DeviceError, match="ur-rtde is not installed"):
+        make_arm(controller.host).connect()

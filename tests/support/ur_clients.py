@@ -1,0 +1,80 @@
+"""The simulated controller on an address of its own, and clients of it in plain sockets."""
+
+import itertools
+import os
+import socket
+import struct
+from collections.abc import Callable
+
+from scipy.spatial.transform import Rotation
+
+from drivers.types import Pose
+from fakes.clock import SimulatedClock
+from fakes.wire.ur.controller import URController
+from fakes.world.world import BenchLayout, World
+
+_addresses = itertools.count(1)
+
+
+Connect = Callable[..., "Client"]
+
+
+def make(version: str = "5.11.0") -> URController:
+    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
+    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1)
+    pid = os.getpid()
+    host = f"127.{30 + pid % 60}.{pid // 60 % 250}.{next(_addresses)}"
+    return URController(world, SimulatedClock(realtime=True), host=host, version=version)
+
+
+class Client:
+    """A client of the data exchange in plain sockets."""
+
+    def __init__(self, host: str, names: str = "timestamp", rate_hz: float = 500.0) -> None:
+        self.socket = socket.create_connection((host, 30004), timeout=2.0)
+        self.ask(b"V", b"\x00\x02")
+        self.kinds = self.ask(b"O", struct.pack(">d", rate_hz) + names.encode())
+        self.ask(b"S")
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def ask(self, kind: bytes, payload: bytes = b"") -> bytes:
+        self.socket.sendall(struct.pack(">Hc", 3 + len(payload), kind) + payload)
+        while (answer := self.package())[0] != kind:
+            pass
+        return answer[1]
+
+    def package(self) -> tuple[bytes, bytes]:
+        size, kind = struct.unpack(">Hc", self._read(3))
+        return kind, self._read(size - 3)
+
+    def timestamp(self) -> float:
+        while (answer := self.package())[0] != b"U":
+            pass
+        return struct.unpack(">d", answer[1][1:9])[0]
+
+    def read_on(self) -> None:
+        """Read until something happens."""
+        while True:
+            self.timestamp()
+
+    def _read(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            part = self.socket.recv(count - len(data))
+            if not part:
+                raise EOFError
+            data += part
+        return data
+
+
+def ask_dashboard(host: str, request: bytes) -> bytes:
+    with socket.create_connection((host, 29999), timeout=2.0) as connection:
+        lines = connection.makefile("rb")
+        assert lines.readline() == b"Connected: Universal Robots Dashboard Server\n"
+        connection.sendall(request + b"\n")
+        return lines.readline()

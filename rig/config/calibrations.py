@@ -15,6 +15,8 @@ from rig.config import BenchConfig, load_bench
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceInUse
 
 FOLDER = "calibrations"
+Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
+"""Takes from a file, found at a place, what is used of it; None where that is nothing."""
 
 
 def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
@@ -43,50 +45,51 @@ def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
     Where all files of a kind belong to other devices, that is an error: a swapped device would otherwise
     go unnoticed. A calibration that was refused when it was made is left out. Raises `CalibrationError`.
     """
-    used: dict[str, Any] = {"files": {}, "pixel_aspect": {}, "time_shift_s": {}}
-    serial = config.camera.serial
-    sensors = [serial, *(t.serial for t in config.tactile)]
-    _use(config, folder, "camera", {"camera": serial}, used, partial(_camera, config.camera.size_px))
-    _use(config, folder, "hand-eye", {"camera": serial}, used, _hand_eye)
-    _use(config, folder, "gripper", {"gripper": config.name}, used, _gripper)
-    for tactile in config.tactile:
-        _use(config, folder, "tactile", {"tactile": tactile.serial}, used, _tactile)
-    for sensor in sensors:
-        _use(config, folder, "sync", {"reference": "arm", "stream": sensor}, used, _sync)
-    return CalibrationsInUse.model_validate(used)
+    camera, take_camera = config.camera.serial, partial(_camera, config.camera.size_px)
+    wanted: list[tuple[str, dict[str, str], Take]] = [
+        ("camera", {"camera": camera}, take_camera),
+        ("hand-eye", {"camera": camera}, _hand_eye),
+        ("gripper", {"gripper": config.name}, _gripper),
+        *(("tactile", {"tactile": tactile.serial}, _tactile) for tactile in config.tactile),
+        *(
+            ("sync", {"reference": "arm", "stream": sensor}, _sync)
+            for sensor in (camera, *(tactile.serial for tactile in config.tactile))
+        ),
+    ]
+    found = CalibrationsInUse()
+    for kind, serials, take in wanted:
+        found = found.joined(_used(config, folder, kind, serials, take))
+    return found
 
 
-def _use(
-    config: BenchConfig,
-    folder: Path,
-    kind: str,
-    serials: Mapping[str, str],
-    used: dict[str, Any],
-    take: Callable[[CalibrationFile, str, dict[str, Any]], bool],
-) -> None:
-    """Find a kind's file for these serials and take from it what is used."""
+def _used(
+    config: BenchConfig, folder: Path, kind: str, serials: Mapping[str, str], take: Take
+) -> CalibrationsInUse:
+    """Find a kind's file for these serials and return what is used of it; nothing where there is none."""
     path = _find(folder, kind, serials)
     if path is None:
-        return
+        return CalibrationsInUse()
     file = load(path, kind, serials, allow_refused=True)
     if file.assessment.verdict is Verdict.REFUSED:
-        return
+        return CalibrationsInUse()
     if file.inputs.get("simulated") and not config.simulated:
         raise CalibrationError(
             f"{path}: was made on simulated devices, bench '{config.name}' is real; calibrate it, "
             "or move the file away"
         )
     try:
-        if not take(file, str(path), used):
-            return
+        taken = take(file, str(path))
     except (KeyError, TypeError, ValueError) as error:
         raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
-    used["files"]["-".join([kind, *serials.values()])] = FileInUse(
+    if taken is None:
+        return CalibrationsInUse()
+    facts = FileInUse(
         file=str(path),
         sha256=sha256(path.read_bytes()).hexdigest(),
         created=file.created,
         verdict=str(file.assessment.verdict),
     )
+    return taken.joined(CalibrationsInUse(files={"-".join([kind, *serials.values()]): facts}))
 
 
 def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
@@ -104,48 +107,42 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     return None
 
 
-def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> CalibrationsInUse:
     camera = camera_from(file.value, where)
     if camera.size != size_px:
         raise CalibrationError(
             f"{where}: was made of pictures of {camera.size} px, the bench file has size_px = "
             f"{list(size_px)}; calibrate at that size, or correct it"
         )
-    used["camera"] = CameraInUse(
-        matrix=tuple(camera.matrix.ravel().tolist()), distortion=tuple(camera.distortion.tolist())
-    )
-    return True
+    matrix, distortion = camera.matrix.ravel().tolist(), camera.distortion.tolist()
+    return CalibrationsInUse(camera=CameraInUse(matrix=tuple(matrix), distortion=tuple(distortion)))
 
 
-def _hand_eye(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
     """Only a fixed camera has a place in the base frame."""
     if file.value.get("setup") != "eye-to-hand":
-        return False
+        return None
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
     a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
-    used["base_T_camera"] = PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d))
-    return True
+    return CalibrationsInUse(base_T_camera=PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d)))
 
 
-def _tactile(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+def _tactile(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
     if "pixel_aspect" not in file.value:
-        return False
-    used["pixel_aspect"][file.serials["tactile"]] = float(file.value["pixel_aspect"])
-    return True
+        return None
+    return CalibrationsInUse(pixel_aspect={file.serials["tactile"]: float(file.value["pixel_aspect"])})
 
 
-def _gripper(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
+def _gripper(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
     table = file.value.get("closing")
     if not isinstance(table, Mapping):
-        return False
+        return None
     pairs = zip(table["counts"], table["opening_m"], strict=True)
-    used["opening"] = tuple((float(counts), float(opening)) for counts, opening in pairs)
-    return True
+    return CalibrationsInUse(opening=tuple((float(counts), float(opening)) for counts, opening in pairs))
 
 
-def _sync(file: CalibrationFile, where: str, used: dict[str, Any]) -> bool:
-    used["time_shift_s"][file.serials["stream"]] = float(file.value["add_to_stream_s"])
-    return True
+def _sync(file: CalibrationFile, where: str) -> CalibrationsInUse:
+    return CalibrationsInUse(time_shift_s={file.serials["stream"]: float(file.value["add_to_stream_s"])})
 
 
 def _numbers(file: CalibrationFile, where: str, key: str, count: int) -> list[Any]:

@@ -52,3 +52,14 @@ class CalibrationsInUse(Strict):
     pixel_aspect: dict[str, float] = Field(default_factory=dict)
     time_shift_s: dict[str, float] = Field(default_factory=dict)
     opening: tuple[tuple[float, float], ...] = ()
+
+    def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
+        """Return what either has; of what both have, the other's."""
+        return CalibrationsInUse(
+            files=self.files | other.files,
+            camera=other.camera or self.camera,
+            base_T_camera=other.base_T_camera or self.base_T_camera,
+            pixel_aspect=self.pixel_aspect | other.pixel_aspect,
+            time_shift_s=self.time_shift_s | other.time_shift_s,
+            opening=other.opening or self.opening,
+        )

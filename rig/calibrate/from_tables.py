@@ -12,15 +12,16 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
-from rig.calibrate.sources import number, read_csv, read_poses, read_stream
+from rig.calibrate.sources import number, read_poses, read_stream
+from rig.frames.csv_rows import read_csv_rows
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
     """gripper.csv: counts, opening_mm, direction (closing, opening); force.csv, if there: signal, force_n."""
     path = folder / "gripper.csv"
-    rows = read_csv(path, ("counts", "opening_mm", "direction"))
+    rows = read_csv_rows(path, ("counts", "opening_mm", "direction"))
     samples = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         where = f"{path} line {line}"
         if row["direction"] not in list(Direction):
             raise InputError(f"{where}: direction '{row['direction']}' is neither closing nor opening")
@@ -41,7 +42,7 @@ def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> 
     }
     assessment, files = result.assessment, [folder / "gripper.csv"]
     if (path := folder / "force.csv").exists():
-        rows = read_csv(path, ("signal", "force_n"))
+        rows = [row for _, row in read_csv_rows(path, ("signal", "force_n"))]
         signal, force = (np.array([number(r, c, str(path)) for r in rows]) for c in ("signal", "force_n"))
         table = fit_force(signal, force)
         value["force"] = {"signal": table.signal, "force_n": table.force_n, "misfit_n": table.misfit_n}

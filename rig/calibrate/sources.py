@@ -1,6 +1,5 @@
 """Samples from a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.images import SUFFIXES
 from drivers.types import Pose
+from rig.frames.csv_rows import read_csv_rows
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
@@ -24,34 +24,20 @@ def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
     return found
 
 
-def read_csv(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
-    """Rows of a CSV with at least these columns. Raises `InputError` naming what is missing."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
-    missing = [c for c in columns if c not in (reader.fieldnames or ())]
-    if missing:
-        raise InputError(f"{path}: has no column {', '.join(missing)}; it needs {', '.join(columns)}")
-    return rows
-
-
 def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
     """`base_T_tcp` by id, from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
 
     Rows that hold no valid pose are left out, with their reason. Raises `InputError` for the file itself.
     """
-    rows = read_csv(path, ("id", "x_m", "y_m", "z_m"))
+    rows = read_csv_rows(path, ("id", "x_m", "y_m", "z_m"))
     poses: dict[str, Pose] = {}
     rejected: list[Rejected] = []
-    for number, row in enumerate(rows, start=2):
+    for line, row in rows:
         name = row["id"]
         try:
             if name in poses:
-                raise CalibrationError(f"line {number}: the id {name} a second time")
-            poses[name] = _pose(row, f"line {number}")
+                raise CalibrationError(f"line {line}: the id {name} a second time")
+            poses[name] = _pose(row, f"line {line}")
         except CalibrationError as error:
             rejected.append(Rejected(name, str(error)))
     return poses, rejected
@@ -59,7 +45,7 @@ def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
 
 def read_stream(path: Path) -> TimedSignal:
     """A stream from a CSV: time_ns (or t_s) and value. Raises `InputError`, `CalibrationError`."""
-    rows = read_csv(path, ("value",))
+    rows = [row for _, row in read_csv_rows(path, ("value",))]
     if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:
         raise InputError(f"{path}: has no column time_ns or t_s")
     try:

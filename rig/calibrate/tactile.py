@@ -16,7 +16,8 @@ from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import number, read_csv
+from rig.calibrate.sources import number
+from rig.frames.csv_rows import read_csv_rows
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
@@ -81,11 +82,11 @@ def tactile_from_folder(
 def _read(folder: Path) -> _PressFolder:
     """Find the press in every picture of the catalog. Raises `InputError` naming file and line."""
     path = folder / "catalog.csv"
-    rows = read_csv(path, _COLUMNS)
+    rows = read_csv_rows(path, _COLUMNS)
     presses = _PressFolder(
         folder, read_image(folder / "background.png"), files=[folder / "background.png", path]
     )
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         where, name = f"{path} line {line}", row["image"]
         if not name or not (folder / name).is_file():
             raise InputError(f"{where}: {name} is not in {folder}")

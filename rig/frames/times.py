@@ -1,6 +1,5 @@
 """When frames were taken: from a table beside them, or from a frame rate."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -9,6 +8,7 @@ from pathlib import Path, PurePath
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from rig.frames.csv_rows import read_csv_rows
 
 MAX_FPS = 10_000.0
 # Beyond this many seconds integer nanoseconds no longer fit the 64 bits that files give them.
@@ -70,23 +70,14 @@ def parse_time(text: str) -> FrameTime | None:
 
 
 def _rows(table: Path) -> list[_Row]:
-    try:
-        with table.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            if not {"frame", "t_s"} <= set(reader.fieldnames or ()):
-                raise InputError(f"{table}: line 1 has no columns 'frame' and 't_s': add this header")
-            rows = [_row(table, reader.line_num, fields) for fields in reader]
-    except OSError as error:
-        raise InputError(f"{table}: cannot be read ({error.strerror}): give a CSV file") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{table}: is no CSV text ({error}): give columns frame,t_s") from error
+    rows = [_row(table, line, fields) for line, fields in read_csv_rows(table, ("frame", "t_s"))]
     if not rows:
         raise InputError(f"{table}: line 2 is missing: give one row per frame")
     return rows
 
 
-def _row(table: Path, line: int, fields: dict[str, str | None]) -> _Row:
-    frame, text = (fields["frame"] or "").strip(), fields["t_s"] or ""
+def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
+    frame, text = fields["frame"].strip(), fields["t_s"]
     time = parse_time(text)
     if not frame or time is None:
         raise InputError(f"{table}: line {line}: frame '{frame}', t_s '{text}': give a frame and a time in s")

@@ -1,6 +1,5 @@
 """Labelled clips: a folder per clip, with frames, a background, times and hand-measured angles."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from drivers.errors import InputError
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
+from rig.frames.csv_rows import read_csv_rows
 from rig.frames.series import FrameSeries, read_frames
 
 LABELS, TIMES, GROUPS = "labels.csv", "timestamps.csv", "groups.csv"
@@ -119,18 +119,7 @@ def _groups(path: Path) -> dict[str, str]:
 
 
 def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
-    """Return the rows of a CSV file with their lines, missing fields as empty text."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream, restval="")
-            missing = set(needed) - set(reader.fieldnames or ())
-            if missing:
-                raise InputError(f"{path}: line 1 has no column {', '.join(sorted(missing))}: add it")
-            rows = [(reader.line_num, row) for row in reader]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}): give a CSV file") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: is no CSV text ({error}): give columns {','.join(needed)}") from error
+    rows = read_csv_rows(path, needed)
     if not rows:
         raise InputError(f"{path}: line 2 is missing: give a row per label")
     return rows

@@ -48,8 +48,8 @@ def test_a_byte_order_mark_and_equal_times_do_no_harm(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ((), "line 1 has no columns"),
-        (("name,time", "a1,0"), "line 1 has no columns"),
+        ((), "line 1 has no column frame, t_s"),
+        (("name,time", "a1,0"), "line 1 has no column frame, t_s"),
         (("frame,t_s",), "line 2 is missing"),
         (("frame,t_s", "a1,0", "a2,soon", "b,2"), "line 3: frame 'a2', t_s 'soon'"),
         (("frame,t_s", "a1,0", "a2,nan", "b,2"), "line 3: frame 'a2', t_s 'nan'"),

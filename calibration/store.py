@@ -4,7 +4,6 @@ The value stands at the top level in the layout its field reads (a camera's is R
 everything known about the value stands under `calibration`.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -16,6 +15,7 @@ import yaml
 
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError, RecordingError
+from drivers.whole_files import write_whole
 
 SCHEMA = 1
 KINDS = ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync")
@@ -80,15 +80,10 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically: beside its place first, then moved there. Raises `RecordingError`."""
-    aside = path.with_name(path.name + ".part")
+    """Write a file, and its folder, whole or not at all. Raises `RecordingError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        aside.replace(path)
+        write_whole(path, content)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
 

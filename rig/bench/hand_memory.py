@@ -16,9 +16,8 @@ from drivers.interfaces import FrameSource
 from drivers.types import HandState, Holding, Image, Pose
 from rig.sessions.files import write_file, write_json
 from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.contact.touch import TOUCH_FRAMES
 
-LOOKS = 3
-"""Frames in a row that have to show contact."""
 FRAME_S = 1.0
 _log = logging.getLogger("rig.bench.hand")
 
@@ -72,7 +71,7 @@ class HandMemory:
             return False
         finder = ContactFinder(before)
         try:
-            return all(_shows_contact(finder, sensor.next_frame(FRAME_S).image) for _ in range(LOOKS))
+            return all(_shows_contact(finder, sensor.next_frame(FRAME_S).image) for _ in range(TOUCH_FRAMES))
         except DeviceError:  # whoever waits for its frames will say so
             return False
 

@@ -2,25 +2,18 @@
 
 import json
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import RecordingError, SessionError
+from drivers.whole_files import write_whole
 
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a whole file aside, sync it, then put it in place. Raises `RecordingError`."""
-    aside = path.with_name(path.name + ".part")
     try:
-        with aside.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        aside.replace(path)
+        write_whole(path, data)
     except OSError as error:
-        with suppress(OSError):
-            aside.unlink()
         raise _not_written(path, error) from error
 
 

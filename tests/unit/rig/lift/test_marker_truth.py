@@ -1,23 +1,31 @@
-"""The true angle of a lift: zero, wrist, gaps, refusals, and the slip's onset."""
+"""The true angle of a lift: zero, wrist, gaps, refusals, and its interpolation."""
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
-from rig.lift.marker_truth import MarkerTruth, TruthSeries, interpolate, slip_onset_ns
+from rig.lift.marker_truth import MarkerTruth, TruthSeries, interpolate
 
 MS = 1_000_000
+
+
 FRAME_NS = 33 * MS
+
+
 ALONG_Y = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
 CAMERA = Pose.from_rotation((0.0, -0.7, 0.3), Rotation.from_euler("xz", [6.0, 4.0], degrees=True) * ALONG_Y)
+
+
 DOWN = Rotation.from_euler("x", 180, degrees=True)
+
+
 STILL_FRAMES = 12
 
 
@@ -260,88 +268,3 @@ def test_truth_is_interpolated_over_short_gaps_only(time_ns, expected):
 
 def test_no_truth_gives_no_interpolation():
     assert interpolate(series_of([], []), 0) is None
-
-
-def frames(count, rate_hz=60.0):
-    return (np.arange(count) * 1e9 / rate_hz).astype(np.int64)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 120.0])
-def test_onset_of_a_ramp_is_its_half_degree(sign, rate_hz):
-    times = frames(int(2 * rate_hz), rate_hz)
-    ramp = sign * np.maximum(0.0, times / 1e9 - 1.0) * 10.0
-    onset = slip_onset_ns(times, ramp)
-    assert onset is not None
-    assert onset / 1e9 == pytest.approx(1.05, abs=0.004)
-
-
-@given(st.integers(0, 10_000), st.sampled_from([1.0, -1.0]), st.floats(2.0, 60.0))
-@settings(deadline=None, max_examples=60)
-def test_onset_of_a_noisy_stick_slip_ramp(seed, sign, rate_deg_s):
-    """A ramp that advances in steps of 40 ms, seen with the two-marker angle's noise."""
-    times = frames(150)
-    stepped = np.floor(np.maximum(0.0, times / 1e9 - 1.0) / 0.04) * 0.04
-    angles = sign * stepped * rate_deg_s + np.random.default_rng(seed).normal(0.0, 0.02, 150)
-    onset = slip_onset_ns(times, angles)
-    assert onset is not None
-    assert -0.06 < onset / 1e9 - (1.0 + 0.5 / rate_deg_s) < 0.12
-
-
-@given(st.integers(0, 10_000))
-def test_noise_is_no_onset(seed):
-    times = frames(600)
-    noise = np.random.default_rng(seed).normal(0.0, 0.03, 600)
-    assert slip_onset_ns(times, noise) is None
-    settled = noise / 2 + np.clip(times / 1e9 - 2.0, 0.0, 1.0) * 0.45
-    assert slip_onset_ns(times, settled) is None
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_jolt_that_falls_back_is_no_onset(sign):
-    times = frames(120)
-    jolt = np.where((times > 1_000 * MS) & (times < 1_060 * MS), sign * 2.0, 0.0)
-    assert slip_onset_ns(times, jolt) is None
-    later = jolt + sign * np.maximum(0.0, times / 1e9 - 1.5) * 20.0
-    onset = slip_onset_ns(times, later)
-    assert onset is not None
-    assert onset / 1e9 == pytest.approx(1.525, abs=0.005)
-
-
-def test_a_jump_that_stays_is_an_onset():
-    times = frames(120)
-    onset = slip_onset_ns(times, np.where(times > 1_000 * MS, 8.0, 0.0))
-    assert onset is not None
-    assert onset / 1e9 == pytest.approx(1.0, abs=0.02)
-
-
-def test_growth_that_is_not_seen_is_no_onset():
-    times = frames(120)
-    ramp = np.maximum(0.0, times / 1e9 - 1.0) * 10.0
-    ended = times < 1_140 * MS
-    assert slip_onset_ns(times[ended], ramp[ended]) is None
-    times, ramp = times[times < 1_200 * MS], ramp[times < 1_200 * MS]
-    assert slip_onset_ns(times, ramp) is not None
-    gap = (times < 1_055 * MS) | (times > 1_110 * MS)
-    assert slip_onset_ns(times[gap], ramp[gap]) is None
-
-
-def test_rest_value_can_be_given():
-    times = frames(120)
-    ramp = 40.0 + np.maximum(0.0, times / 1e9 - 1.0) * 10.0
-    onset = slip_onset_ns(times, ramp, rest_deg=40.0)
-    assert onset is not None
-    assert onset / 1e9 == pytest.approx(1.05, abs=0.004)
-
-
-def test_an_empty_series_has_no_onset():
-    assert slip_onset_ns(np.array([], np.int64), np.array([])) is None
-
-
-@pytest.mark.parametrize(
-    ("times", "angles"),
-    [([0, 1], [0.0]), ([0, 1], [0.0, np.nan]), ([1, 1], [0.0, 0.0]), ([2, 1], [0.0, 0.0])],
-)
-def test_onset_refuses_what_is_no_series(times, angles):
-    with pytest.raises(InputError, match="slip onset"):
-        slip_onset_ns(np.array(times, np.int64), np.array(angles))

@@ -1,1 +1,4 @@
-"""A tactile sensor's gel: its light at rest, its scale, and the map from its colours to surface slope."""
+"""A tactile sensor's gel: its light at rest, its scale, and the map from its colours to surface slope.
+
+Imports `calibration.verdict` alone.
+"""

@@ -154,7 +154,7 @@ class FakesConfig(BenchSection):
 
 
 class FaultConfig(BenchSection):
-    """A scripted failure of a simulated device, see `fakes.faults.Fault`."""
+    """A scripted failure of a simulated device, see `fakes.faults.ScriptedFault`."""
 
     device: str
     kind: str

@@ -1,1 +1,4 @@
-"""Sessions for other people's tools: tables, labelled images, data sets."""
+"""Sessions for other people's tools: tables, labelled images, data sets.
+
+Imports sessions, results and labels.
+"""

@@ -1,1 +1,4 @@
-"""Contact masks as labels: outlines, and the file formats that other tools read."""
+"""Contact masks as labels: outlines, and the file formats that other tools read.
+
+Of `rig` it imports the sessions alone.
+"""

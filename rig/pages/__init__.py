@@ -1,1 +1,4 @@
-"""The one look of all pages: colours, figures that follow light and dark, and how a page is put together."""
+"""The one look of all pages: colours, figures that follow light and dark, and how a page is put together.
+
+Imports nothing of `rig`.
+"""

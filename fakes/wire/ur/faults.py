@@ -25,7 +25,7 @@ _LASTING = {"stream_frozen", "silent", "remote_control_off", "recipe_refused"}
 
 @dataclass(slots=True)
 class Faults:
-    """The faults that are on. `ends_ns` holds those that end by themselves."""
+    """The faults that are on; some end by themselves."""
 
     robot: Robot
     drop: Callable[[], None]

@@ -14,19 +14,19 @@ class Measured:
     met: bool | None
 
 
-def at_most(name: str, value: SupportsFloat, limit: float) -> Measured:
-    """A number that should not exceed a limit."""
-    return Measured(name, float(value), f"at most {limit:g}", float(value) <= limit)
+def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:
+    """A number that should not exceed a limit; None, where nothing was there to measure on, misses it."""
+    return _within(name, value, float("-inf"), limit, f"at most {limit:g}")
 
 
-def at_least(name: str, value: SupportsFloat, limit: float) -> Measured:
-    """A number that should reach a limit."""
-    return Measured(name, float(value), f"at least {limit:g}", float(value) >= limit)
+def at_least(name: str, value: SupportsFloat | None, limit: float) -> Measured:
+    """A number that should reach a limit; None misses it."""
+    return _within(name, value, limit, float("inf"), f"at least {limit:g}")
 
 
-def between(name: str, value: SupportsFloat, low: float, high: float) -> Measured:
-    """A number that should lie between two limits."""
-    return Measured(name, float(value), f"{low:g} to {high:g}", low <= float(value) <= high)
+def between(name: str, value: SupportsFloat | None, low: float, high: float) -> Measured:
+    """A number that should lie between two limits; None misses them."""
+    return _within(name, value, low, high, f"{low:g} to {high:g}")
 
 
 def informative(name: str, value: SupportsFloat) -> Measured:
@@ -37,3 +37,9 @@ def informative(name: str, value: SupportsFloat) -> Measured:
 def not_there(name: str) -> Measured:
     """A row whose real recordings are not there."""
     return Measured(name, None, "no recordings here (RIG_TEST_DATA)", None)
+
+
+def _within(name: str, value: SupportsFloat | None, low: float, high: float, asked: str) -> Measured:
+    if value is None:
+        return Measured(name, None, asked, False)
+    return Measured(name, float(value), asked, low <= float(value) <= high)

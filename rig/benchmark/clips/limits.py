@@ -44,10 +44,9 @@ def judge(score: ClipScore, limits: ClipLimits) -> tuple[Measured, ...]:
 
 
 def _row(
-    compare: Callable[[str, float, float], Measured], name: str, value: float | None, limit: float | None
+    compare: Callable[[str, float | None, float], Measured],
+    name: str,
+    value: float | None,
+    limit: float | None,
 ) -> Measured | None:
-    if limit is None:
-        return None
-    if value is None:
-        return Measured(name, None, f"{limit:g}", False)
-    return compare(name, value, limit)
+    return None if limit is None else compare(name, value, limit)

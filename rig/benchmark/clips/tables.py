@@ -6,6 +6,7 @@ from rig.benchmark.clips.benchmark import ClipsResult
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.estimators.tables import limit_table as kept_table
 from rig.benchmark.measured import Measured
 from rig.benchmark.readme import markdown_table
 
@@ -42,12 +43,7 @@ def clip_table(result: ClipsResult) -> BenchmarkTable:
 
 def limit_table(result: ClipsResult) -> BenchmarkTable:
     """Return every limit, what was measured and whether it was kept."""
-    rows = [
-        (limit.name, _value(limit), limit.asked, "kept" if limit.met else "MISSED") for limit in result.limits
-    ]
-    of = result.group or "all clips"
-    title = f"Limits for '{result.estimators[0].name}', {of}"
-    return BenchmarkTable(title, ("limit", "measured", "asked", ""), rows)
+    return kept_table(result.limits, f"'{result.estimators[0].name}', {result.group or 'all clips'}")
 
 
 def readme_section(result: ClipsResult) -> str:

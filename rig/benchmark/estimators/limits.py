@@ -38,8 +38,8 @@ def judge(
         *_accuracy(ours, scores),
         _refused(stress),
         *_times(timing),
-        _most("largest difference of skipping and --no-skip, deg", skip_gap_deg, SKIP_GAP_DEG),
-        _most("frames answered by only one of skipping and --no-skip", float(skip_apart), 0.0),
+        at_most("largest difference of skipping and --no-skip, deg", skip_gap_deg, SKIP_GAP_DEG),
+        at_most("frames answered by only one of skipping and --no-skip", float(skip_apart), 0.0),
         *(_endured(endurance) if endurance else []),
     ]
 
@@ -63,23 +63,20 @@ def _accuracy(ours: ContenderScore, scores: Scores) -> list[Measured]:
     long = ours.mare_elongated.mean_deg if ours.mare_elongated else None
     theirs = scores[PAPER_BEST].mare
     ratio = theirs.mean_deg / mare if theirs and mare else None
-    within = ours.within_two_sigma
     named = f"{PAPER_BEST[0]}, window {PAPER_BEST[1]}"
     return [
-        _most("MARE over all lifts, deg", mare, MARE_DEG),
-        _most("MARE over elongated objects, deg", long, ELONGATED_DEG),
-        _most("mean error of the worst lift, deg", ours.worst_deg, WORST_DEG),
-        _least("share of frames answered", ours.answered, ANSWERED),
-        _unmeasured("share of errors within two sigma", f"{WITHIN_LEAST:g} to {WITHIN_MOST:g}")
-        if within is None
-        else between("share of errors within two sigma", within, WITHIN_LEAST, WITHIN_MOST),
-        _least(f"times as accurate as the paper's best method ({named})", ratio, TIMES_MORE_ACCURATE),
+        at_most("MARE over all lifts, deg", mare, MARE_DEG),
+        at_most("MARE over elongated objects, deg", long, ELONGATED_DEG),
+        at_most("mean error of the worst lift, deg", ours.worst_deg, WORST_DEG),
+        at_least("share of frames answered", ours.answered, ANSWERED),
+        between("share of errors within two sigma", ours.within_two_sigma, WITHIN_LEAST, WITHIN_MOST),
+        at_least(f"times as accurate as the paper's best method ({named})", ratio, TIMES_MORE_ACCURATE),
     ]
 
 
 def _refused(stress: Sequence[StressRow]) -> Measured:
     shares = [1.0 - r.score.answered for r in stress if r.refused and r.estimator == DEFAULT_ESTIMATOR]
-    return _least("share of frames refused on smooth round contacts", min(shares, default=None), REFUSED)
+    return at_least("share of frames refused on smooth round contacts", min(shares, default=None), REFUSED)
 
 
 def _times(timing: TimingReport) -> list[Measured]:
@@ -87,27 +84,14 @@ def _times(timing: TimingReport) -> list[Measured]:
     known = timing.size_px == FRAME_SIZE_PX and ours.count > 0
     ratio = timing.published.stage.p50_ms / ours.p50_ms if known else None
     return [
-        _most("frame in to angle out, median, ms", ours.p50_ms if known else None, MEDIAN_MS),
-        _most("frame in to angle out, 99th percentile, ms", ours.p99_ms if known else None, P99_MS),
-        _least("times as fast as the published second stage", ratio, TIMES_FASTER),
+        at_most("frame in to angle out, median, ms", ours.p50_ms if known else None, MEDIAN_MS),
+        at_most("frame in to angle out, 99th percentile, ms", ours.p99_ms if known else None, P99_MS),
+        at_least("times as fast as the published second stage", ratio, TIMES_FASTER),
     ]
 
 
 def _endured(hour: Endurance) -> list[Measured]:
     return [
-        _most(f"{hour.frames} frames at rest: largest angle, deg", hour.wander_deg, WANDER_DEG),
-        _most(f"{hour.frames} frames at rest: growth of memory, MB", hour.grown_mb, GROWN_MB),
+        at_most(f"{hour.frames} frames at rest: largest angle, deg", hour.wander_deg, WANDER_DEG),
+        at_most(f"{hour.frames} frames at rest: growth of memory, MB", hour.grown_mb, GROWN_MB),
     ]
-
-
-def _most(name: str, value: float | None, limit: float) -> Measured:
-    return _unmeasured(name, f"at most {limit:g}") if value is None else at_most(name, value, limit)
-
-
-def _least(name: str, value: float | None, limit: float) -> Measured:
-    return _unmeasured(name, f"at least {limit:g}") if value is None else at_least(name, value, limit)
-
-
-def _unmeasured(name: str, asked: str) -> Measured:
-    """A limit that nothing was there to measure on is not kept."""
-    return Measured(name, None, asked, False)

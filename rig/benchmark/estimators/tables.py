@@ -69,14 +69,14 @@ def stress_table(result: BenchmarkResult) -> BenchmarkTable:
     return BenchmarkTable(title, ("group", "condition", *NAMES, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
 
 
-def limit_table(limits: Sequence[Measured]) -> BenchmarkTable:
+def limit_table(limits: Sequence[Measured], whose: str = f"'{DEFAULT_ESTIMATOR}'") -> BenchmarkTable:
     """Every limit, what was measured and whether it was kept."""
     rows = [
         (limit.name, NONE if limit.value is None else f"{limit.value:.3g}", limit.asked,
          "kept" if limit.met else "MISSED")
         for limit in limits
     ]  # fmt: skip
-    return BenchmarkTable(f"Limits for '{DEFAULT_ESTIMATOR}'", ("limit", "measured", "asked", ""), rows)
+    return BenchmarkTable(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
 
 
 def notes(result: BenchmarkResult) -> list[str]:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import Exit, JsonOption, emit_json, say
+from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.common import JsonOption, emit_json
 
 if TYPE_CHECKING:
     from rig.benchmark.clips.benchmark import ClipsResult
@@ -102,11 +103,7 @@ def clips(
     _print(result, json)
     if json:
         emit_json({"out": None if out is None else str(out), **as_json(result)})
-    for limit in (limit for limit in result.limits if not limit.met):
-        value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
-        say(f"rig: limit missed: {limit.name}: {value}, asked {limit.asked}")
-    if not all(limit.met for limit in result.limits):
-        raise typer.Exit(Exit.LIMIT_MISSED)
+    exit_where_missed(result.limits)
 
 
 def _print(result: "ClipsResult", to_stderr: bool) -> None:

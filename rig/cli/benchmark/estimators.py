@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
+from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.common import JsonOption, SeedOption, emit_json, say
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -65,12 +66,7 @@ def estimators(
     _print(result, json)
     if json:
         emit_json({"out": str(folder), **as_json(result)})
-    missed = [limit for limit in result.limits if not limit.met]
-    for limit in missed:
-        value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
-        say(f"rig: limit missed: {limit.name}: {value}, asked {limit.asked}")
-    if missed:
-        raise typer.Exit(Exit.LIMIT_MISSED)
+    exit_where_missed(result.limits)
 
 
 class Parts:

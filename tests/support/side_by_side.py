@@ -6,7 +6,6 @@ files take longest. Hardware is driven by one process: with `--bench` there are 
 """
 
 import os
-from collections.abc import Generator
 
 import pytest
 
@@ -41,12 +40,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (_rank(item), groups.index(_group(item))))
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_xdist_node_collection_finished(ids: list[str]) -> None:
+    """Refuse to run where single tests would be dealt out: those in real time would disturb each other."""
+    if not all(_without_group(name) != name for name in ids):
+        raise pytest.UsageError("this pytest keeps no groups on one worker: install requirements.lock")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Report a test under the name it can be asked for by, without the group that the workers add."""
-    report = yield
-    report.nodeid = report.nodeid.removesuffix(f"@{_group(item)}")
-    return report
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        report.nodeid = _without_group(report.nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -54,6 +58,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Give way to tests in real time, in a worker that runs others: it has no more of the former to come."""
     if "PYTEST_XDIST_WORKER" in os.environ and _group(item) != REAL_TIME:
         os.nice(GIVING_WAY - os.nice(0))
+
+
+def _without_group(name: str) -> str:
+    test, at, group = name.rpartition("@")
+    return test if at and "]" not in group else name
 
 
 def _file(item: pytest.Item) -> str:

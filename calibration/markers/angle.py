@@ -1,9 +1,11 @@
-"""The two-marker angle end to end, and what limits it on a bench: for calibrating and for measuring."""
+"""The turn of two markers since they were at rest, from picture to degrees: the one way to measure it.
+
+Lifts take it for their truth, `rig calibrate markers` says how well it is known on a bench.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,99 +17,78 @@ from calibration.markers.planar import (
     PlaneReference,
     fit_plane,
     in_plane_angle,
+    wrapped_deg,
 )
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
-from calibration.targets.edges import refine_edges
 from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
 
 Array = NDArray[np.floating]
 
-EDGES_BELOW_PX = 32.0
-"""From here on corners are good to 0.02 degrees at half the cost of edges."""
-
-
-class Refinement(StrEnum):
-    """How corners are refined: in a window around each, by the edges, or by size (the default)."""
-
-    CORNERS = "corners"
-    EDGES = "edges"
-    BY_SIZE = "by size"
-
 
 class MarkerAngle:
-    """Measures the turn of two markers since a static reference.
+    """Measures the turn of two markers since a reference at rest, whose mean gives plane and zero.
 
-    The reference is taken with edge fits, its plane is shared by all later frames; frames take the
-    fast corners from 32 px on, edges below. ids, dictionary: as `MarkerTracker`.
+    All corners are found by edges. tracker: of the two markers. camera: as calibrated; without it tilt
+    is unknown, and lens distortion stays.
     """
 
-    def __init__(
-        self,
-        ids: tuple[int, int],
-        dictionary: str = "DICT_4X4_50",
-        camera: CameraModel | None = None,
-        refinement: Refinement = Refinement.BY_SIZE,
-    ) -> None:
-        self._tracker = MarkerTracker(ids, dictionary)
+    def __init__(self, tracker: MarkerTracker, camera: CameraModel | None = None) -> None:
+        self._tracker = tracker
         self._camera = camera
-        self._refinement = refinement
         self._plane: PlaneReference | None = None
         self._zero_deg = 0.0
         self.zero_sigma_deg = 0.0
-
-    def set_reference(self, pictures: Sequence[Image]) -> PlaneReference:
-        """Take (H, W) uint8 pictures of the markers at rest as plane and zero, 10 at least, 30 better.
-
-        Raises `CalibrationError` with what was seen when too few show both markers or they move.
-        """
-        quick, fine = [], []
-        for picture in pictures:
-            seen = self._corners(picture)
-            edges = None if isinstance(seen, Refusal) else refine_edges(picture, seen)
-            if edges is None or isinstance(seen, Refusal) or isinstance(edges, Refusal):
-                continue
-            quick.append(seen)
-            fine.append(edges)
-        if len(fine) < FEWEST_FRAMES:
-            raise CalibrationError(
-                f"markers: {len(fine)} of {len(pictures)} pictures show both, {FEWEST_FRAMES} are the least "
-                f"(last refusal: {self._tracker.refusal}); check ids, dictionary, light and size"
-            )
-        self._plane = fit_plane(np.array(fine), self._camera)
-        angles = np.array([in_plane_angle(corners, self._plane).angle_deg for corners in quick])
-        self._zero_deg = float(angles.mean())
-        self.zero_sigma_deg = float(angles.std(ddof=1) / np.sqrt(len(angles)))
-        return self._plane
 
     def forget(self) -> None:
         """Search the whole next picture, as after a pause."""
         self._tracker.forget()
 
-    def measure(self, picture: Image) -> PlanarAngle | Refusal:
-        """The turn in one (H, W) uint8 picture, or why there is none.
+    def find(self, picture: Image) -> Corners | Refusal:
+        """Both markers' (2, 4, 2) px corners in the next (H, W) uint8 picture, or why there are none."""
+        return self._tracker.detect(picture)
 
-        Raises `CalibrationError` without a reference.
+    def set_reference(self, still: Sequence[Corners]) -> PlaneReference:
+        """Take corners found at rest, of 10 pictures at least, 30 are better.
+
+        Raises `CalibrationError` when they are too few or move.
         """
+        self._plane = fit_plane(np.array(still), self._camera)
+        angles = np.array([in_plane_angle(corners, self._plane).angle_deg for corners in still])
+        self._zero_deg = float(angles.mean())
+        self.zero_sigma_deg = float(angles.std(ddof=1) / np.sqrt(len(angles)))
+        return self._plane
+
+    def take_reference(self, pictures: Sequence[Image]) -> PlaneReference:
+        """Find the markers in (H, W) uint8 pictures of them at rest, and take those as the reference.
+
+        Raises `CalibrationError` with what was seen when too few show both markers or they move.
+        """
+        found = [self.find(picture) for picture in pictures]
+        still = [corners for corners in found if not isinstance(corners, Refusal)]
+        if len(still) < FEWEST_FRAMES:
+            refusals = Counter(str(reason) for reason in found if isinstance(reason, Refusal))
+            raise CalibrationError(
+                f"markers: {len(still)} of {len(pictures)} pictures show both, {FEWEST_FRAMES} are the least "
+                f"(refused: {dict(refusals)}); check ids, dictionary, light and size"
+            )
+        return self.set_reference(still)
+
+    def turn(self, corners_px: Corners) -> PlanarAngle | Refusal:
+        """The turn that (2, 4, 2) px corners show. Raises `CalibrationError` without a reference."""
         if self._plane is None:
             raise CalibrationError("markers: no reference yet; take one from 10 pictures at rest")
-        seen = self._corners(picture)
-        if isinstance(seen, Refusal):
-            return seen
-        angle = in_plane_angle(seen, self._plane)
-        turned = float(np.remainder(angle.angle_deg - self._zero_deg + 180.0, 360.0) - 180.0)
-        return replace(angle, angle_deg=turned) if angle.in_plane else Refusal.OUT_OF_PLANE
+        angle = in_plane_angle(corners_px, self._plane)
+        if not angle.in_plane:
+            return Refusal.OUT_OF_PLANE
+        return replace(angle, angle_deg=wrapped_deg(angle.angle_deg - self._zero_deg))
 
-    def _corners(self, picture: Image) -> Corners | Refusal:
-        seen = self._tracker.detect(picture)
-        if seen is None:
-            return self._tracker.refusal or Refusal.NOT_FOUND
-        small = self._refinement is Refinement.BY_SIZE and seen.side_px < EDGES_BELOW_PX
-        if small or self._refinement is Refinement.EDGES:
-            return refine_edges(picture, seen.corners_px)
-        return seen.corners_px
+    def measure(self, picture: Image) -> PlanarAngle | Refusal:
+        """The turn in the next (H, W) uint8 picture, or why there is none. Raises as `turn` does."""
+        seen = self.find(picture)
+        return seen if isinstance(seen, Refusal) else self.turn(seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +117,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
             f"markers: {len(pictures)} pictures at rest, {2 * FEWEST_FRAMES} are the least"
         )
     half = max(FEWEST_FRAMES, len(pictures) // 2)
-    plane = angle.set_reference(pictures[:half])
+    plane = angle.take_reference(pictures[:half])
     answers = [angle.measure(picture) for picture in pictures[half:]]
     rest = np.array([a.angle_deg for a in answers if not isinstance(a, Refusal)])
     refused = dict(Counter(str(a) for a in answers if isinstance(a, Refusal)))

@@ -22,6 +22,11 @@ FEWEST_FRAMES = 10
 _WORST_FIT_PX = 1.0
 _WORST_SCATTER_PX = 1.0
 _SMALLEST_AREA_PX = 64.0
+_USUAL_PX = 0.15
+"""A corner that misses a rigid turn by no more is as others are; of a noisy picture, three sigma."""
+_REWEIGHTED = 4
+_MUST_AGREE = 6
+"""Of the eight corners: what lies over an edge spoils the two at its ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +61,8 @@ class PlanarAngle:
 
     angle_deg: in (-180, 180], positive counter-clockwise as the camera sees it. sigma_deg: one
     sigma of this frame's corners and of the reference's homography together, without the
-    reference's own zero. residual_px: rms corner distance from a rigid turn. scale: growth
-    since the reference. in_plane: False where residual or scale tell of another motion; the
+    reference's own zero. residual_px: rms distance of the six nearest corners from a rigid turn. scale:
+    growth since the reference. in_plane: False where residual or scale tell of another motion; the
     angle then means little.
     """
 
@@ -108,7 +113,8 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     """Measure the turn of (2, 4, 2) px corners since the reference.
 
     The rotation that minimises the squared distances of all eight corners, in closed form; its
-    argument comes from atan2, which neither folds nor biases small angles as arccos does.
+    argument comes from atan2, which neither folds nor biases small angles as arccos does. Corners that
+    do not turn with the others, as where something lies over an edge, count less.
     Raises `CalibrationError` for corners that are not finite.
     """
     if not np.isfinite(corners_px).all():
@@ -116,15 +122,15 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     camera = reference.camera
     ideal = corners_px if camera is None else camera.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
-    turn = (template.conj() * points).sum(axis=1)
-    size = float((np.abs(template[0]) ** 2).sum())
-    scale = float(abs(turn[0])) / size
-    missed = np.abs(points[0] - template[0] * turn[0] / size)
-    squares = float((missed**2).sum())
+    weights = _agreement(points[:1], template[:1], reference)
+    turn, missed, size = _rigid_turn(points, template, weights)
     from_reference = float(np.linalg.norm(np.angle(turn[1:] * turn[0].conj())))
-    # 16 coordinates less rotation, scale and two of translation
-    from_frame = np.sqrt(squares / 12 / size)
-    residual = float(np.sqrt(squares / 8)) * reference.side_px
+    # 16 coordinates less rotation, scale and two of translation; of corners that count
+    freedom = max(2.0 * weights.sum() - 4.0, 1.0)
+    from_frame = np.sqrt((weights * missed[0] ** 2).sum() / freedom / size[0])
+    nearest = np.sort(missed[0])[:_MUST_AGREE]
+    residual = float(np.sqrt(np.mean(nearest**2))) * reference.side_px
+    scale = float(abs(turn[0]))
     return PlanarAngle(
         angle_deg=float(np.degrees(np.angle(turn[0]))),
         sigma_deg=float(np.degrees(np.hypot(from_frame, from_reference))),
@@ -132,6 +138,37 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
         scale=scale,
         in_plane=residual <= max(0.75, 0.02 * reference.side_px) and abs(scale - 1.0) <= 0.1,
     )
+
+
+def _rigid_turn(
+    points: NDArray[np.complex128], template: NDArray[np.complex128], weights: Array
+) -> tuple[NDArray[np.complex128], Array, Array]:
+    """Turn and growth (V,) that take (V, 8) templates to points, distances left (V, 8), sizes (V,)."""
+    total = weights.sum()
+    points = points - (points @ weights / total)[:, None]
+    template = template - (template @ weights / total)[:, None]
+    size = np.abs(template) ** 2 @ weights
+    turn = (template.conj() * points) @ weights / size
+    return turn, np.abs(points - turn[:, None] * template), size
+
+
+def _agreement(
+    points: NDArray[np.complex128], template: NDArray[np.complex128], reference: PlaneReference
+) -> Array:
+    """(8,) weight of each corner: 1 where all turn together, else Cauchy's, reweighted. points: (1, 8)."""
+    usual = max(_USUAL_PX, 3.0 * reference.scatter_px) / reference.side_px
+    weights = np.ones(8)
+    for _ in range(_REWEIGHTED):
+        _, missed, _ = _rigid_turn(points, template, weights)
+        if missed.max() <= usual:
+            break
+        weights = 1.0 / (1.0 + (missed[0] / usual) ** 2)
+    return weights
+
+
+def wrapped_deg(angle_deg: float) -> float:
+    """The same angle in (-180, 180]."""
+    return 180.0 - float((180.0 - angle_deg) % 360.0)
 
 
 def _in_plane(plane_T_image: Array, ideal_px: Array) -> NDArray[np.complex128]:  # noqa: N803

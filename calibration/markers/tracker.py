@@ -5,6 +5,7 @@ of a marker elsewhere; it is done only to find the markers, or to find them agai
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,34 +15,20 @@ from calibration.targets.aruco import (
     Refusal,
     detect_all,
     detector,
-    refine_corners,
+    mean_side,
     region_detector,
     side_lengths,
 )
+from calibration.targets.edges import refine_quick
 from drivers.errors import InputError
 from drivers.types import Image
+
+Refine = Callable[[Image, Corners], Corners | Refusal]
+"""How (M, 4, 2) px corners of a (H, W) uint8 picture become exact."""
 
 SMALLEST_SIDE_PX = 16.0
 FORGET_AFTER_FRAMES = 10
 _REGION_MARGIN = 0.35
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkerCorners:
-    """Both markers in one picture.
-
-    corners_px: (2, 4, 2) float64, in the order of the tracker's ids, each clockwise from the
-    marker's own top left; pixel centres are whole numbers (OpenCV). full_search: whether the
-    whole picture had to be searched.
-    """
-
-    corners_px: Corners
-    full_search: bool
-
-    @property
-    def side_px(self) -> float:
-        """Mean length of the eight sides."""
-        return float(side_lengths(self.corners_px).mean())
 
 
 @dataclass(slots=True)
@@ -57,21 +44,26 @@ class MarkerTracker:
     """Follows two markers of one dictionary through the pictures of one camera.
 
     ids: the two marker ids, in the order of the answer. dictionary: OpenCV's name, as
-    "DICT_4X4_50". search_everywhere: search every whole picture (slow). The same pictures in the
-    same order give the same numbers, bit for bit. Raises `InputError` for equal ids or an unknown dictionary.
+    "DICT_4X4_50". search_everywhere: search every whole picture (slow). refine: another way than edges, to
+    compare with. The same pictures in the same order give the same numbers, bit for bit. Raises
+    `InputError` for equal ids or an unknown dictionary.
     """
 
     def __init__(
-        self, ids: tuple[int, int], dictionary: str = "DICT_4X4_50", search_everywhere: bool = False
+        self,
+        ids: tuple[int, int],
+        dictionary: str = "DICT_4X4_50",
+        search_everywhere: bool = False,
+        refine: Refine = refine_quick,
     ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
         self._ids = ids
         self._everywhere = search_everywhere
+        self._refine = refine
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
         self.counts = SearchCounts()
-        self.refusal: Refusal | None = None
         self._size: tuple[int, ...] | None = None
         self.forget()
 
@@ -81,21 +73,21 @@ class MarkerTracker:
         self._motion = np.zeros((2, 4, 2))
         self._missed = 0
 
-    def detect(self, gray: Image) -> MarkerCorners | None:
-        """Find both markers, or return None with the reason in `refusal`.
+    def detect(self, gray: Image) -> Corners | Refusal:
+        """Find both markers in a (H, W) uint8 picture: (2, 4, 2) px corners in the order of the ids.
 
-        gray: (H, W) uint8. Raises `InputError` for another shape or type, and when the size
-        changes between pictures.
+        Each marker's are clockwise from its own top left. Raises `InputError` for another shape or type,
+        and when the size changes between pictures.
         """
         self._check(gray)
-        found, full = self._search(gray)
+        found = self._search(gray)
         if not isinstance(found, Refusal):
-            found = refine_corners(gray, found)
+            found = self._refine(gray, found)
         if isinstance(found, Refusal):
             self._miss(found)
-            return None
-        self._follow(found)
-        return MarkerCorners(found, full)
+        else:
+            self._follow(found)
+        return found
 
     def _check(self, gray: Image) -> None:
         if gray.ndim != 2 or gray.dtype != np.uint8:
@@ -104,20 +96,20 @@ class MarkerTracker:
             raise InputError(f"markers: picture size changed from {self._size} to {gray.shape}; start again")
         self._size = gray.shape
 
-    def _search(self, gray: Image) -> tuple[Corners | Refusal, bool]:
+    def _search(self, gray: Image) -> Corners | Refusal:
         expected = None if self._last is None else self._last + self._motion
         if expected is not None and not self._everywhere:
             self.counts.region_searches += 1
             found = self._search_regions(gray, expected)
             if not isinstance(found, Refusal):
-                return found, False
+                return found
         self.counts.full_searches += 1
-        return self._search_picture(gray, expected), True
+        return self._search_picture(gray, expected)
 
     def _search_regions(self, gray: Image, expected: Corners) -> Corners | Refusal:
         quads = []
         for marker_id, place, motion in zip(self._ids, expected, self._motion, strict=True):
-            margin = _REGION_MARGIN * side_lengths(place).mean() + np.abs(motion).max()
+            margin = _REGION_MARGIN * mean_side(place) + np.abs(motion).max()
             window = _window(place, float(margin), gray.shape)
             if window is None:
                 return Refusal.NOT_FOUND
@@ -133,10 +125,9 @@ class MarkerTracker:
         if isinstance(found, Refusal) or expected is None:
             return found
         moved = np.linalg.norm(found - expected, axis=-1).max()
-        return Refusal.JUMP if moved > side_lengths(expected).mean() * (1 + self._missed) else found
+        return Refusal.JUMP if moved > mean_side(expected) * (1 + self._missed) else found
 
     def _miss(self, reason: Refusal) -> None:
-        self.refusal = reason
         self.counts.misses[reason] += 1
         self._missed += 1
         self._motion[...] = 0.0
@@ -145,9 +136,9 @@ class MarkerTracker:
 
     def _follow(self, corners: Corners) -> None:
         if self._last is not None and self._missed == 0:
-            limit = 0.5 * side_lengths(corners).mean()
+            limit = 0.5 * mean_side(corners)
             self._motion = np.clip(corners - self._last, -limit, limit)
-        self._last, self._missed, self.refusal = corners, 0, None
+        self._last, self._missed = corners, 0
 
 
 def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:

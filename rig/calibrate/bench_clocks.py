@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
 from calibration.store import write_text
+from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError, InputError
 from drivers.interfaces import Arm
 from drivers.types import ArmState, Frame
@@ -114,9 +115,9 @@ class WiggleObserver(TouchObserver):
             self._pictures.setdefault(frame.serial, []).append((frame.time_ns, small))
             return
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
-        seen = self.tracker.detect(grey) if self.tracker is not None else None
-        if seen is not None:
-            self._markers.append((frame.time_ns, float(seen.corners_px[..., 1].mean())))
+        seen = self.tracker.detect(grey) if self.tracker is not None else Refusal.NOT_FOUND
+        if not isinstance(seen, Refusal):
+            self._markers.append((frame.time_ns, float(seen[..., 1].mean())))
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Times, ns, and values by stream: the arm's height, and what the wiggle changes in each sensor.

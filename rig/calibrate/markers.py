@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle, assess_markers
+from calibration.markers.tracker import MarkerTracker
 from drivers.images import read_image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
@@ -23,7 +24,7 @@ def markers_from_folder(
     """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
     pictures = [read_image(path, grey=True) for path in files]
-    report = assess_markers(pictures, MarkerAngle(ids, dictionary, camera))
+    report = assess_markers(pictures, MarkerAngle(MarkerTracker(ids, dictionary), camera))
     plane = report.plane
     value = {
         "dictionary": dictionary,

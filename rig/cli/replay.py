@@ -65,7 +65,7 @@ def _replay_one(
     import time
 
     from rig.cli.printing import TrialProgress, summary_json, trial_table
-    from rig.experiments.replay import run_replay, session_settings
+    from rig.experiments.replay import run_replay, session_settings, truth_note
 
     began = time.perf_counter()
     settings = session_settings(session, estimator, window)
@@ -74,6 +74,8 @@ def _replay_one(
         f"{simulated}session {session}, estimator {settings.estimator.name}, "
         f"window {settings.estimator.window}"
     )
+    if note := truth_note(session):
+        say(note)
     with TrialProgress(1) as progress:
         result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began
@@ -127,12 +129,17 @@ def _replay_many(
 
 
 def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
+    from rig.experiments.replay import truth_note
+
     sessions = {task.folder for task in plan.tasks}
     simulated = "SIMULATED " if any(task.settings.bench.simulated for task in plan.tasks) else ""
     say(
         f"{simulated}{len(plan.tasks)} lifts of {len(sessions)} sessions, "
         f"estimator {estimator or 'of each session'}"
     )
+    notes = [note for folder in sorted(sessions) if (note := truth_note(folder))]
+    if notes:
+        say(f"{len(notes)} of {len(sessions)} sessions: {notes[0]}")
     for path, why in (*plan.left_out, *plan.broken):
         say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
 

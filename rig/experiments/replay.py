@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
+from rig.lift.marker_truth import TRUTH
 from rig.lift.result import lift_result
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -55,6 +56,17 @@ def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> Fin
     show_again(folder / row.recording, measurement)
     figures, _ = lift_result(measurement)
     return replace(row, **vars(figures))
+
+
+def truth_note(folder: Path) -> str | None:
+    """What a replay measures in another way than a session did, if anything. Raises `SessionError`."""
+    truth = read_manifest_of(folder, TrialManifest, "only trials have lifts to replay").truth
+    if truth == TRUTH:
+        return None
+    return (
+        f"true angles were measured by the markers' {truth}, a replay measures them by their {TRUTH}: errors "
+        "differ by some hundredths of a degree; the stored rows stay as they are"
+    )
 
 
 def session_settings(folder: Path, estimator: str | None, window: int | None) -> TrialSettings:

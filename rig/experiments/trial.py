@@ -14,11 +14,12 @@ from rig.bench.assembly import home_pose
 from rig.bench.source import BenchSource
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.lift.marker_truth import TRUTH
 from rig.live.feed import LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow
-from rig.sessions.session import open_session
+from rig.sessions.session import Session, open_session
 
 WORDING = Wording("trial", "lift")
 _log = logging.getLogger("rig.experiments.trial")
@@ -32,6 +33,7 @@ def trial_manifest(settings: TrialSettings, objects: list[str], lifts: int) -> T
         estimator=settings.estimator.name,
         window=settings.estimator.window,
         skip=settings.estimator.skip,
+        truth=TRUTH,
     )
 
 
@@ -85,6 +87,7 @@ def run_trial(
     """
     with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
         if not session.complete:
+            _require_same_truth(session)
             tasks = left_to_do(_all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             work = partial(attempt_lift, settings, benches=benches, live=live)
@@ -95,6 +98,15 @@ def run_trial(
         summary = summarize_trial(session.rows)
         session.write("lifts.csv", lifts_csv(session.rows).encode())
         return summary
+
+
+def _require_same_truth(session: Session[LiftRow]) -> None:
+    manifest = session.manifest
+    if isinstance(manifest, TrialManifest) and manifest.truth != TRUTH:
+        raise InputError(
+            f"{session.folder}: its true angles were measured by the markers' {manifest.truth}, now they are "
+            f"by their {TRUTH}, and do not belong in one table: begin anew with another --out"
+        )
 
 
 def _all_tasks(objects: list[str], lifts: int) -> list[LiftTask]:

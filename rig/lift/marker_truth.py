@@ -5,6 +5,7 @@ give the same numbers bit for bit, online and in replay: there is one way throug
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,13 +14,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.markers.planar import FEWEST_FRAMES, PlaneReference, fit_plane, in_plane_angle
-from calibration.markers.tracker import MarkerCorners, MarkerTracker, Refusal
+from calibration.markers.angle import MarkerAngle
+from calibration.markers.planar import FEWEST_FRAMES, PlanarAngle, PlaneReference, wrapped_deg
+from calibration.markers.tracker import MarkerTracker
+from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Image, Pose
 from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
 
+TRUTH = "edges"
+"""How angles are measured from here on, for a session's manifest; sessions before say "corners"."""
 NO_ZERO = "markers: the angle has no zero yet; it is set at the end of phase A"
 __all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
 
@@ -45,23 +50,29 @@ class TruthSeries:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sighting:
     time_ns: int
-    seen: MarkerCorners
+    corners_px: Corners
     camera_R_tcp: Rotation  # noqa: N815
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zero:
+    """The markers' plane, and the wrist, at rest. axis: (3,) a turn about it is counter-clockwise."""
+
     plane: PlaneReference
     camera_R_tcp: Rotation  # noqa: N815
     axis: NDArray[np.float64]
-    angle_deg: float
-    sigma_deg: float
+
+    def wrist_deg(self, camera_R_tcp: Rotation) -> float:  # noqa: N803
+        """How far the wrist has turned since (twist of a rotation, swing-twist decomposition)."""
+        turn = (camera_R_tcp * self.camera_R_tcp.inv()).as_quat()
+        return float(np.degrees(2.0 * np.arctan2(turn[:3] @ self.axis, turn[3])))
 
 
 class MarkerTruth:
     """Measures the object's angle while a lift runs, or again from its stored pictures.
 
-    ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
+    The markers' turn is `MarkerAngle`'s; here the wrist's is taken off, and angles follow one another in
+    time. ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
     base_T_camera: from the hand-eye calibration. camera: the external one, as calibrated; without it the
     markers' tilt is unknown, lens distortion stays, and the wrist is taken off about the camera's axis
     instead of the markers' normal. search_everywhere: search each whole picture.
@@ -75,9 +86,8 @@ class MarkerTruth:
         camera: CameraModel | None = None,
         search_everywhere: bool = False,
     ) -> None:
-        self._tracker = MarkerTracker(ids, dictionary, search_everywhere)
+        self._angle = MarkerAngle(MarkerTracker(ids, dictionary, search_everywhere), camera)
         self._camera_R_base = base_T_camera.rotation.inv()
-        self._camera = camera
         self._sightings: list[_Sighting] = []
         self._unseen: list[tuple[int, Refusal]] = []
         self._late = 0
@@ -88,24 +98,24 @@ class MarkerTruth:
         self._angles = _Angles()
         self._before: list[_Sighting] = []
 
-    def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> MarkerCorners | None:  # noqa: N803
+    def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> Corners | None:  # noqa: N803
         """Take one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
 
-        base_T_tcp: where the wrist was at that time. Returns the corners, or None where the
+        base_T_tcp: where the wrist was at that time. Returns the (2, 4, 2) px corners, or None where the
         frame is refused (counted by reason). Raises `InputError` for another kind of picture.
         """
         if self._newest_ns is not None and time_ns <= self._newest_ns:
             self._late += 1
             return None
         self._newest_ns = time_ns
-        seen = self._tracker.detect(_grey(image))
-        if seen is None:
-            self._unseen.append((time_ns, self._tracker.refusal or Refusal.NOT_FOUND))
+        seen = self._angle.find(_grey(image))
+        if isinstance(seen, Refusal):
+            self._unseen.append((time_ns, seen))
             return None
         sighting = _Sighting(time_ns, seen, self._camera_R_base * base_T_tcp.rotation)
         self._sightings.append(sighting)
         if self._zero is not None:
-            self._angles.add(sighting, self._zero)
+            self._add(self._angles, sighting, self._zero)
         return seen
 
     def set_zero(self, from_ns: int, to_ns: int, earliest_ns: int | None = None) -> None:
@@ -130,20 +140,14 @@ class MarkerTruth:
         """Work the zero out, unless it is. Raises `CalibrationError`: the markers move, or fit no plane."""
         if self._zero is not None or not self._still:
             return
-        still = self._still
-        plane = fit_plane(np.array([s.seen.corners_px for s in still]), self._camera)
-        wrist = Rotation.concatenate([s.camera_R_tcp for s in still]).mean()
+        plane = self._angle.set_reference([s.corners_px for s in self._still])
+        wrist = Rotation.concatenate([s.camera_R_tcp for s in self._still]).mean()
         # a camera's z axis points away from it; a turn that it sees as counter-clockwise is about -z
         axis = np.array([0.0, 0.0, -1.0]) if plane.normal_camera is None else plane.normal_camera
-        raw = _Zero(plane, wrist, np.asarray(axis, np.float64), 0.0, 0.0)
-        angles = np.array([_measure(s, raw)[0] for s in still])
-        sigma = float(angles.std(ddof=1) / np.sqrt(len(angles)))
-        self._zero = _Zero(plane, wrist, raw.axis, float(angles.mean()), sigma)
+        self._zero = _Zero(plane, wrist, np.asarray(axis, np.float64))
         # What was seen before it was set is measured when somebody asks for the series.
         self._before = self._sightings[: self._seen_before]
-        self._angles = _Angles()
-        for sighting in self._sightings[self._seen_before :]:
-            self._angles.add(sighting, self._zero)
+        self._angles = self._measured(self._sightings[self._seen_before :], self._zero)
 
     def latest_angle_deg(self) -> float | None:
         """The newest angle, for display; None before the zero and 50 ms after the last answer."""
@@ -166,17 +170,14 @@ class MarkerTruth:
     def latest_corners_px(self) -> NDArray[np.float64] | None:
         """Both markers in the newest picture, (2, 4, 2) px, for display; None where they were refused."""
         newest = self._sightings[-1] if self._sightings else None
-        return newest.seen.corners_px if newest and newest.time_ns == self._newest_ns else None
+        return newest.corners_px if newest and newest.time_ns == self._newest_ns else None
 
     def series(self) -> TruthSeries:
         """All angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero` does."""
         self.measure_zero()
         if self._zero is None:
             raise CalibrationError(NO_ZERO)
-        before = _Angles()
-        for sighting in self._before:
-            before.add(sighting, self._zero)
-        since = self._angles
+        before, since = self._measured(self._before, self._zero), self._angles
         refused = Counter(reason.value for _, reason in self._unseen)
         refused[Refusal.OUT_OF_PLANE.value] = before.out_of_plane + since.out_of_plane
         refused[Refusal.OLD_TIME.value] = self._late
@@ -184,7 +185,7 @@ class MarkerTruth:
             time_ns=np.array(before.time_ns + since.time_ns, np.int64),
             angle_deg=np.array(before.angle_deg + since.angle_deg, np.float64),
             sigma_deg=np.array(before.sigma_deg + since.sigma_deg, np.float64),
-            zero_sigma_deg=self._zero.sigma_deg,
+            zero_sigma_deg=self._angle.zero_sigma_deg,
             tilt_deg=self._zero.plane.tilt_deg,
             refused={reason: count for reason, count in sorted(refused.items()) if count},
         )
@@ -198,6 +199,17 @@ class MarkerTruth:
             time_ns=whole.time_ns[first:],
             angle_deg=whole.angle_deg[first:],
             sigma_deg=whole.sigma_deg[first:],
+        )
+
+    def _measured(self, sightings: Sequence[_Sighting], zero: _Zero) -> "_Angles":
+        angles = _Angles()
+        for sighting in sightings:
+            self._add(angles, sighting, zero)
+        return angles
+
+    def _add(self, angles: "_Angles", sighting: _Sighting, zero: _Zero) -> None:
+        angles.add(
+            sighting.time_ns, self._angle.turn(sighting.corners_px), zero.wrist_deg(sighting.camera_R_tcp)
         )
 
     def _too_few(self, count: int, from_ns: int, to_ns: int) -> str:
@@ -219,16 +231,15 @@ class _Angles:
         self.sigma_deg: list[float] = []
         self.out_of_plane = 0
 
-    def add(self, sighting: _Sighting, zero: _Zero) -> None:
-        angle, sigma, in_plane = _measure(sighting, zero)
-        if not in_plane:
+    def add(self, time_ns: int, turn: PlanarAngle | Refusal, wrist_deg: float) -> None:
+        if isinstance(turn, Refusal):
             self.out_of_plane += 1
             return
-        joined = self.time_ns and sighting.time_ns - self.time_ns[-1] <= LONGEST_GAP_NS
+        joined = self.time_ns and time_ns - self.time_ns[-1] <= LONGEST_GAP_NS
         near = self.angle_deg[-1] if joined else 0.0
-        self.time_ns.append(sighting.time_ns)
-        self.angle_deg.append(near + _wrapped(angle - zero.angle_deg - near))
-        self.sigma_deg.append(sigma)
+        self.time_ns.append(time_ns)
+        self.angle_deg.append(near + wrapped_deg(turn.angle_deg - wrist_deg - near))
+        self.sigma_deg.append(turn.sigma_deg)
 
 
 def interpolate(series: TruthSeries, time_ns: int) -> float | None:
@@ -243,20 +254,6 @@ def interpolate(series: TruthSeries, time_ns: int) -> float | None:
         return None
     low, high = series.angle_deg[after - 1], series.angle_deg[after]
     return float(low + (high - low) * ((time_ns - start) / (end - start)))
-
-
-def _measure(sighting: _Sighting, zero: _Zero) -> tuple[float, float, bool]:
-    """Angle without the wrist's part (deg, wrapped), its sigma, and whether the turn was in the plane."""
-    angle = in_plane_angle(sighting.seen.corners_px, zero.plane)
-    turn = (sighting.camera_R_tcp * zero.camera_R_tcp.inv()).as_quat()
-    # twist of a rotation about an axis (swing-twist decomposition)
-    wrist_deg = float(np.degrees(2.0 * np.arctan2(turn[:3] @ zero.axis, turn[3])))
-    return _wrapped(angle.angle_deg - wrist_deg), angle.sigma_deg, angle.in_plane
-
-
-def _wrapped(angle_deg: float) -> float:
-    """The same angle in (-180, 180]."""
-    return 180.0 - float((180.0 - angle_deg) % 360.0)
 
 
 def _grey(image: Image) -> Image:

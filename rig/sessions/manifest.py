@@ -55,13 +55,17 @@ class BenchManifest(Manifest):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialManifest(BenchManifest):
-    """A trial. skip: whether the estimator leaves out stages it has no need of."""
+    """A trial. skip: whether the estimator leaves out stages it has no need of.
+
+    truth: how the markers' corners were found, by which the true angles were measured.
+    """
 
     kind: Literal["trial"]
     lifts_per_object: int
     estimator: str
     window: int
     skip: bool
+    truth: Literal["corners", "edges"] = "corners"
 
     @property
     def wanted(self) -> int:
@@ -182,7 +186,7 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
     return next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
 
 
-_OWN = {"schema_version", "tool_version", "status", "started", "completed"}
+_OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth"}
 """What a session says of its own course, not of what was asked for."""
 
 

@@ -2,11 +2,13 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from rig.experiments.replay import run_replay, session_settings
+from drivers.errors import InputError
+from rig.experiments.replay import run_replay, session_settings, truth_note
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
 from rig.report.film import write_film
@@ -64,6 +66,22 @@ def test_a_replay_gives_the_fingertips_answers_to_the_last_digit() -> None:
         assert getattr(again, key) == getattr(stored, key), key
     assert again.outcome is stored.outcome
     assert again.final_truth_deg == pytest.approx(stored.final_truth_deg, abs=0.3)
+
+
+def test_a_replay_says_that_it_measures_the_truth_in_another_way() -> None:
+    said = truth_note(TRIAL)
+    assert said is not None
+    assert "by the markers' corners, a replay measures them by their edges" in said
+    assert "stored rows stay" in said
+
+
+def test_an_unfinished_trial_does_not_go_on_with_another_truth(trial: Path) -> None:
+    manifest = read_manifest_of(trial, TrialManifest, "no trial")
+    unfinished = replace(manifest, status="running", completed=None, lifts_per_object=2)
+    (trial / "session.json").write_text(json.dumps(json_value(unfinished)))
+    with pytest.raises(InputError, match="measured by the markers' corners, now they are by their edges"):
+        run_trial(trial, session_settings(trial, None, None), list(manifest.objects), 2, resume=True)
+    assert len(read_lifts(trial)) == 1
 
 
 def test_a_complete_trial_is_opened_and_left_as_it_is(trial: Path) -> None:

@@ -18,6 +18,7 @@ from rig.benchmark.calibration import (
     degenerate_streams,
     degenerate_views,
 )
+from rig.benchmark.calibration.angle_scenes import AngleScore, angle_scores
 from rig.benchmark.calibration.camera import camera_limits
 from rig.benchmark.calibration.degenerate import CaseResult, run_cases
 from rig.benchmark.calibration.gel import gel_limits
@@ -35,10 +36,11 @@ _SYNC_TRIALS = 40
 
 @dataclass(frozen=True, slots=True)
 class CalibrationReport:
-    """What was measured, with its limits, and what became of bad data."""
+    """What was measured, with its limits, what became of bad data, and the angle beside other ways."""
 
     rows: tuple[Measured, ...]
     cases: tuple[CaseResult, ...]
+    angles: tuple[AngleScore, ...]
 
     @property
     def passed(self) -> bool:
@@ -51,8 +53,10 @@ def run(say: Callable[[str], None], seed: int = 0, trials: int = TRIALS) -> Cali
     cv2.setNumThreads(1)
     rows: list[Measured] = []
     data = data_folder()
+    say("measuring: ways to the two-marker angle")
+    scores = angle_scores(seed)
     for what, measure in (
-        ("two-marker angle", lambda: marker_limits(seed, data)),
+        ("two-marker angle", lambda: marker_limits(seed, data, scores)),
         ("hand-eye", lambda: hand_eye_limits(seed, trials)),
         ("intrinsics", lambda: camera_limits(seed, data)),
         ("time offset", lambda: sync_limits(seed)),
@@ -68,7 +72,7 @@ def run(say: Callable[[str], None], seed: int = 0, trials: int = TRIALS) -> Cali
         *degenerate_streams.cases(),
         *degenerate_gel.cases(),
     ]
-    return CalibrationReport(tuple(rows), tuple(run_cases(cases, seed)))
+    return CalibrationReport(tuple(rows), tuple(run_cases(cases, seed)), tuple(scores))
 
 
 def data_folder() -> Path | None:

@@ -8,15 +8,16 @@ import numpy as np
 
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.planar import PlanarAngle
+from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Refusal, side_lengths
 from calibration.targets.boards import Charuco, parse_target
 from calibration.targets.edges import refine_edges
 from calibration.targets.views import View
 from drivers.types import Image, Pose
 from fakes.studio.marker_pictures import MarkerPictures
+from rig.benchmark.calibration.angle_scenes import true_camera
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, render_target
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
-from rig.benchmark.calibration.markers import true_camera
 
 Rng = np.random.Generator
 _PICTURES = MarkerPictures()
@@ -111,8 +112,8 @@ def _at_rest(
     pictures: MarkerPictures, rng: Rng, dictionary: str = "DICT_4X4_50", ids: tuple[int, int] = (0, 1)
 ) -> MarkerAngle:
     """The measurement with its reference taken."""
-    angle = MarkerAngle(ids, dictionary, true_camera(pictures))
-    angle.set_reference([pictures.draw(0.0, rng) for _ in range(12)])
+    angle = MarkerAngle(MarkerTracker(ids, dictionary), true_camera(pictures))
+    angle.take_reference([pictures.draw(0.0, rng) for _ in range(12)])
     return angle
 
 

@@ -1,32 +1,34 @@
 """Limits of the two-marker angle: accuracy end to end, time beside a full search, real markers found."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
+from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Refusal, detector
-from calibration.targets.edges import find_corners
-from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
-from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
+from rig.benchmark.calibration.angle_scenes import AngleScore, true_camera
+from rig.benchmark.calibration.real_markers import real_marker_limits
+from rig.benchmark.measured import Measured, at_least, at_most, informative
 
 _FRAMES = 300
 _AT_REST = 150
 _BLOCK = 30
 
 
-def marker_limits(seed: int, data: Path | None) -> list[Measured]:
-    """640 x 480, 40 px markers, white noise of 4 grey, 15 degrees of tilt; turns of up to 30 degrees."""
+def marker_limits(seed: int, data: Path | None, scores: Sequence[AngleScore]) -> list[Measured]:
+    """640 x 480, 40 px markers, white noise of 4 grey, 15 degrees of tilt; turns of up to 30 degrees.
+
+    scores: of `angle_scores`, where the rig's own way should be the best.
+    """
     pictures = MarkerPictures(side_px=40.0, tilt_deg=15.0, noise_grey=4.0)
     rng = np.random.default_rng((seed, 10))
-    camera = true_camera(pictures)
-    angle = MarkerAngle(pictures.ids, pictures.dictionary, camera)
-    angle.set_reference([pictures.draw(0.0, rng) for _ in range(30)])
+    angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), true_camera(pictures))
+    angle.take_reference([pictures.draw(0.0, rng) for _ in range(30)])
     rest = [_error(angle, pictures.draw(0.0, rng), 0.0) for _ in range(_AT_REST)]
     turns = 30.0 * np.sin(np.arange(_FRAMES) / 25.0)
     moves = [(0.005 * float(np.sin(i / 20.0)), 0.0) for i in range(_FRAMES)]
@@ -39,13 +41,18 @@ def marker_limits(seed: int, data: Path | None) -> list[Measured]:
         at_most("angle: median per frame, ms of processor time", 1e3 * ours, 0.6),
         at_least("angle: times faster than a full search, side by side", full / ours, 5.0),
         informative("full search: median per frame, ms of processor time", 1e3 * full),
-        *_gold(data),
+        at_most("angle: rms over that of the better other way, worst scene", _worst_ratio(scores), 1.05),
+        *real_marker_limits(data),
     ]
 
 
-def true_camera(pictures: MarkerPictures) -> CameraModel:
-    """The camera that the pictures were drawn with."""
-    return CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
+def _worst_ratio(scores: Sequence[AngleScore]) -> float:
+    """Our rms error over the smaller one of the other ways, in the scene where that is largest."""
+    ratios = []
+    for scene in dict.fromkeys(score.scene for score in scores):
+        *others, ours = (score.rms_deg for score in scores if score.scene == scene)
+        ratios.append(ours / min(others))
+    return max(ratios)
 
 
 def _error(angle: MarkerAngle, picture: Image, truth_deg: float) -> float:
@@ -75,24 +82,3 @@ def _timed(work: Callable[[], object]) -> float:
     began = time.thread_time()
     work()
     return time.thread_time() - began
-
-
-def _gold(data: Path | None) -> list[Measured]:
-    """Marker corners of OpenCV's photos; those of its own test are rounded and not refined."""
-    names = ("real photos: marker ids not found", "real photos: worst distance from a gold corner, px")
-    if data is None:
-        return [not_there(name) for name in names]
-    folder = data / "opencv_photos"
-    gold = np.genfromtxt(folder / "gold_corners.csv", delimiter=",", dtype=None, names=True, encoding=None)
-    missing, worst = 0, 0.0
-    for name in np.unique(gold["image"]):
-        dictionary = str(folder / "tutorial_dict.yml") if name.startswith("gb") else "DICT_6X6_250"
-        grey = read_image(folder / name, grey=True)
-        found = find_corners(grey, dictionary)
-        for row in gold[gold["image"] == name]:
-            corners = np.array([[row[f"x{i}"], row[f"y{i}"]] for i in range(4)], np.float64)
-            seen = found.get(int(row["marker_id"]))
-            missing += seen is None
-            if seen is not None:
-                worst = max(worst, float(np.linalg.norm(seen - corners, axis=1).max()))
-    return [at_most(names[0], missing, 0.0), at_most(names[1], worst, 2.0)]

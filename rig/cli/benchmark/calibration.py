@@ -1,5 +1,6 @@
 """`rig benchmark calibration`: the limits the calibrations have to keep."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,8 @@ import typer
 from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from rig.benchmark.calibration.benchmark import CalibrationReport
 
 
@@ -58,7 +61,27 @@ def _plain(report: "CalibrationReport") -> dict[str, object]:
         | {"refused": c.refused, "right": c.right, "wrong": c.wrong}
         for c in report.cases
     ]  # fmt: skip
-    return {"passed": report.passed, "measured": rows, "bad_data": cases}
+    angles = [asdict(score) for score in report.angles]
+    return {"passed": report.passed, "measured": rows, "marker_angle": angles, "bad_data": cases}
+
+
+def _angle_table(report: "CalibrationReport") -> "Table":
+    from rich.table import Table
+
+    ways = list(dict.fromkeys(score.way for score in report.angles))
+    table = Table(
+        "two-marker angle, SIMULATED",
+        *ways,
+        title="rms error, worst, deg (mean at rest); answered unless all; ms of processor time per picture",
+    )
+    for scene in dict.fromkeys(score.scene for score in report.angles):
+        cells = []
+        for score in (score for score in report.angles if score.scene == scene):
+            answered = "" if score.answered == 1.0 else f" {score.answered:.0%}"
+            figures = f"{score.rms_deg:.4f}, {score.worst_deg:.3f} ({score.rest_deg:+.4f})"
+            cells.append(f"{figures}{answered}; {score.ms:.2f}")
+        table.add_row(scene, *cells)
+    return table
 
 
 def _print(report: "CalibrationReport") -> None:
@@ -77,6 +100,7 @@ def _print(report: "CalibrationReport") -> None:
             escape(row.name), "" if row.value is None else f"{row.value:.3g}", escape(row.asked), verdict
         )
     console.print(table)
+    console.print(_angle_table(report))
     bad = Table(
         "bad data",
         "case",

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from calibration.camera.model import CameraModel
-from calibration.markers.angle import MarkerAngle, Refinement, assess_markers
+from calibration.markers.angle import MarkerAngle, assess_markers
 from calibration.markers.planar import PlanarAngle
-from calibration.targets.aruco import Refusal, detector
-from calibration.targets.edges import find_corners, refine_edges
+from calibration.markers.tracker import MarkerTracker, Refine
+from calibration.targets.aruco import Refusal, detector, refine_corners
+from calibration.targets.edges import find_corners, refine_edges, refine_quick
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from fakes.studio.marker_pictures import MarkerPictures
@@ -17,9 +18,9 @@ from support.markers import find_markers
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
 
 
-def angle_of(pictures: MarkerPictures, refinement: Refinement = Refinement.BY_SIZE) -> MarkerAngle:
+def angle_of(pictures: MarkerPictures, refine: Refine = refine_quick) -> MarkerAngle:
     camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
-    return MarkerAngle(pictures.ids, pictures.dictionary, camera, refinement)
+    return MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary, refine=refine), camera)
 
 
 def _still(pictures: MarkerPictures, count: int, seed: int = 0) -> list[np.ndarray]:
@@ -27,8 +28,9 @@ def _still(pictures: MarkerPictures, count: int, seed: int = 0) -> list[np.ndarr
     return [pictures.draw(0.0, rng) for _ in range(count)]
 
 
+@pytest.mark.parametrize("refine", [refine_edges, refine_quick])
 @pytest.mark.parametrize("side_px", [24.0, 40.0, 80.0])
-def test_edges_find_corners_better_than_windows(side_px: float) -> None:
+def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) -> None:
     pictures = MarkerPictures(side_px=side_px, tilt_deg=15.0)
     rng = np.random.default_rng(1)
     by_edges, by_windows = [], []
@@ -36,7 +38,7 @@ def test_edges_find_corners_better_than_windows(side_px: float) -> None:
         picture = pictures.draw(12.0, rng)
         found = find_markers(picture, pictures.dictionary)
         corners = np.array([found[i] for i in pictures.ids])
-        edges = refine_edges(picture, corners)
+        edges = refine(picture, corners)
         assert not isinstance(edges, Refusal)
         truth = pictures.exact_corners(12.0)
         by_edges.append(edges - truth)
@@ -53,7 +55,7 @@ def test_no_edge_gives_no_corner() -> None:
 @pytest.mark.parametrize("turn_deg", [0.0, 0.1, -0.1, 15.0, -30.0, 90.0, 179.9, -179.9, 180.0])
 def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None:
     angle = angle_of(NEAR)
-    angle.set_reference(_still(NEAR, 12))
+    angle.take_reference(_still(NEAR, 12))
     angle.forget()
     rng = np.random.default_rng(3)
     seen = [angle.measure(NEAR.draw(turn_deg, rng)) for _ in range(4)]
@@ -64,15 +66,16 @@ def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None
         assert abs(off) < 6 * max(answer.sigma_deg, 0.01)
 
 
-def test_edges_are_taken_for_small_markers_and_on_request() -> None:
-    small = MarkerPictures(side_px=24.0, tilt_deg=5.0)
-    spread = {}
-    for refinement in (Refinement.CORNERS, Refinement.BY_SIZE):
-        angle = angle_of(small, refinement)
-        angle.set_reference(_still(small, 10))
-        answers = [angle.measure(p) for p in _still(small, 25, seed=4)]
-        spread[refinement] = np.std([a.angle_deg for a in answers if isinstance(a, PlanarAngle)])
-    assert spread[Refinement.BY_SIZE] < spread[Refinement.CORNERS]
+@pytest.mark.parametrize("side_px", [24.0, 40.0])
+def test_edges_nearly_halve_the_scatter_of_the_angle_at_every_size(side_px: float) -> None:
+    pictures = MarkerPictures(side_px=side_px, tilt_deg=5.0)
+    scatter = {}
+    for refine in (refine_corners, refine_quick):
+        angle = angle_of(pictures, refine)
+        angle.take_reference(_still(pictures, 10))
+        answers = [angle.measure(p) for p in _still(pictures, 25, seed=4)]
+        scatter[refine] = np.std([a.angle_deg for a in answers if isinstance(a, PlanarAngle)])
+    assert scatter[refine_quick] < 0.6 * scatter[refine_corners]
 
 
 def test_a_report_at_rest_judges_size_and_scatter() -> None:
@@ -90,11 +93,11 @@ def test_a_report_at_rest_judges_size_and_scatter() -> None:
 
 
 def test_pictures_without_markers_and_too_few_are_refused() -> None:
-    angle = MarkerAngle(NEAR.ids, NEAR.dictionary)
+    angle = MarkerAngle(MarkerTracker(NEAR.ids, NEAR.dictionary))
     with pytest.raises(CalibrationError, match="no reference"):
         angle.measure(_still(NEAR, 1)[0])
     with pytest.raises(CalibrationError, match="0 of 12"):
-        angle.set_reference([np.full((480, 640), 128, np.uint8)] * 12)
+        angle.take_reference([np.full((480, 640), 128, np.uint8)] * 12)
     with pytest.raises(CalibrationError, match="20 are the least"):
         assess_markers(_still(NEAR, 5), angle)
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.markers.tracker import FORGET_AFTER_FRAMES, MarkerTracker
-from calibration.targets.aruco import Refusal
+from calibration.targets.aruco import Refusal, side_lengths
 from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
@@ -58,10 +58,10 @@ def test_corners_follow_the_exact_projection(scene):
     for k in range(30):
         pose = seen_from(turn_deg=k, x=0.002 * k - 0.03, y=0.03 - 0.002 * k)
         found = tracker.detect(picture(scene, pose, k))
-        assert found is not None
-        error = found.corners_px - scene.exact_corners_px(pose)
+        assert isinstance(found, np.ndarray)
+        error = found - scene.exact_corners_px(pose)
         assert np.sqrt((error**2).sum(axis=-1).mean()) < 0.3
-        assert found.side_px == pytest.approx(40.0, abs=1.0)
+        assert side_lengths(found).mean() == pytest.approx(40.0, abs=1.0)
     assert tracker.counts.full_searches == 1
     assert tracker.counts.region_searches == 29
     assert not tracker.counts.misses
@@ -70,9 +70,9 @@ def test_corners_follow_the_exact_projection(scene):
 def test_order_of_ids_is_the_order_of_the_answer(scene):
     gray = picture(scene, seen_from())
     one, other = MarkerTracker((0, 1)).detect(gray), MarkerTracker((1, 0)).detect(gray)
-    assert one is not None
-    assert other is not None
-    np.testing.assert_allclose(one.corners_px, other.corners_px[::-1], atol=0.02)
+    assert isinstance(one, np.ndarray)
+    assert isinstance(other, np.ndarray)
+    np.testing.assert_allclose(one, other[::-1], atol=0.02)
 
 
 def test_tracking_and_searching_anew_agree(scene):
@@ -80,9 +80,9 @@ def test_tracking_and_searching_anew_agree(scene):
     for k in range(3):
         gray = picture(scene, seen_from(turn_deg=2.0 * k), k)
         followed, anew = tracker.detect(gray), MarkerTracker((0, 1)).detect(gray)
-        assert followed is not None
-        assert anew is not None
-        np.testing.assert_allclose(followed.corners_px, anew.corners_px, atol=0.05)
+        assert isinstance(followed, np.ndarray)
+        assert isinstance(anew, np.ndarray)
+        np.testing.assert_allclose(followed, anew, atol=0.05)
 
 
 def test_equal_pictures_give_equal_numbers(scene):
@@ -90,9 +90,9 @@ def test_equal_pictures_give_equal_numbers(scene):
     first, second = MarkerTracker((0, 1)), MarkerTracker((0, 1))
     for gray in pictures:
         one, other = first.detect(gray), second.detect(gray)
-        assert one is not None
-        assert other is not None
-        np.testing.assert_array_equal(one.corners_px, other.corners_px)
+        assert isinstance(one, np.ndarray)
+        assert isinstance(other, np.ndarray)
+        np.testing.assert_array_equal(one, other)
 
 
 def noise_picture():
@@ -106,12 +106,10 @@ def noise_picture():
 )
 def test_a_picture_without_markers_is_refused_before_and_after(scene, gray):
     tracker = MarkerTracker((0, 1))
-    assert tracker.detect(gray) is None
-    assert tracker.refusal is Refusal.NOT_FOUND
-    assert tracker.detect(picture(scene, seen_from())) is not None
-    assert tracker.refusal is None
-    assert tracker.detect(gray) is None
-    assert tracker.detect(picture(scene, seen_from())) is not None
+    assert tracker.detect(gray) is Refusal.NOT_FOUND
+    assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
+    assert tracker.detect(gray) is Refusal.NOT_FOUND
+    assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
     assert tracker.counts.misses == {Refusal.NOT_FOUND: 2}
 
 
@@ -122,8 +120,7 @@ def test_one_hidden_marker_refuses_the_frame(scene):
         if first_seen:
             tracker.detect(gray)
         for marker in exact:
-            assert tracker.detect(hidden(gray, marker)) is None
-            assert tracker.refusal is Refusal.ONE_HIDDEN
+            assert tracker.detect(hidden(gray, marker)) is Refusal.ONE_HIDDEN
 
 
 def test_a_copy_far_away_is_ignored_while_following(scene):
@@ -131,15 +128,14 @@ def test_a_copy_far_away_is_ignored_while_following(scene):
     tracker = MarkerTracker((0, 1))
     tracker.detect(gray)
     found = tracker.detect(copied(gray, exact[0], (60, 60)))
-    assert found is not None
-    np.testing.assert_allclose(found.corners_px, exact, atol=0.6)
+    assert isinstance(found, np.ndarray)
+    np.testing.assert_allclose(found, exact, atol=0.6)
 
 
 def test_a_copy_refuses_the_first_frame(scene):
     gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
     tracker = MarkerTracker((0, 1))
-    assert tracker.detect(copied(gray, exact[0], (60, 60))) is None
-    assert tracker.refusal is Refusal.DUPLICATE
+    assert tracker.detect(copied(gray, exact[0], (60, 60))) is Refusal.DUPLICATE
 
 
 def test_a_copy_alone_is_an_implausible_jump(scene):
@@ -148,8 +144,7 @@ def test_a_copy_alone_is_an_implausible_jump(scene):
     tracker.detect(gray)
     phantom = copied(hidden(gray, exact[0]), exact[0], (60, 60))
     phantom[60:120, 60:120] = copied(gray, exact[0], (60, 60))[60:120, 60:120]
-    assert tracker.detect(phantom) is None
-    assert tracker.refusal is Refusal.JUMP
+    assert tracker.detect(phantom) is Refusal.JUMP
 
 
 def test_markers_are_taken_up_elsewhere_after_a_while(scene):
@@ -157,20 +152,23 @@ def test_markers_are_taken_up_elsewhere_after_a_while(scene):
     tracker.detect(picture(scene, seen_from(x=-0.1)))
     moved = picture(scene, seen_from(x=0.12))
     answers = [tracker.detect(moved) for _ in range(FORGET_AFTER_FRAMES + 1)]
-    assert answers[0] is None
-    assert answers[-1] is not None
+    assert isinstance(answers[0], Refusal)
+    assert isinstance(answers[-1], np.ndarray)
     assert tracker.counts.misses[Refusal.JUMP] + tracker.counts.misses[Refusal.DUPLICATE] < len(answers)
 
 
 def test_mirrored_markers_are_not_markers(scene):
     mirrored = np.ascontiguousarray(picture(scene, seen_from())[:, ::-1])
-    assert MarkerTracker((0, 1)).detect(mirrored) is None
+    assert isinstance(MarkerTracker((0, 1)).detect(mirrored), Refusal)
 
 
 def test_small_markers_are_refused(scene):
     tracker = MarkerTracker((0, 1))
-    assert tracker.detect(picture(scene, seen_from(z=2.2))) is None
-    assert tracker.refusal in (Refusal.TOO_SMALL, Refusal.NOT_FOUND, Refusal.ONE_HIDDEN)
+    assert tracker.detect(picture(scene, seen_from(z=2.2))) in (
+        Refusal.TOO_SMALL,
+        Refusal.NOT_FOUND,
+        Refusal.ONE_HIDDEN,
+    )
 
 
 @pytest.mark.parametrize("x", [-0.24, 0.24])
@@ -178,8 +176,7 @@ def test_a_marker_cut_by_the_border_refuses_the_frame(scene, x):
     tracker = MarkerTracker((0, 1))
     for k in range(9):
         found = tracker.detect(picture(scene, seen_from(x=x * (1.0 + 0.02 * k)), k))
-    assert found is None
-    assert tracker.refusal is Refusal.ONE_HIDDEN
+    assert found is Refusal.ONE_HIDDEN
 
 
 @pytest.mark.parametrize("noise", [2.0, 6.0])
@@ -187,9 +184,8 @@ def test_blurred_and_noisy_pictures_lose_no_marker(noise):
     hard = MarkerScene(focal_px=700, unit_seed=1, noise_grey=noise, blur_px=1.5)
     tracker = MarkerTracker((0, 1))
     for k in range(20):
-        assert (
-            tracker.detect(picture(hard, seen_from(turn_deg=1.5 * k, tilt_deg=(25.0, 12.0)), k)) is not None
-        )
+        seen = tracker.detect(picture(hard, seen_from(turn_deg=1.5 * k, tilt_deg=(25.0, 12.0)), k))
+        assert isinstance(seen, np.ndarray)
 
 
 @pytest.mark.parametrize(
@@ -246,8 +242,8 @@ def test_markers_of_a_real_photo_are_followed(ids):
     gray, gold = photo_and_gold()
     tracker = MarkerTracker(ids, "DICT_6X6_250")
     first, second = tracker.detect(gray), tracker.detect(gray)
-    assert first is not None
-    assert second is not None
-    assert not second.full_search
-    np.testing.assert_allclose(first.corners_px, second.corners_px, atol=0.1)
-    assert np.abs(second.corners_px - [gold[i] for i in ids]).max() < 2.0
+    assert isinstance(first, np.ndarray)
+    assert isinstance(second, np.ndarray)
+    assert tracker.counts.full_searches == 1
+    np.testing.assert_allclose(first, second, atol=0.1)
+    assert np.abs(second - [gold[i] for i in ids]).max() < 2.0

@@ -139,3 +139,30 @@ def test_corners_that_are_not_numbers_are_refused():
     broken[0, 0, 0] = np.inf
     with pytest.raises(CalibrationError, match="finite"):
         in_plane_angle(broken, fit_plane(still()))
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    turn=st.floats(-180, 180),
+    marker=st.integers(0, 1),
+    side=st.integers(0, 3),
+    pushed=st.floats(-3.0, 3.0),
+    tilt=tilts,
+)
+def test_what_lies_over_an_edge_does_not_turn_the_answer(turn, marker, side, pushed, tilt):
+    reference = fit_plane(still(tilt), KNOWN)
+    seen = corners(turn, tilt)
+    ends = [side, (side + 1) % 4]
+    inward = seen[marker].mean(axis=0) - seen[marker][ends].mean(axis=0)
+    seen[marker][ends] += pushed * inward / np.linalg.norm(inward)
+    answer = in_plane_angle(seen, reference)
+    assert answer.in_plane
+    assert apart_deg(answer.angle_deg, turn) < 0.06
+    assert apart_deg(answer.angle_deg, turn) < 3.0 * answer.sigma_deg + 1e-3
+
+
+def test_three_wrong_corners_are_too_many():
+    reference = fit_plane(still(), KNOWN)
+    seen = corners(10.0)
+    seen[0, :3] += [[3.0, 0.0], [-2.0, 3.0], [0.0, -3.0]]
+    assert not in_plane_angle(seen, reference).in_plane

@@ -75,12 +75,14 @@ def depth_for_force(
 
     Winkler foundation: each patch of gel carries its own depth times the stiffness; the total
     grows with depth, so the answer is found in the sorted heights. tilt, angle_deg and centre_mm
-    as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted face. Raises
-    `InputError` for a negative or non-finite force.
+    as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted face, and is 0 where no
+    part of the surface is over the gel. Raises `InputError` for a negative or non-finite force.
     """
     if not (np.isfinite(force_n) and force_n >= 0.0):
         raise InputError(f"force on the gel is {force_n} N: it must be finite and not negative")
     clearance = np.sort(_clearance(surface, tilt, angle_deg, centre_mm))
+    if not clearance.size:
+        return 0.0
     cell_mm2 = (_FORCE_STRIDE * surface.mm_per_px) ** 2
     summed = np.cumsum(clearance, dtype=np.float64)
     count = np.arange(1, len(clearance) + 1)

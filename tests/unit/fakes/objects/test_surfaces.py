@@ -113,3 +113,8 @@ def test_depth_follows_a_tilt_turned_with_the_object() -> None:
 def test_impossible_force_is_refused(force_n: float) -> None:
     with pytest.raises(InputError, match="force"):
         depth_for_force(SURFACES[next(iter(SURFACES))], force_n)
+
+
+def test_an_object_held_beside_the_gel_presses_nothing() -> None:
+    surface = build_surface(load_catalogue()["t1"].sites[0], 1, 2)
+    assert depth_for_force(surface, 1.0, centre_mm=(0.0, 40.0)) == 0.0

@@ -65,7 +65,7 @@ class FlangeSensor:
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng((seed, 43))
         self.bias = _six(rng, BIAS_N, BIAS_NM)
-        self._noise = rng.normal(0.0, _spread(NOISE_N, NOISE_NM), (_NOISE_CYCLES, 6)).tolist()
+        self._noise = rng.normal(0.0, _spread(NOISE_N, NOISE_NM), (_NOISE_CYCLES, 6))
         self._drift = _six(rng, DRIFT_N, DRIFT_NM)
         self._rates = (2.0 * math.pi / rng.uniform(*_DRIFT_PERIODS_S, 6)).tolist()
         self._phases = rng.uniform(0.0, 2.0 * math.pi, 6).tolist()
@@ -79,7 +79,7 @@ class FlangeSensor:
 
     def shown(self, drifted: Vector6, time_ns: int) -> Vector6:
         """The reading at a time of what `drifted` gave: with noise, in the sensor's steps."""
-        n = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES]
+        n = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES].tolist()
         a, b, c, d, e, f = drifted
         return (
             _stepped(a + n[0], STEP_N),

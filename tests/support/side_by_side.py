@@ -3,6 +3,9 @@
 Real time comes first and on one worker, because its tests wait more than they compute. The others fill
 the cores meanwhile, and give way: their workers ask for less of the cores. Then come the folders whose
 files take longest. Hardware is driven by one process: with `--bench` there are no workers.
+
+There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
+another computes.
 """
 
 import os
@@ -18,10 +21,10 @@ LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One for each core; none at hardware, nor for files that somebody names, to see them run here."""
+    """One more than there are cores; none at hardware, nor for files that somebody names, to see them run."""
     named = any(".py" in argument for argument in config.args)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return 0 if named or config.getoption("--bench") or cores == 1 else min(cores, MOST_WORKERS)
+    return 0 if named or config.getoption("--bench") or cores == 1 else min(cores + 1, MOST_WORKERS)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -39,7 +39,7 @@ def test_at_hardware_there_are_no_workers() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "bench", "workers"),
-    [(["tests"], None, 2), (["tests"], "my_bench.toml", 0), (["tests/unit/test_support.py"], None, 0)],
+    [(["tests"], None, 3), (["tests"], "my_bench.toml", 0), (["tests/unit/test_support.py"], None, 0)],
 )
 def test_workers_are_for_folders_of_simulated_devices(
     arguments: list[str], bench: str | None, workers: int, monkeypatch: pytest.MonkeyPatch

@@ -18,6 +18,8 @@ from protocols.pump import Pump
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
 
+BENCH = load_bench("fake")
+
 
 class Seen:
     """An observer that notes what it is shown."""
@@ -38,7 +40,7 @@ class Seen:
 
 def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int]:
     """The frames of three sources with these shutters, and when the pump was told to start."""
-    bench, _ = build_bench(load_bench("fake"))
+    bench, _ = build_bench(BENCH)
     assert isinstance(bench.clock, SimulatedClock)
 
     def noise(time_ns: int, rng: np.random.Generator) -> np.ndarray:
@@ -90,7 +92,7 @@ def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
 
 
 def test_a_camera_that_falls_silent_is_told_of_while_the_fingertips_go_on() -> None:
-    bench, _ = build_bench(load_bench("fake"))
+    bench, _ = build_bench(BENCH)
     with bench.connected():
         bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, Seen())
@@ -110,7 +112,7 @@ def test_a_while_ends_when_its_last_frame_was_delivered_not_before() -> None:
 
 
 def test_a_source_that_repeats_itself_is_frozen() -> None:
-    bench, _ = build_bench(load_bench("fake"))
+    bench, _ = build_bench(BENCH)
     assert isinstance(bench.clock, SimulatedClock)
 
     def frozen(time_ns: int, rng: np.random.Generator) -> np.ndarray:

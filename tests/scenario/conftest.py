@@ -8,16 +8,17 @@ from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
-from support.benches import with_half_the_frames
+from support.benches import with_half_the_frames, with_small_pictures
 
 
 @pytest.fixture(scope="session")
 def unhurried_bench() -> BenchConfig:
-    """The bench behind wires with its fingertips at half their rate: how fast the computer is, is not tested.
+    """The bench behind wires with half its fingertips' frames and a quarter of its camera's pixels.
 
-    At full rates `rig benchmark wire` and `rig benchmark faults` hold it to the limits.
+    How fast the computer is, is not tested: `rig benchmark wire` and `rig benchmark faults`
+    hold the whole bench to the limits.
     """
-    return with_half_the_frames("wire")
+    return with_small_pictures(with_half_the_frames("wire"))
 
 
 @pytest.fixture(scope="session")

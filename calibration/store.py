@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 
 from calibration.verdict import Assessment, Rejected, Verdict
-from drivers.errors import CalibrationError, RecordingError
+from drivers import formats
+from drivers.errors import CalibrationError, FormatError, RecordingError
 from drivers.whole_files import write_whole
 
 SCHEMA = 1
@@ -104,8 +105,9 @@ def load(
         raise CalibrationError(f"{path}: holds a calibration of '{about.get('kind')}', '{kind}' is needed")
     try:
         file = _from_about(about, content)
-    except (KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        why = f"{type(error).__name__}: {formats.reason(error)}"
+        raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
     check_serials(path, file.serials, serials or {})
     if file.assessment.verdict is Verdict.REFUSED and not allow_refused:
         raise CalibrationError(f"{path}: was refused when it was made ({file.assessment.reasons[0]})")
@@ -125,14 +127,9 @@ def check_serials(path: Path, written: Mapping[str, str], at_hand: Mapping[str, 
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML mapping, OpenCV's dialect included. Raises `CalibrationError`."""
     try:
-        text = path.read_text(encoding="utf-8")
-        # OpenCV writes "%YAML:1.0", which is not YAML, and tags its matrices
-        content = yaml.load(text.removeprefix("%YAML:1.0"), Loader=_Loader)  # noqa: S506 - a safe loader
-    except (OSError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path}: cannot be read ({error})") from error
-    except yaml.YAMLError as error:
-        place = str(error).replace("\n", " ")
-        raise CalibrationError(f"{path}: is not YAML ({place})") from error
+        content = formats.read_yaml(path)
+    except FormatError as error:
+        raise CalibrationError(str(error)) from error
     if not isinstance(content, dict):
         raise CalibrationError(f"{path}: holds no mapping; is this a calibration file?")
     return content
@@ -158,19 +155,11 @@ def plain(value: Any, where: str) -> Any:
     return str(value) if isinstance(value, Path | Verdict) else value
 
 
-class _Loader(yaml.SafeLoader):
-    """A safe loader that knows OpenCV's matrices."""
-
-
 class _Dumper(yaml.SafeDumper):
     """Numbers on one line, mappings on many."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
-
-
-def _opencv_matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
 
 
 def _numbers_on_one_line(dumper: _Dumper, data: list[Any]) -> yaml.SequenceNode:
@@ -179,7 +168,6 @@ def _numbers_on_one_line(dumper: _Dumper, data: list[Any]) -> yaml.SequenceNode:
 
 
 _Dumper.add_representer(list, _numbers_on_one_line)
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> CalibrationFile:

@@ -65,6 +65,10 @@ class InputError(RigError):
     """The user's input (argument, file, folder) cannot be used as it is."""
 
 
+class FormatError(InputError):
+    """A file is not what its format demands, or larger than any of its kind."""
+
+
 class SessionError(InputError):
     """A session folder is missing, damaged, or does not fit the request."""
 

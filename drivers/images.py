@@ -6,22 +6,26 @@ import cv2
 import numpy as np
 from cv2.typing import MatLike
 
-from drivers.errors import InputError, RecordingError
+from drivers.errors import FormatError, InputError, RecordingError
+from drivers.formats import MOST_PIXELS, picture_flaw, read_bounded
 from drivers.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings of the image files that are read, lower case."""
+MOST_BYTES = 200_000_000
+"""Of an image file: four bytes of each pixel that is decoded."""
 JPEG_QUALITY = 95
 """Of what is kept; a camera's own JPEG is kept as received instead."""
-_FILE_ENDS = {b"\xff\xd8": b"\xff\xd9", b"\x89P": b"IEND"}
-"""How a whole JPEG and PNG end, by how they begin."""
 
 
 def decode_image(data: bytes, grey: bool = False) -> Image | None:
     """Decode to (H, W, 3) uint8 RGB, or (H, W) where `grey`, upright by an orientation header.
 
-    None where that cannot be done; what is cut short or damaged inside may be decoded as far as it goes.
+    None where that cannot be done, and where `picture_flaw` says why it is not to be; damage inside a JPEG
+    goes unnoticed.
     """
+    if picture_flaw(data) is not None:
+        return None
     way = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), way)
@@ -33,22 +37,33 @@ def decode_image(data: bytes, grey: bool = False) -> Image | None:
 def load_image(path: Path, grey: bool = False) -> Image | None:
     """Read an image file as `decode_image` does; None where it is missing, damaged or cut short."""
     try:
-        data = path.read_bytes()
-    except OSError:
+        return decode_image(read_bounded(path, MOST_BYTES), grey)
+    except FormatError:
         return None
-    end = _FILE_ENDS.get(data[:2])
-    # In the second half: a JPEG's preview in its head has an end of its own.
-    if end is not None and data.rfind(end) < len(data) // 2:
-        return None
-    return decode_image(data, grey)
 
 
 def read_image(path: Path, grey: bool = False) -> Image:
     """Read an image file as `load_image` does. Raises `InputError` naming it."""
     image = load_image(path, grey)
     if image is None:
-        raise InputError(f"{path}: not a complete image: copy it anew or leave it out")
+        why = image_flaw(path) or "is no complete picture"
+        raise InputError(f"{path}: {why}: copy it anew or leave it out")
     return image
+
+
+def image_flaw(path: Path) -> str | None:
+    """Say why an image file is not decoded: where it cannot be read, too, or None."""
+    try:
+        return picture_flaw(read_bounded(path, MOST_BYTES))
+    except FormatError as error:
+        return str(error).removeprefix(f"{path}: ")
+
+
+def check_video_size(capture: cv2.VideoCapture, path: Path) -> None:
+    """Raise `InputError` for a video whose pictures are larger than any that are read."""
+    width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if width * height > MOST_PIXELS:
+        raise InputError(f"{path}: is {width:.0f} x {height:.0f} px; at most {MOST_PIXELS:.2g} px are read")
 
 
 def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:

@@ -1,6 +1,5 @@
 """Where each object is grasped: the readable files of `protocols/objects`."""
 
-import tomllib
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -10,6 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import InputError
+from drivers.formats import read_toml
 
 OBJECTS_FOLDER = Path(__file__).parent / "objects"
 TRIAL_OBJECTS = ("1", "7", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
@@ -59,9 +59,7 @@ def load_grasp_files() -> dict[str, GraspFile]:
     files = {}
     for path in sorted(OBJECTS_FOLDER.glob("*.toml")):
         try:
-            grasp_file = GraspFile.model_validate(tomllib.loads(path.read_text()))
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{path}: not valid TOML: {error}") from error
+            grasp_file = GraspFile.model_validate(read_toml(path))
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])

@@ -9,11 +9,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from support.benches import with_half_the_frames
+from support.fuzz import PROFILE
 
 pytest_plugins = ("support.side_by_side", "support.in_real_time", "support.drawn_sensor")
 
@@ -24,7 +25,18 @@ settings.load_profile("rig")
 ROOT = Path(__file__).parent.parent
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
+    cases = config.getoption("--fuzz-cases")
+    settings.register_profile(
+        PROFILE, max_examples=cases, deadline=None, suppress_health_check=quiet, database=None
+    )
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--fuzz-cases", type=int, default=1000, metavar="N", help="damaged inputs drawn for each format"
+    )
     group = parser.getgroup("hardware")
     group.addoption("--bench", metavar="FILE", help="bench file of real hardware for the contract suite")
     group.addoption("--moves", action="store_true", help="let the contract suite move that hardware")

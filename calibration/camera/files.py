@@ -9,6 +9,7 @@ import numpy as np
 from calibration.camera.model import Array, CameraModel
 from calibration.store import check_serials, load, read_yaml
 from drivers.errors import CalibrationError
+from drivers.formats import reason, shown
 
 
 def camera_info(model: CameraModel, name: str) -> dict[str, Any]:
@@ -46,11 +47,13 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
         distortion = _array(content["distortion_coefficients"]).reshape(-1)
     except KeyError as error:
         raise CalibrationError(f"{where}: has no {error}; neither camera_info nor OpenCV layout") from error
-    except (TypeError, ValueError) as error:
-        raise CalibrationError(f"{where}: a matrix is damaged ({error})") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CalibrationError(f"{where}: a matrix is damaged ({reason(error)})") from error
     kind = content.get("distortion_model", "plumb_bob")
     if kind not in ("plumb_bob", "rational_polynomial") or len(distortion) > 8:
-        raise CalibrationError(f"{where}: lens model {kind!r} with {len(distortion)} terms is not known here")
+        raise CalibrationError(
+            f"{where}: lens model {shown(kind)} with {len(distortion)} terms is not known here"
+        )
     _check(size, matrix, distortion, where)
     return CameraModel(
         size, matrix, np.pad(distortion, (0, (5 if len(distortion) <= 5 else 8) - len(distortion)))

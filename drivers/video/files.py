@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, InputError
+from drivers.images import check_video_size
 from drivers.video.stream import FrameStream, RawFrame
 
 PLAYED_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -108,6 +109,7 @@ def check_video(path: Path) -> None:
     """Raise `InputError` when a file is no video that can be read."""
     capture = cv2.VideoCapture(str(path))
     try:
+        check_video_size(capture, path)
         readable = capture.grab()
     finally:
         capture.release()

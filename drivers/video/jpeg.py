@@ -9,15 +9,12 @@ has to be read anyway, where a stream does not say how long its images are.
 
 import re
 
-from drivers.errors import DamagedFrameError
+from drivers.errors import DamagedFrameError, FormatError
+from drivers.formats import MOST_PIXELS, jpeg_header
 from drivers.images import decode_image
 from drivers.types import Image
 
-MAX_PIXELS = 50_000_000
 _START, _END = b"\xff\xd8", b"\xff\xd9"
-_SCAN = 0xDA
-_NO_SIZE = (0xC4, 0xC8, 0xCC)
-"""Markers among C0 to CF that are no frame header: Huffman tables, reserved, arithmetic coding."""
 _NEVER_IN_SCAN = re.compile(rb"\xff[\x01-\xc3\xc5-\xcf\xd8\xd9]")
 """In coded data FF is followed by 00, a restart (D0 to D7), or tables and a further scan."""
 _TURN_LEFT = (
@@ -45,19 +42,13 @@ def read_header(data: bytes | bytearray) -> tuple[tuple[int, int], int]:
     """Return (width, height) in px and where the coded data begin. Raises `DamagedFrameError`."""
     if data[:2] != _START:
         raise DamagedFrameError(f"image begins with {bytes(data[:2]).hex()}, not ffd8: not a JPEG")
-    size: tuple[int, int] | None = None
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF:
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == 0xFF:
-            at += 1
-            continue
-        if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE and at + 9 <= len(data):
-            size = int.from_bytes(data[at + 7 : at + 9], "big"), int.from_bytes(data[at + 5 : at + 7], "big")
-        at += 2 + max(length, 2)
-        if marker == _SCAN:
-            return _possible(size), at
-    raise DamagedFrameError(f"image of {len(data)} bytes: its header is damaged at byte {at}")
+    try:
+        size, scan = jpeg_header(data)
+    except FormatError as error:
+        raise DamagedFrameError(f"image of {len(data)} bytes {error}") from error
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+        raise DamagedFrameError(f"image header gives {size}; at most {MOST_PIXELS} px are read")
+    return size, scan
 
 
 def turned_left(jpeg: bytes) -> bytes:
@@ -75,9 +66,3 @@ def decode(encoded: bytes) -> Image:
     if image is None:
         raise DamagedFrameError(f"image of {len(encoded)} bytes: cannot be decoded; check the cable")
     return image
-
-
-def _possible(size: tuple[int, int] | None) -> tuple[int, int]:
-    if size is None or not 0 < size[0] * size[1] <= MAX_PIXELS:
-        raise DamagedFrameError(f"image header gives {size or 'no size'}; at most {MAX_PIXELS} px are read")
-    return size

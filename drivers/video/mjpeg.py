@@ -15,7 +15,8 @@ from typing import Any
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
 from drivers.clock import NS_PER_S, Clock, to_ns
-from drivers.errors import DeviceError, InputError
+from drivers.errors import DeviceError, FormatError, InputError
+from drivers.formats import parse_json, without_passwords
 from drivers.video.multipart import MultipartParser, Part, boundary_of
 from drivers.video.stream import FrameStream, RawFrame
 
@@ -36,7 +37,7 @@ class MjpegStream(FrameStream):
     ends = False
 
     def __init__(self, url: str, rate_hz: float, clock: Clock) -> None:
-        self._url = url
+        self._name = without_passwords(url)
         self._clock = clock
         self._timeout_s = max(READ_TIMEOUT_S, 3.0 / rate_hz)
         self._ready: deque[tuple[Part, int]] = deque()
@@ -51,7 +52,7 @@ class MjpegStream(FrameStream):
             self._parser = MultipartParser(boundary_of(self._response.getheader("Content-Type", "")))
         except (OSError, http.client.HTTPException, ValueError, DeviceError) as error:
             self.close()
-            raise DeviceError(f"{url}: {_cause(error)}") from error
+            raise DeviceError(f"{self._name}: {_cause(error)}") from error
         control = self._response.getheader("X-Control")
         self.control_url = None if control is None else urljoin(url, control)
         self.warm_up = 0 if control is None else WARM_UP_IMAGES
@@ -61,7 +62,9 @@ class MjpegStream(FrameStream):
         deadline = self._clock.now_ns() + to_ns(self._timeout_s)
         while not self._ready:
             if self._clock.now_ns() > deadline:
-                raise DeviceError(f"{self._url}: no image within {self._timeout_s:g} s; is the server stuck?")
+                raise DeviceError(
+                    f"{self._name}: no image within {self._timeout_s:g} s; is the server stuck?"
+                )
             data = self._received()
             now = self._clock.now_ns()
             self._ready.extend((part, now) for part in self._parser.feed(data))
@@ -94,15 +97,17 @@ class MjpegStream(FrameStream):
         try:
             data = self._response.read1(_PORTION) if self._response is not None else b""
         except (OSError, http.client.HTTPException, ValueError) as error:
-            raise DeviceError(f"{self._url}: {_cause(error)}") from error
+            raise DeviceError(f"{self._name}: {_cause(error)}") from error
         if not data:
-            raise DeviceError(f"{self._url}: the server closed the connection; check that it still runs")
+            raise DeviceError(f"{self._name}: the server closed the connection; check that it still runs")
         return data
 
 
 def split_url(url: str) -> SplitResult:
     """Take an http address apart. Raises `InputError` for anything else."""
-    wrong = InputError(f"'{url}': not an address of the form http://HOST:PORT/PATH; check the bench file")
+    wrong = InputError(
+        f"'{without_passwords(url)}': not an address of the form http://HOST:PORT/PATH; check the bench file"
+    )
     try:
         parts = urlsplit(url)
         usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
@@ -119,9 +124,11 @@ def send_settings(control_url: str, settings: dict[str, Any]) -> dict[str, Any]:
     connection = _connection(parts)
     try:
         body = json.dumps(settings)
-        answer = json.loads(_request(connection, parts, "POST", body).read(_PORTION))
-    except (OSError, http.client.HTTPException, ValueError, DeviceError) as error:
-        raise DeviceError(f"{control_url}: settings {settings} failed: {_cause(error)}") from error
+        answer = parse_json(_request(connection, parts, "POST", body).read(_PORTION), "its answer")
+    except (OSError, http.client.HTTPException, ValueError, FormatError, DeviceError) as error:
+        raise DeviceError(
+            f"{without_passwords(control_url)}: settings {settings} failed: {_cause(error)}"
+        ) from error
     finally:
         connection.close()
     return answer if isinstance(answer, dict) else {}
@@ -152,7 +159,7 @@ def _cause(error: Exception) -> str:
         return f"no answer within {READ_TIMEOUT_S:g} s; check that the server runs"
     if isinstance(error, ConnectionRefusedError):
         return "nobody listens there; start the server or check the port"
-    if isinstance(error, DeviceError):
+    if isinstance(error, DeviceError | FormatError):
         return str(error)
     return f"{type(error).__name__} {error}; check the server"
 

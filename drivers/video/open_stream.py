@@ -7,6 +7,7 @@ from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, InputError
+from drivers.formats import without_passwords
 from drivers.video.files import FolderStream, VideoStream, check_video, image_files
 from drivers.video.mjpeg import MjpegStream, split_url
 from drivers.video.stream import FrameStream
@@ -48,8 +49,8 @@ class SourceSpec:
             path = Path(address)
             if not path.exists():
                 raise InputError(
-                    f"{self.serial}: '{address}' does not exist; give /dev/videoN, http://HOST:PORT/PATH, "
-                    "a folder of images or a video file"
+                    f"{self.serial}: '{without_passwords(address)}' does not exist; give /dev/videoN, "
+                    "http://HOST:PORT/PATH, a folder of images or a video file"
                 )
             if path.is_dir():
                 image_files(path)

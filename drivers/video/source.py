@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
+from drivers.formats import without_passwords
 from drivers.video.decode import DecodedFrame
 from drivers.video.open_stream import OpenSource, SourceSpec, open_source
 from drivers.video.reader import FrameReader
@@ -35,7 +36,7 @@ class AddressedSource(FrameReader):
             "model": node.model if node is not None else "",
             "firmware": node.revision if node is not None else "",
             "usb": f"{node.usb_bus} port {node.usb_port}" if node is not None and node.usb_bus else "",
-            "address": source.address if source is not None else "",
+            "address": without_passwords(source.address) if source is not None else "",
             "capture time": self.time_kind,
         }
 

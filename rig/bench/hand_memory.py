@@ -1,6 +1,5 @@
 """What the hand of a bench is known to do, in files that outlive a program that is killed."""
 
-import json
 import logging
 import os
 import re
@@ -10,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError, RecordingError
+from drivers.errors import DeviceError, FormatError, RecordingError
+from drivers.formats import read_json
 from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
 from drivers.types import HandState, Holding, Image, Pose
@@ -77,10 +77,10 @@ class HandMemory:
 
     def _read(self) -> HandState:
         try:
-            return _unpacked(json.loads(self._file.read_text()))
-        except FileNotFoundError:
-            return HandState(Holding.UNKNOWN, "no run has told yet")
-        except (OSError, ValueError, KeyError, TypeError):
+            return _unpacked(read_json(self._file))
+        except (FormatError, ValueError, KeyError, TypeError, OverflowError):
+            if not self._file.exists():
+                return HandState(Holding.UNKNOWN, "no run has told yet")
             return HandState(Holding.UNKNOWN, f"{self._file} is damaged")
 
     @property

@@ -10,10 +10,10 @@ from calibration.time_offset import time_offset
 from calibration.tool_tip import calibrate_pivot
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.formats import read_csv_rows
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.sources import number, read_poses, read_stream
-from rig.frames.csv_rows import read_csv_rows
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:

@@ -1,5 +1,6 @@
 """Samples from a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,12 @@ from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
 from calibration.time_offset import TimedSignal, make_stream
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
+from drivers.formats import read_csv_rows, reason, shown
 from drivers.images import SUFFIXES
 from drivers.types import Pose
-from rig.frames.csv_rows import read_csv_rows
+
+_LONGEST_WHOLE = 20
+"""Characters of a whole number of 64 bits."""
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
@@ -50,35 +54,46 @@ def read_stream(path: Path) -> TimedSignal:
         raise InputError(f"{path}: has no column time_ns or t_s")
     try:
         if rows and "time_ns" in rows[0]:
-            times = np.array([int(row["time_ns"]) for row in rows], np.int64)
+            times = np.array([_whole(row["time_ns"]) for row in rows], np.int64)
         else:
             times = np.array([_nanoseconds(row["t_s"]) for row in rows], np.int64)
         values = np.array([float(row["value"]) for row in rows])
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: a time or value is not a number ({error})") from error
+    except (KeyError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: a time or value is not a number ({reason(error)})") from error
     return make_stream(times, values, path.name)
 
 
 def number(row: dict[str, str], column: str, where: str) -> float:
     """A number of a row. Raises `InputError` naming line and column."""
     try:
-        return float(row[column])
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: column {column} holds {row[column]!r}, which is not a number") from error
+        value = float(row[column])
+        if not math.isfinite(value):
+            raise ValueError
+        return value
+    except (KeyError, ValueError) as error:
+        raise InputError(
+            f"{where}: column {column} holds {shown(row.get(column))}, which is not a number"
+        ) from error
 
 
 def _nanoseconds(text: str) -> int:
     """Decimal seconds to ns, without the rounding of a float."""
     whole, _, part = text.strip().partition(".")
     sign = -1 if whole.startswith("-") else 1
-    return int(whole or "0") * 10**9 + sign * int((part + "0" * 9)[:9] or "0")
+    return _whole(whole or "0") * 10**9 + sign * int((part + "0" * 9)[:9] or "0")
+
+
+def _whole(text: str) -> int:
+    if len(text) > _LONGEST_WHOLE:
+        raise ValueError(f"{shown(text)} is beyond 64 bits")
+    return int(text)
 
 
 def _pose(row: dict[str, str], where: str) -> Pose:
     def read(*names: str) -> NDArray[np.float64]:
         try:
             return np.array([float(row[name]) for name in names])
-        except (TypeError, ValueError) as error:
+        except (KeyError, ValueError) as error:
             raise CalibrationError(f"{where}: a number is missing or damaged") from error
 
     position = read("x_m", "y_m", "z_m")

@@ -12,12 +12,12 @@ from calibration.gel.reference import Reference, assess_reference
 from calibration.gel.scale import GelScale, fit_scale
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError, InputError
+from drivers.formats import read_csv_rows
 from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import number
-from rig.frames.csv_rows import read_csv_rows
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""

@@ -4,7 +4,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import InputError, OperatorStopError, RigError
+from drivers.errors import InputError, OperatorStopError, RigError, SessionError
+from rig.cli.output import discard
 from rig.live.screen import set_aside
 
 
@@ -55,6 +56,17 @@ def exit_code(error: RigError) -> Exit:
     return Exit.USAGE if isinstance(error, InputError) else Exit.FAULT
 
 
+def report_broken(problems: Sequence[str]) -> None:
+    """End as with any input that cannot be used, once everything else is done.
+
+    problems: what was left out. Raises `SessionError` where there are any.
+    """
+    for problem in problems[:-1]:
+        say(f"left out: {problem}")
+    if problems:
+        raise SessionError(f"done, except for what is broken: {problems[-1]}")
+
+
 def stop_on_signals() -> None:
     """Make Ctrl-C, a polite kill and a lost terminal end in the same safe teardown as an error.
 
@@ -70,7 +82,7 @@ def stop_on_signals() -> None:
         nonlocal received
         received += 1
         if number == signal.SIGHUP:
-            _discard(terminals)
+            discard(terminals)
         if received == 1:
             _say_if_heard("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
             raise OperatorStopError("stopped by the operator; what was finished is kept")
@@ -87,14 +99,6 @@ def stop_on_signals() -> None:
 def _say_if_heard(text: str) -> None:
     with suppress(OSError, ValueError):  # nobody reads any more: what follows matters more
         say(text)
-
-
-def _discard(descriptors: list[int]) -> None:
-    """Let what is still printed go nowhere: writing to a terminal that is gone is an error."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for descriptor in descriptors:
-        os.dup2(nowhere, descriptor)
-    os.close(nowhere)
 
 
 def session_folder(out: Path | None, resume: bool, kind: str, object_id: str | None = None) -> Path:

@@ -175,7 +175,8 @@ def _session(
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
-    for tip in session_frames(path):
+    tips, problems = session_frames(path)
+    for tip in tips:
         result, note = run.apply(tip.frames, tip.background, tip.sign, tip.aspect)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(result))
@@ -183,6 +184,7 @@ def _session(
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if json:
         common.emit_json({"session": str(path), "out": str(out), "lifts": lifts})
+    common.report_broken(problems)
 
 
 def _write(file: Path, text: str) -> None:
@@ -204,6 +206,10 @@ def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> d
     found = figures(result)
     if found.unreadable:
         common.say(f"warning: {found.unreadable} frames could not be read; their rows say 'lost'")
+    if found.jumped:
+        common.say(
+            f"warning: the times of {found.jumped} frames jump from those around them; their rows say 'lost'"
+        )
     refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
     zero = "" if result.zero is None else f"{result.zero.text} s, "
     common.say(background_note)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import JsonOption, emit_json, report_broken, say
 
 
 def export(
@@ -52,7 +52,13 @@ def export(
     for note in exported.notes:
         say(note)
     if json:
-        figures = {"counts": exported.counts, "notes": list(exported.notes), "wall_s": wall_s}
+        figures = {
+            "counts": exported.counts,
+            "notes": list(exported.notes),
+            "left_out": list(exported.left_out),
+            "wall_s": wall_s,
+        }
         emit_json({"session": str(session), "to": to, "out": str(folder), **figures})
     else:
         print(folder)
+    report_broken(exported.left_out)

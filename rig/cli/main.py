@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 
 import typer
 
@@ -9,7 +10,7 @@ from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.benchmark.commands import benchmark
 from rig.cli.calibrate.commands import calibrate
-from rig.cli.common import exit_code, say, stop_on_signals
+from rig.cli.common import Exit, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
@@ -17,6 +18,7 @@ from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.model import model
+from rig.cli.output import guarded_output
 from rig.cli.play import play
 from rig.cli.record import record
 from rig.cli.replay import replay
@@ -53,12 +55,24 @@ def main() -> None:
     # Matrices are small here: BLAS threads gain nothing and make a busy computer ten times slower. Read when
     # numpy is imported, which no command is before it runs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What is wrong with a picture is said in our own line, not in OpenCV's beside it.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     stop_on_signals()
     try:
-        app()
+        with guarded_output():
+            app()
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
-        say(f"rig: {error}{notes}")
-        sys.exit(exit_code(error))
-    except BrokenPipeError:
-        sys.exit(0)
+        _end(f"{error}{notes}", exit_code(error))
+    except OSError as error:  # of a file that nobody thought could fail
+        _end(f"{error.filename or 'a file'}: {error.strerror or error}", Exit.FAULT)
+
+
+def _end(message: str, code: Exit) -> None:
+    """Say in one line why it ended, whatever the message is made of."""
+    from drivers.formats import without_passwords
+
+    with suppress(OSError, ValueError):
+        text = without_passwords(message).encode("utf-8", "backslashreplace").decode()
+        say("rig: " + " ".join(text.splitlines()))
+    sys.exit(code)

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, ResumeOption, emit_json, say, trial_jobs
+from rig.cli.common import JsonOption, ResumeOption, emit_json, report_broken, say, trial_jobs
 
 if TYPE_CHECKING:
     from rig.experiments.batch_replay import ReplayPlan
-    from rig.sessions.records import ReplayRow
 
 
 def replay(
@@ -84,6 +83,7 @@ def _replay_one(
     if json:
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
         emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})
+    report_broken(result.problems)
 
 
 def _replay_many(
@@ -125,7 +125,7 @@ def _replay_many(
     say(f"{folder}/results.csv: {len(rows)} lines, {wall_s:.1f} s")
     if json:
         emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
-    _report_broken(rows)
+    report_broken([row.problem for row in rows if row.problem])
 
 
 def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
@@ -142,13 +142,3 @@ def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
         say(f"{len(notes)} of {len(sessions)} sessions: {notes[0]}")
     for path, why in (*plan.left_out, *plan.broken):
         say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")
-
-
-def _report_broken(rows: "list[ReplayRow]") -> None:
-    """End as with any input that cannot be used, once everything else is done."""
-    from drivers.errors import SessionError
-
-    broken = [row.problem for row in rows if row.problem]
-    if broken:
-        more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
-        raise SessionError(f"done, except for what is broken: {broken[0]}{more}")

@@ -17,9 +17,14 @@ def sessions(
     folder: Annotated[
         Path, typer.Argument(help="Folder that holds sessions, at any depth, or is one.")
     ] = Path("sessions"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="See that recordings are there; leave their checksums out.")
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """List sessions: date, kind, objects, lifts, MARE, size; broken ones with what is wrong.
+
+    Every byte of the recordings is read and held to their checksums: a second or two for 45 lifts.
 
     Examples:
       rig sessions
@@ -30,7 +35,7 @@ def sessions(
     from rig.cli.printing import table_console
     from rig.results.listing import find_sessions, list_session
 
-    entries = [list_session(path) for path in find_sessions(folder)]
+    entries = [list_session(path, quick) for path in find_sessions(folder)]
     console = table_console(to_stderr=json)
     if entries:
         console.print(_table(folder, entries))

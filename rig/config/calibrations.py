@@ -7,11 +7,14 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from calibration.camera.files import camera_from
 from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from rig.config import BenchConfig, load_bench
+from drivers.formats import reason
+from rig.config import BenchConfig, load_bench, validation_text
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceInUse
 
 FOLDER = "calibrations"
@@ -79,8 +82,13 @@ def _used(
         )
     try:
         taken = take(file, str(path))
-    except (KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f"{path}: damaged ({error!r}); make it again with rig calibrate") from error
+    except ValidationError as error:
+        raise CalibrationError(
+            f"{path}: cannot be ({validation_text(error)}); make it again with rig calibrate"
+        ) from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        why = f"{type(error).__name__} {reason(error)}"
+        raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
     if taken is None:
         return CalibrationsInUse()
     facts = FileInUse(

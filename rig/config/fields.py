@@ -38,6 +38,20 @@ Host = Annotated[str, _written_as(r"\w([\w.-]*\w)?", "an IPv4 address or a host'
 HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
 
 
+def _inside(text: str) -> str:
+    """Hold a path to files below the folder that it is of."""
+    if any(not _FILE_NAME.fullmatch(part) or part in (".", "..") for part in text.split("/")):
+        raise ValueError("is no name of a file inside its folder")
+    return text
+
+
+_FILE_NAME = re.compile(r"[^/\\\x00-\x1f\x7f]{1,150}")
+InnerPath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
+"""A file in a session, its parts apart by `/`."""
+FileName = Annotated[InnerPath, _written_as(r"[^/]*", "a name that a file can have")]
+"""What becomes part of a file's name: serials, objects, benches."""
+
+
 class Strict(BaseModel):
     """Refuses unknown keys, NaN and infinities."""
 

@@ -1,11 +1,32 @@
 """The calibrations a session uses: stored with its bench, so that a replay uses the same ones."""
 
+from itertools import pairwise
+from typing import Annotated, Self
+
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from calibration.camera.model import CameraModel
+from calibration.poses import pose_fault
 from drivers.types import Pose
 from rig.config.fields import Strict
+
+Aspect = Annotated[float, Field(ge=0.5, le=2.0)]
+TimeShift = Annotated[float, Field(ge=-1.0, le=1.0)]
+"""s; a sensor whose clock is further off is not one that a lift can be measured with."""
+Counts = Annotated[float, Field(ge=0, le=255)]
+Opening = Annotated[float, Field(ge=-0.2, le=0.2)]
+"""m; below zero where the fingers would close beyond each other."""
+OpeningPairs = tuple[tuple[float, float], ...]
+
+
+def _closing(pairs: OpeningPairs) -> OpeningPairs:
+    """Hold a table to what fingers do while they close: each further count opens no wider."""
+    for (counts, opening_m), (more, next_m) in pairwise(pairs):
+        if not (counts < more and opening_m >= next_m):
+            way = f"from {counts:g} to {more:g} counts"
+            raise ValueError(f"does not close {way}: {opening_m:.4g} to {next_m:.4g} m")
+    return pairs
 
 
 class FileInUse(Strict):
@@ -20,8 +41,8 @@ class FileInUse(Strict):
 class CameraInUse(Strict):
     """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order."""
 
-    matrix: tuple[float, ...]
-    distortion: tuple[float, ...]
+    matrix: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+    distortion: Annotated[tuple[float, ...], Field(min_length=5, max_length=8)]
 
     def camera_model(self, size_px: tuple[int, int]) -> CameraModel:
         """The camera, for pictures of the bench file's width and height (checked when it was found)."""
@@ -33,6 +54,13 @@ class PlaceInUse(Strict):
 
     position_m: tuple[float, float, float]
     quaternion_xyzw: tuple[float, float, float, float]
+
+    @model_validator(mode="after")
+    def _is_a_place(self) -> Self:
+        fault = pose_fault(self.pose(), "base_T_camera")
+        if fault is not None:
+            raise ValueError(fault)
+        return self
 
     def pose(self) -> Pose:
         """As a pose."""
@@ -49,9 +77,9 @@ class CalibrationsInUse(Strict):
     files: dict[str, FileInUse] = Field(default_factory=dict)
     camera: CameraInUse | None = None
     base_T_camera: PlaceInUse | None = None  # noqa: N815 - frame names keep their case
-    pixel_aspect: dict[str, float] = Field(default_factory=dict)
-    time_shift_s: dict[str, float] = Field(default_factory=dict)
-    opening: tuple[tuple[float, float], ...] = ()
+    pixel_aspect: dict[str, Aspect] = Field(default_factory=dict)
+    time_shift_s: dict[str, TimeShift] = Field(default_factory=dict)
+    opening: Annotated[tuple[tuple[Counts, Opening], ...], AfterValidator(_closing)] = ()
 
     def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
         """Return what either has; of what both have, the other's."""

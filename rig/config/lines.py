@@ -1,8 +1,15 @@
 """The line of a TOML file that a key is on, for messages that say where something is wrong."""
 
-import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
+from functools import lru_cache
 from typing import Any
+
+from drivers.errors import FormatError
+from drivers.formats import parse_toml
+
+MOST_LINES = 500
+"""Of a bench file that are looked at for a key: time grows with their square."""
 
 KeyPath = Sequence[str | int]
 """Keys and list indices from the top of a bench file, as ("tactile", 1, "rate_hz")."""
@@ -14,23 +21,30 @@ def line_of(text: str, path: KeyPath) -> int:
     """Return the 1-based line on which a key, table or element of valid TOML begins.
 
     What is not in the text (a missing key) counts as being where its nearest table begins; an empty
-    path is line 1.
+    path is line 1, and so is what lies beyond `MOST_LINES`.
 
     The file is read again from its beginning, a line more each time, until the key is there: no
     second idea of TOML's grammar is needed, and bench files are short.
     """
-    lines = text.splitlines()
-    wanted = _present_part(tomllib.loads(text), path)
-    readable = 0
-    for count in range(1, len(lines) + 1):
-        try:
-            document = tomllib.loads("\n".join(lines[:count]))
-        except tomllib.TOMLDecodeError:
-            continue  # in the middle of a value of several lines
-        if wanted and _present_part(document, wanted) == wanted:
-            return _first_with_content(lines, readable)
-        readable = count
+    wanted = _present_part(parse_toml(text, ""), path)
+    for begin, document in _grown(text) if wanted else ():
+        if _present_part(document, wanted) == wanted:
+            return _first_with_content(text.split("\n"), begin)
     return 1
+
+
+@lru_cache(maxsize=1)
+def _grown(text: str) -> list[tuple[int, Any]]:
+    """Return what a file says up to each line, with the number of lines before what that line ends."""
+    lines, readable = text.split("\n"), 0
+    grown: list[tuple[int, Any]] = []
+    for count in range(1, min(len(lines), MOST_LINES) + 1):
+        if not lines[count - 1].strip() or lines[count - 1].lstrip().startswith("#"):
+            continue
+        with suppress(FormatError):  # in the middle of a value of several lines
+            grown.append((readable, parse_toml("\n".join(lines[:count]), "")))
+            readable = count
+    return grown
 
 
 def _present_part(document: Any, path: KeyPath) -> list[str | int]:

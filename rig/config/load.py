@@ -1,7 +1,6 @@
 """Reading a bench file, and saying where it is wrong."""
 
 import json
-import tomllib
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from drivers.errors import InputError
+from drivers.formats import parse_toml, read_text, shown
+from drivers.formats.toml_text import MOST_BYTES
 from rig.config.checks import inconsistencies
 from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
@@ -33,20 +34,15 @@ def load_bench(name_or_path: str) -> BenchConfig:
             f"no bench '{name_or_path}': use 'fake', 'wire' or the path of a bench file "
             "(rig bench new FILE writes one)"
         )
-    try:
-        return parse_bench(path.read_text(), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from error
+    return parse_bench(read_text(path, MOST_BYTES), str(path))
 
 
 def parse_bench(text: str, name: str) -> BenchConfig:
     """Read a bench file's text; `name` is what messages call it. Raises `InputError`."""
     try:
         # As JSON, where lists are tuples too: otherwise strict, so that true is no 1 and "5" no 5.
-        document = json.dumps(tomllib.loads(text), default=str)
+        document = json.dumps(parse_toml(text, name), default=str)
         config = BenchConfig.model_validate_json(document, strict=True)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: not valid TOML: {error}") from error
     except ValidationError as error:
         raise InputError(f"{name}: {validation_text(error, text)}") from error
     wrong = [*inconsistencies(config), *missing_keys(config), *unused_keys(config)]
@@ -57,15 +53,18 @@ def parse_bench(text: str, name: str) -> BenchConfig:
 
 def validation_text(error: ValidationError, source: str | None = None) -> str:
     """Say in one line which keys are wrong and why, with their lines in `source` where given."""
-    return _text([(details["loc"], _reason(details)) for details in error.errors()], source)
+    every = error.errors()
+    named = [(details["loc"], _reason(details)) for details in every[:MOST_FAULTS]]
+    return _text(named, source, len(every))
 
 
-def _text(faults: Sequence[KeyFault], source: str | None) -> str:
+def _text(faults: Sequence[KeyFault], source: str | None, count: int | None = None) -> str:
+    """Say the first faults with their lines. count: of all there are, where `faults` are the first."""
     parts = []
     for loc, why in faults[:MOST_FAULTS]:
         line = f"line {line_of(source, loc)}: " if source is not None else ""
         parts.append(f"{line}{'.'.join(map(str, loc)) or 'file'}: {why}")
-    more = len(faults) - MOST_FAULTS
+    more = (count or len(faults)) - MOST_FAULTS
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
@@ -74,7 +73,7 @@ def _reason(details: Any) -> str:
         key = str(details["loc"][-1])
         near = get_close_matches(key, known_keys() - {key}, n=1)
         return "unknown key" + (f", did you mean '{near[0]}'?" if near else "")
-    found = "" if details["type"] == "missing" else f", found {details['input']!r}"
+    found = "" if details["type"] == "missing" else f", found {shown(details['input'])}"
     return f"{details['msg'].removeprefix('Value error, ')}{found}"
 
 

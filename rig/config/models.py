@@ -9,9 +9,11 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
+from drivers.formats import without_passwords
 from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
 from rig.config.fields import (
     BenchSection,
+    FileName,
     Finger,
     Host,
     HostPort,
@@ -102,7 +104,7 @@ class TactileConfig(BenchSection):
     """A tactile sensor on a grasping finger; without an address it is found by its serial."""
 
     driver: Literal["fake", "digit"]
-    serial: str = Field(min_length=1)
+    serial: FileName
     address: str | None = None
     finger: Finger
     sign: Literal[1, -1]
@@ -118,7 +120,7 @@ class CameraConfig(BenchSection):
     """The external camera and the markers it watches."""
 
     driver: Literal["fake", "camera"]
-    serial: str = Field(min_length=1)
+    serial: FileName
     address: str | None = None
     rate_hz: Rate
     size_px: tuple[Pixels, Pixels]
@@ -169,7 +171,7 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
-    name: str = Field(min_length=1)
+    name: FileName
     arm: ArmConfig
     gripper: GripperConfig
     tactile: tuple[TactileConfig, TactileConfig]
@@ -195,6 +197,14 @@ class BenchConfig(BenchSection):
     def object_distance_m(self) -> float:
         """From where the camera stands (`base_T_camera`) to an object in its place, m."""
         return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, self.table.position_m)))
+
+    def without_passwords(self) -> "BenchConfig":
+        """The same without what its addresses say of passwords, as a session keeps it."""
+        camera, *tactile = (
+            source.model_copy(update={"address": source.address and without_passwords(source.address)})
+            for source in (self.camera, *self.tactile)
+        )
+        return self.model_copy(update={"camera": camera, "tactile": tuple(tactile)})
 
     def pixel_aspects(self) -> dict[str, float | None]:
         """Width over height of each fingertip's pixels by serial, measured or of this file."""

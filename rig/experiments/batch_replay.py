@@ -16,7 +16,7 @@ from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
 from rig.sessions.records import REPLAYS, FinishedLift, ReplayRow
-from rig.sessions.rows import read_finished_lifts
+from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import Session, open_session
 from rig.sessions.table_files import csv_bytes, has_parquet, parquet_bytes
 from rig.sessions.timing import ReplayTiming
@@ -43,7 +43,10 @@ class ReplayTask:
 
 @dataclass(frozen=True, slots=True)
 class ReplayPlan:
-    """What is to be replayed, what cannot be, and what was left out because it is no trial."""
+    """What is to be replayed, what cannot be, and what was left out because it is no trial.
+
+    broken: a session as a whole, or a line of it; its other lifts are replayed.
+    """
 
     tasks: tuple[ReplayTask, ...]
     broken: tuple[tuple[Path, str], ...]
@@ -74,7 +77,9 @@ def plan_replays(folders: list[Path], estimator: str | None, window: int | None)
         try:
             manifest = read_manifest(folder)
             if isinstance(manifest, TrialManifest):
-                tasks += _tasks_of(folder, manifest, estimator, window)
+                settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+                tasks += [ReplayTask(folder, settings, row, manifest.started) for row in usable.lifts]
+                broken += [(folder, problem) for problem in usable.problems]
             else:
                 left_out.append((folder, f"a '{manifest.kind}' session has no lifts to replay"))
         except InputError as error:
@@ -126,13 +131,6 @@ def replay_task(task: ReplayTask) -> ReplayRow:
     except RigError as error:
         return unread_row(head, task.row, str(error))
     return table_row(head, row, identical=row == task.row)
-
-
-def _tasks_of(
-    folder: Path, manifest: TrialManifest, estimator: str | None, window: int | None
-) -> list[ReplayTask]:
-    settings = session_settings(folder, estimator, window)
-    return [ReplayTask(folder, settings, row, manifest.started) for row in read_finished_lifts(folder)]
 
 
 def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from drivers.errors import RigError, SessionError
 from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
@@ -13,17 +14,21 @@ from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
 from rig.sessions.records import FinishedLift
-from rig.sessions.rows import read_finished_lifts
+from rig.sessions.rows import read_usable_lifts
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a replay gave: its summary, rows, and how many lifts equal the stored ones bit for bit."""
+    """What a replay gave: its summary, rows, and how many lifts equal the stored ones bit for bit.
+
+    problems: what could not be read, and is left out of all this.
+    """
 
     summary: TrialSummary
     rows: list[FinishedLift]
     identical: int
+    problems: tuple[str, ...] = ()
 
 
 def run_replay(
@@ -36,18 +41,31 @@ def run_replay(
     """Replay all accepted lifts of a session; nothing in the session changes.
 
     estimator, window: those of the session when None. Raises `SessionError` for a folder that
-    is none, holds no finished lift, or has a damaged recording.
+    is none, or where no finished lift can be read.
     """
-    settings = session_settings(folder, estimator, window)
-    stored = {row.number: row for row in read_finished_lifts(folder)}
+    settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+    stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
     rows: dict[int, FinishedLift] = {}
-    work = partial(replay_lift, folder, settings)
+    work = partial(replay_or_problem, folder, settings)
     for _, row in run_tasks(work, list(stored.values()), jobs):
-        rows[row.number] = row
-        progress(len(rows), len(stored), row)
+        if isinstance(row, str):
+            problems.append(row)
+        else:
+            rows[row.number] = row
+            progress(len(rows), len(stored), row)
+    if not rows:
+        raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
     identical = sum(row == stored[row.number] for row in in_order)
-    return Replay(summarize_trial(in_order), in_order, identical)
+    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
+
+
+def replay_or_problem(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift | str:
+    """Watch one recorded lift again; return its row, or why its recording cannot be read."""
+    try:
+        return replay_lift(folder, settings, row)
+    except RigError as error:
+        return str(error)
 
 
 def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift:

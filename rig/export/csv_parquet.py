@@ -5,18 +5,25 @@ the end of phase A. `t_s` is the bench's monotonic time, `t_lift_s` counts from 
 B. Quaternions are xyzw, poses `base_T_tcp` in m, forces in N and torques in N m in the base's axes.
 """
 
-import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 from drivers.clock import NS_PER_S
+from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.results.table import COLUMNS as LIFT_COLUMNS
 from rig.results.table import TableHead, table_lines, table_row
 from rig.sessions.manifest import TrialManifest
-from rig.sessions.reading import phase_times, recorded_messages, recorded_pose
+from rig.sessions.reading import (
+    phase_times,
+    recorded_angle,
+    recorded_gripper,
+    recorded_joints,
+    recorded_pose,
+)
 from rig.sessions.recorder import (
     ANGLE_PREFIX,
     ARM_TOPIC,
@@ -26,6 +33,7 @@ from rig.sessions.recorder import (
     JOINTS_TOPIC,
     TRUTH_TOPIC,
 )
+from rig.sessions.recording_file import recorded_messages
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 
@@ -117,9 +125,11 @@ def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, 
     pose: tuple[float, ...] = ()
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == ARM_TOPIC:
-            tcp = recorded_pose(data)
+            tcp = recorded_pose(data, path)
             pose = (*tcp.position_m, *tcp.quaternion_xyzw)
             continue
+        if topic == JOINTS_TOPIC and not pose:
+            raise SessionError(f"{path}: the recording is damaged (the arm's joints without its pose)")
         begun = bisect_right(starts, time_ns)
         when = {
             **identity,
@@ -127,22 +137,24 @@ def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, 
             "t_s": time_ns / NS_PER_S,
             "t_lift_s": (time_ns - lift_ns) / NS_PER_S,
         }
-        yield topic, {**when, **_values(topic, sequence, data, pose)}
+        yield topic, {**when, **_values(path, topic, sequence, data, pose)}
 
 
-def _values(topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> Line:
+def _values(path: Path, topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> Line:
     if topic.startswith(IMAGE_PREFIX):
         return {"source": topic.removeprefix(IMAGE_PREFIX), "sequence": sequence}
-    values = json.loads(data)
     if topic == JOINTS_TOPIC:
-        numbers = zip(
-            (*POSE, *JOINTS, *WRENCH), (*pose, *values["joints_rad"], *values["wrench"]), strict=True
-        )
-        return {**dict(numbers), "mode": values["mode"]}
+        joints = recorded_joints(data, path)
+        numbers = zip((*POSE, *JOINTS, *WRENCH), (*pose, *joints.joints_rad, *joints.wrench), strict=True)
+        return {**dict(numbers), "mode": joints.mode.value}
+    if topic == GRIPPER_TOPIC:
+        return asdict(recorded_gripper(data, path))
     if topic.startswith(ANGLE_PREFIX):
         named = {FUSED_TOPIC: FUSED, TRUTH_TOPIC: TRUTH}
+        values = asdict(recorded_angle(data, path, 0))
+        del values["time_ns"]
         return {**values, "source": named.get(topic, topic.removeprefix(ANGLE_PREFIX))}
-    return values
+    return {}
 
 
 def _recording_tables(request: ExportRequest) -> list[ExportTable]:

@@ -1,6 +1,5 @@
 """A lift as a row of equal time steps: what each source showed last at each step."""
 
-import json
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,13 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
-from rig.sessions.reading import phase_times, recorded_jpeg, recorded_messages, recorded_pose
+from rig.sessions.reading import (
+    phase_times,
+    recorded_angle,
+    recorded_gripper,
+    recorded_jpeg,
+    recorded_pose,
+)
 from rig.sessions.recorder import (
     ARM_TOPIC,
     FUSED_TOPIC,
@@ -21,6 +26,7 @@ from rig.sessions.recorder import (
     TRUTH_TOPIC,
     image_topic,
 )
+from rig.sessions.recording_file import recorded_messages
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +73,7 @@ def read_episode(recording: Path, rate_hz: int) -> Episode:
     phases = phase_times(recording)
     tracks: dict[str, _Track] = {}
     for topic, time_ns, _, data in recorded_messages(recording):
-        value = _value(topic, data)
+        value = _value(topic, data, recording)
         if value is not None:
             tracks.setdefault(topic, _Track()).add(time_ns, value)
     serials = [topic.removeprefix(IMAGE_PREFIX) for topic in tracks if topic.startswith(IMAGE_PREFIX)]
@@ -77,6 +83,8 @@ def read_episode(recording: Path, rate_hz: int) -> Episode:
     seen = [track for topic, track in tracks.items() if topic not in (FUSED_TOPIC, TRUTH_TOPIC)]
     start = max(phases[Phase.GRASP], *(track.time_ns[0] for track in seen))
     count = (phases[Phase.LOWER] - start) * rate_hz // NS_PER_S
+    if count < 1:
+        raise SessionError(f"{recording}: holds no step from its grasp to its end; the session is damaged")
     times = [start + step * NS_PER_S // rate_hz for step in range(count)]
     estimate, estimate_known = _angles(tracks.get(FUSED_TOPIC), times)
     truth, truth_known = _angles(tracks.get(TRUTH_TOPIC), times)
@@ -91,16 +99,16 @@ def read_episode(recording: Path, rate_hz: int) -> Episode:
     )
 
 
-def _value(topic: str, data: bytes) -> Any:
+def _value(topic: str, data: bytes, path: Path) -> Any:
     if topic.startswith(IMAGE_PREFIX):
-        return recorded_jpeg(data)
+        return recorded_jpeg(data, path)
     if topic == ARM_TOPIC:
-        pose = recorded_pose(data)
+        pose = recorded_pose(data, path)
         return (*pose.position_m, *pose.quaternion_xyzw)
     if topic == GRIPPER_TOPIC:
-        return json.loads(data)["position_counts"]
+        return recorded_gripper(data, path).position_counts
     if topic in (FUSED_TOPIC, TRUTH_TOPIC):
-        return (json.loads(data)["angle_deg"],)
+        return (recorded_angle(data, path, 0).angle_deg,)
     return None
 
 

@@ -1,7 +1,8 @@
 """The formats by their names, and how an export comes to be whole or not at all."""
 
-import shutil
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from drivers.errors import InputError, RecordingError
 from rig.export.csv_parquet import export_csv, export_parquet
@@ -31,17 +32,17 @@ def export_session(session: Path, to: str, out: Path, every: int = 10) -> Export
         raise InputError(f"{session}: no such session folder")
     if out.exists():
         raise InputError(f"{out} exists already: remove it, or give another --out")
-    aside = out.with_name(out.name + ".part")
+    request = export_request(session, out, every)
     try:
-        shutil.rmtree(aside, ignore_errors=True)
-        request = export_request(session, aside, every)
-        aside.mkdir(parents=True)
-        exported = FORMATS[to](request)
-        aside.replace(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as aside:
+            # a folder in it, with the permissions that a folder has here
+            whole = Path(aside) / out.name
+            whole.mkdir()
+            exported = FORMATS[to](replace(request, out=whole))
+            whole.replace(out)
     except OSError as error:
         raise RecordingError(
             f"{out}: cannot be written ({error.strerror or error}); give another --out"
         ) from error
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-    return exported
+    return replace(exported, left_out=request.left_out)

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.errors import SessionError
-from drivers.images import load_image
+from drivers.images import image_flaw, load_image
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.export.result import ExportRequest
-from rig.sessions.images import decoded
 from rig.sessions.layout import reference_file, true_mask_file
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.tactile.contact.background import mean_background
@@ -82,9 +81,10 @@ def _found(finder: ContactFinder, image: Image) -> Image:
 
 
 def _read(path: Path) -> Image:
-    if not path.exists():
-        raise SessionError(f"{path}: the image is missing; the session is damaged")
-    return decoded(path.read_bytes())
+    image = load_image(path)
+    if image is None:
+        raise SessionError(f"{path}: {image_flaw(path) or 'cannot be decoded'}; the session is damaged")
+    return image
 
 
 def _mask(path: Path, picture: Image) -> Image:

@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import SessionError
 from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.records import FinishedLift, LiftRow, PoseRow, finished
-from rig.sessions.rows import read_lifts, read_poses
+from rig.sessions.rows import read_usable_lifts, read_usable_poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class ExportRequest:
     """A session and where its export goes: a folder that exists and is empty.
 
     lifts, poses: all attempts of a trial, of a recording; the other one has none. every: of a trial's
-    frames, each so-many-th becomes a labelled image.
+    frames, each so-many-th becomes a labelled image. left_out: what of the session cannot be read, and why.
     """
 
     session: Path
@@ -24,6 +24,7 @@ class ExportRequest:
     lifts: tuple[LiftRow, ...] = ()
     poses: tuple[PoseRow, ...] = ()
     every: int = 10
+    left_out: tuple[str, ...] = ()
 
     @property
     def finished_lifts(self) -> list[FinishedLift]:
@@ -38,10 +39,11 @@ class ExportRequest:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written: how many of what, and what a user of it should know."""
+    """What was written: how many of what, what a user of it should know, what could not be read."""
 
     counts: dict[str, int]
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 Exporter = Callable[[ExportRequest], Exported]
@@ -52,9 +54,15 @@ def export_request(session: Path, out: Path, every: int) -> ExportRequest:
     kinds = (TrialManifest, RecordManifest)
     manifest = read_manifest_of(session, kinds, "trials and recordings can be exported")
     if isinstance(manifest, TrialManifest):
-        request = ExportRequest(session, out, manifest, lifts=tuple(read_lifts(session)), every=every)
+        usable = read_usable_lifts(session, checked=True)
+        request = ExportRequest(
+            session, out, manifest, lifts=usable.rows, left_out=usable.problems, every=every
+        )
     else:
-        request = ExportRequest(session, out, manifest, poses=tuple(read_poses(session)), every=every)
+        poses, flaws = read_usable_poses(session)
+        request = ExportRequest(
+            session, out, manifest, poses=tuple(poses), left_out=tuple(flaws), every=every
+        )
     if not request.finished_lifts and not request.accepted_poses:
         raise SessionError(f"{session}: nothing is finished yet; continue it with --resume first")
     return request

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.errors import InputError
-from rig.frames.series import FrameSeries
+from drivers.tally import StreamTimes
+from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.tactile.contact.steadiness import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
@@ -22,10 +23,11 @@ STABLE_FRAMES, FULL_AREA = 6, 0.8
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the estimator said about the frame taken at a time."""
+    """What the estimator said about the frame taken at a time. jumped: not asked, as that time cannot be."""
 
     time: FrameTime
     sample: SlipSample
+    jumped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,7 @@ class EstimateFigures:
     answered: int
     refused: dict[str, int]
     unreadable: int
+    jumped: int
     reference_time_s: float | None
     reference: str
     median_ms: float | None
@@ -59,15 +62,14 @@ class EstimateFigures:
 
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    return tuple(
-        Answer(
-            frame.time,
-            SlipSample(frame.time.time_ns, State.LOST)
-            if frame.image is None
-            else estimator.update(frame.image, frame.time.time_ns),
-        )
-        for frame in series
-    )
+    times = StreamTimes()
+    return tuple(_answer(frame, estimator, times.follows(frame.time.time_ns)) for frame in series)
+
+
+def _answer(frame: TimedFrame, estimator: TactileEstimator, in_time: bool) -> Answer:
+    if frame.image is None or not in_time:
+        return Answer(frame.time, SlipSample(frame.time.time_ns, State.LOST), not in_time)
+    return Answer(frame.time, estimator.update(frame.image, frame.time.time_ns))
 
 
 def zeroed(
@@ -80,7 +82,8 @@ def zeroed(
     first answer from there on is the zero. Raises `InputError` for a reference time outside the series.
     """
     unreadable = sum(
-        answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 for answer in answers
+        answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 and not answer.jumped
+        for answer in answers
     )
     place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)
     zero = None if place is None else answers[place]
@@ -135,6 +138,7 @@ def figures(estimate: Estimate) -> EstimateFigures:
         answered=len(estimate.answers) - sum(refused.values()),
         refused=dict(sorted(refused.items())),
         unreadable=estimate.unreadable,
+        jumped=sum(answer.jumped for answer in estimate.answers),
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
         median_ms=round(float(np.median(cost_ms)), 3) if cost_ms else None,

@@ -11,7 +11,7 @@ from rig.frames.times import FrameTime
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.recorder import seconds_text
-from rig.sessions.rows import read_finished_lifts
+from rig.sessions.rows import read_usable_lifts
 from rig.tactile.contact.background import mean_background
 
 
@@ -30,15 +30,19 @@ class SessionSeries:
     frames: FrameSeries
 
 
-def session_frames(folder: Path) -> list[SessionSeries]:
-    """Return the fingertips of all accepted lifts of a trial. Raises `SessionError`."""
+def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
+    """Return the fingertips of a trial's accepted lifts, and what is wrong with those that cannot be read.
+
+    Raises `SessionError` where none can be.
+    """
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts; give its images")
-    aspects = manifest.config.pixel_aspects()
-    return [
+    usable, aspects = read_usable_lifts(folder, checked=True), manifest.config.pixel_aspects()
+    series = [
         _series(folder / row.recording, serial, sign, aspects.get(serial))
-        for row in read_finished_lifts(folder)
+        for row in usable.lifts
         for serial, sign in manifest.signs.items()
     ]
+    return series, usable.problems
 
 
 def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:

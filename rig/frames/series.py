@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.images import SUFFIXES, load_image, read_image
+from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
@@ -133,7 +133,8 @@ def _spread(series: FrameSeries) -> list[Image]:
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
     if not any(load_image(file) is not None for file in files):
-        raise InputError(f"{path}: not one complete image ({files[0].name} is damaged): copy it anew")
+        why = image_flaw(files[0]) or "is damaged"
+        raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it anew")
     times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
     notes = (
@@ -185,6 +186,7 @@ def _video_facts(path: Path) -> tuple[int, int, float]:
     capture = cv2.VideoCapture(str(path))
     try:
         announced, fps = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+        check_video_size(capture, path)
         count = 0
         while capture.grab():
             count += 1
@@ -194,7 +196,7 @@ def _video_facts(path: Path) -> tuple[int, int, float]:
         raise InputError(
             f"{path}: neither images nor a video that can be read: give a folder, image or video"
         )
-    return count, max(0, int(announced)), float(fps)
+    return count, max(0, int(min(announced, 1e9))), float(fps)
 
 
 def _video_images(path: Path) -> Iterator[Image]:

@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from rig.frames.csv_rows import read_csv_rows
+from drivers.formats import read_csv_rows, shown
 
 MAX_FPS = 10_000.0
 # Beyond this many seconds integer nanoseconds no longer fit the 64 bits that files give them.
@@ -80,7 +80,9 @@ def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
     frame, text = fields["frame"].strip(), fields["t_s"]
     time = parse_time(text)
     if not frame or time is None:
-        raise InputError(f"{table}: line {line}: frame '{frame}', t_s '{text}': give a frame and a time in s")
+        raise InputError(
+            f"{table}: line {line}: frame {shown(frame)}, t_s {shown(text)}: give a frame and a time in s"
+        )
     return _Row(line, frame, time)
 
 
@@ -93,10 +95,12 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
     for row in rows:
         place = known.get(row.frame)
         if place is None:
-            raise InputError(f"{table}: line {row.line}: there is no frame '{row.frame}': remove the row")
+            raise InputError(
+                f"{table}: line {row.line}: there is no frame {shown(row.frame)}: remove the row"
+            )
         if place in seen:
             raise InputError(
-                f"{table}: line {row.line}: '{row.frame}' is on line {seen[place]} already: keep one"
+                f"{table}: line {row.line}: {shown(row.frame)} is on line {seen[place]} already: keep one"
             )
         seen[place] = row.line
     return list(seen)

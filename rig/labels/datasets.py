@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.formats import read_bounded, shown
+from drivers.formats.json_text import MOST_BYTES
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
@@ -25,6 +27,7 @@ from rig.sessions.manifest import RecordManifest, read_manifest
 from rig.sessions.rows import read_poses
 
 _VOC = "voc_format"
+_LONGEST_NAME = 200
 _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
 
 
@@ -127,9 +130,10 @@ def _labelme_files(folder: Path) -> list[LabelledFile]:
 
 
 def _named_image(path: Path, document: dict[str, object]) -> Path:
-    image = path.parent / str(document.get("imagePath", "")).replace("\\", "/")
-    if not image.is_file():
-        raise InputError(f"{path}: its image '{document.get('imagePath')}' is not beside it: copy it there")
+    named = str(document.get("imagePath", "")).replace("\\", "/")
+    image = path.parent / named
+    if len(named) > _LONGEST_NAME or "\0" in named or not image.is_file():
+        raise InputError(f"{path}: its image {shown(named)} is not beside it: copy it there")
     return image
 
 
@@ -181,4 +185,4 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
 
 def _is_label(path: Path) -> bool:
     """Whether a JSON file looks like LabelMe's; others (manifests, COCO) lie about as well."""
-    return b'"shapes"' in path.read_bytes()
+    return b'"shapes"' in read_bounded(path, MOST_BYTES)

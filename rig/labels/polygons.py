@@ -15,6 +15,8 @@ TOLERANCE_PX = 0.4
 LEAST_AREA_PX = 4.0
 FINE = 4
 """Polygons are filled at this many times the resolution: OpenCV also fills the pixels on their border."""
+MOST_FINE_PX = 5_000_000
+"""Larger images are filled as they are: memory grows with the square, and a border tells little there."""
 
 
 def mask_polygons(mask: Image) -> list[Polygon]:
@@ -35,9 +37,10 @@ def mask_polygons(mask: Image) -> list[Polygon]:
 
 def polygons_mask(polygons: list[Polygon], size: tuple[int, int]) -> Image:
     """Fill polygons into an (H, W) uint8 mask of 0 and 255. size: width and height, px."""
-    fine = np.zeros((FINE * size[1], FINE * size[0]), np.uint8)
+    finer = FINE if size[0] * size[1] <= MOST_FINE_PX else 1
+    fine = np.zeros((finer * size[1], finer * size[0]), np.uint8)
     for polygon in polygons:
-        cv2.fillPoly(fine, [np.rint(FINE * polygon - 0.5).astype(np.int32)], 255)
+        cv2.fillPoly(fine, [np.rint(finer * polygon - 0.5).astype(np.int32)], 255)
     share = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
     return np.where(share > 127, 255, 0).astype(np.uint8)
 

@@ -1,13 +1,13 @@
 """Label files for a person to correct, and what is exported from them once that is done."""
 
-import json
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InputError
+from drivers.errors import FormatError, InputError
+from drivers.formats import read_json
 from drivers.images import encode_png
 from drivers.types import Image
 from rig.labels.coco import LabelledImage, coco_document
@@ -63,9 +63,9 @@ def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, 
 def read_label(path: Path) -> dict[str, Any]:
     """Read a LabelMe file. Raises `InputError` saying what is wrong with it."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is no complete JSON file ({error}): save it anew in LabelMe") from error
+        document = read_json(path)
+    except FormatError as error:
+        raise InputError(f"{error}: save it anew in LabelMe") from error
     if not isinstance(document, dict) or not isinstance(document.get("shapes"), list):
         raise InputError(f"{path}: is no LabelMe file (no 'shapes'): remove it, and label anew")
     return document

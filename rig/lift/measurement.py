@@ -4,6 +4,7 @@ The same object watches a lift as it happens and a recording of it, so that a re
 same results bit for bit.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -35,6 +36,9 @@ Where a slow camera or a hidden marker leaves fewer, all the time at rest before
 FALLEN_S = 0.2
 CAMERA = "camera"
 """The external camera's name among the sources that are counted; fingertips go by serial."""
+
+
+_log = logging.getLogger("rig.lift")
 
 
 @dataclass(slots=True)
@@ -144,8 +148,12 @@ class LiftMeasurement:
         if frame.serial in self._shift_ns:
             frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
         tip = self.tips.get(frame.serial)
-        self.tallies[CAMERA if tip is None else frame.serial].add(frame)
-        if tip is not None:
+        tally = self.tallies[CAMERA if tip is None else frame.serial]
+        tally.add(frame)
+        if tally.out_of_time:
+            # kept in the recording; nothing can be said of a moment that nobody knows
+            _log.warning("%s: frame %d says a time that cannot be: left out", frame.serial, frame.sequence)
+        elif tip is not None:
             self._tactile(tip, frame)
         elif self._tcp is not None and Phase.GRASP in self.phases:
             self.truth.update(frame.image, frame.time_ns, self._tcp)

@@ -14,7 +14,7 @@ def recorded_truth(recording: Path) -> TruthSeries:
 
     Raises `SessionError`.
     """
-    angles = recorded_angles(recording, TRUTH_TOPIC)
+    angles = recorded_angles(recording, TRUTH_TOPIC)[TRUTH_TOPIC]
     return TruthSeries(
         np.array([angle.time_ns for angle in angles], np.int64),
         np.array([angle.angle_deg for angle in angles], float),

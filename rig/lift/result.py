@@ -52,6 +52,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         phases_s={phase: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
+        jumped={name: tally.jumped for name, tally in measurement.tallies.items() if tally.jumped} or None,
         states={state.value: sum(s.state is state for s in samples) for state in State},
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={

@@ -25,6 +25,8 @@ WIDTH_PX = 400
 
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
+    # names of files and objects are what they are, also with a $ in them
+    "text.parse_math": False,
     "svg.hashsalt": "rig",
     "font.family": "sans-serif",
     "font.size": 11,

@@ -24,7 +24,7 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
     """All there is to say about a trial, the worst first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
         _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
-        _marker_distance, _drops, _slow, _one_sided, _false_alarms,
+        _marker_distance, _drops, _jumps, _slow, _one_sided, _false_alarms,
     )  # fmt: skip
     found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
     found += calibration_notices(trial.manifest, now or datetime.now(UTC))
@@ -165,6 +165,17 @@ def _drops(trial: Trial) -> list[Notice]:
         return []
     advice = "rig doctor measures all cameras at once and says which of them share a USB bus."
     return [Notice("warn", f"Frames were dropped: {joined(bad)}.", advice)]
+
+
+def _jumps(trial: Trial) -> list[Notice]:
+    jumped: Counter[str] = Counter()
+    for lift in trial.lifts:
+        jumped.update(lift.row.jumped or {})
+    if not jumped:
+        return []
+    counted = joined([f"{count} of {source}" for source, count in jumped.items()])
+    advice = "They are left out of all angles. See the clock of whatever stamps these frames."
+    return [Notice("warn", f"The times of frames jumped: {counted}.", advice)]
 
 
 def _slow(trial: Trial) -> list[Notice]:

@@ -1,6 +1,5 @@
 """Lifts from plain CSV files: two angle curves each, from whatever tool measured them."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.formats import CsvTable, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
 from rig.report.curves import Curve, LiftCurves, signed_errors
@@ -21,6 +21,8 @@ SIGMA_COLUMNS = ("sigma_deg",)
 SETTLED_DEG, SETTLED_SHARE = 0.5, 0.05
 """Phase C begins when the reference stays within this, or this share of its turn, of where it ends."""
 _REFUSED = ("", "nan", "none", "null")
+_LARGEST = 9e9
+"""Of a number: integer nanoseconds of later seconds do not fit 64 bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,25 +113,18 @@ def detected_phases(truth: Curve) -> tuple[dict[str, float], float | None]:
 
 
 def _columns(path: Path) -> dict[str, Floats]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from error
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-    rows = list(csv.reader(lines, delimiter=separator))
-    heads = [head.strip().lower() for head in rows[0]] if rows else []
+    table = read_csv(path, delimiters=",;")
+    heads = [head.lower() for head in table.columns]
     found: dict[str, Floats] = {}
     for what, names in _WANTED.items():
         index = next((heads.index(name) for name in names if name in heads), None)
         if index is not None:
-            found[what] = _numbers(path, rows[1:], index, heads[index])
+            found[what] = _numbers(table, index)
         elif what != "sigma":
-            raise InputError(
-                f"{path}: no column {' or '.join(names)}; it has {', '.join(heads) or 'nothing'}"
-            )
-    if len(rows) < 3:
-        raise InputError(f"{path}: holds {max(len(rows) - 1, 0)} rows; a curve needs two at least")
+            there = ", ".join(map(shown, heads[:8])) or "nothing"
+            raise InputError(f"{path}: no column {' or '.join(names)}; it has {there}")
+    if len(table.lines) < 2:
+        raise InputError(f"{path}: holds {len(table.lines)} rows; a curve needs two at least")
     return found
 
 
@@ -141,16 +136,20 @@ _WANTED = {
 }
 
 
-def _numbers(path: Path, rows: list[list[str]], index: int, head: str) -> Floats:
-    values = np.full(len(rows), np.nan)
-    for number, row in enumerate(rows):
+def _numbers(table: CsvTable, index: int) -> Floats:
+    """The numbers of a column, NaN where refused. Raises `InputError` naming the line of one that is none."""
+    values = np.full(len(table.lines), np.nan)
+    for number, (line, row) in enumerate(table.lines):
         cell = row[index].strip() if index < len(row) else ""
         if cell.lower() in _REFUSED:
             continue
         try:
             values[number] = float(cell)
         except ValueError as error:
-            raise InputError(f"{path}: row {number + 1}: {head} '{cell}' is not a number") from error
+            head = table.columns[index]
+            raise InputError(f"{table.where}: line {line}: {head} {shown(cell)} is not a number") from error
+        if abs(values[number]) > _LARGEST:
+            raise InputError(f"{table.where}: line {line}: {shown(cell)} is beyond {_LARGEST:g}")
     return values
 
 

@@ -1,7 +1,9 @@
 """A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -69,19 +71,41 @@ def write_film(
     pictures = _pictures(_read(folder, manifest, lift), speed / fps)
     first = next(pictures)
     codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
-    writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*codec), fps, size)
-    if not writer.isOpened():
-        raise RecordingError(f"{out}: cannot be written as '{codec}'; choose a name ending in .avi")
+    aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")
+    try:
+        count = _write(aside, codec, fps, size, chain([first], pictures))
+        there = _pictures_in(aside)
+        if there < count:  # its writer tells of no full disk
+            raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
+        aside.replace(out)
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written ({error.strerror}); choose another --out") from error
+    finally:
+        aside.unlink(missing_ok=True)
+    return Film(out, count, codec, size)
+
+
+def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
+    path.touch()  # says what is wrong, as the writer does not
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     count = 0
     try:
-        for picture in (first, *pictures):
+        for picture in pictures:
             writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
             count += 1
     finally:
         writer.release()
-    if not out.exists() or out.stat().st_size == 0:
-        raise RecordingError(f"{out}: nothing was written; free space, or choose another --out")
-    return Film(out, count, codec, size)
+    return count
+
+
+def _pictures_in(path: Path) -> int:
+    film, there = cv2.VideoCapture(str(path)), 0
+    try:
+        while film.grab():
+            there += 1
+    finally:
+        film.release()
+    return there
 
 
 def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:

@@ -18,7 +18,7 @@ from rig.sessions.codec import Codec
 from rig.sessions.layout import RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_angles
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, slip_topic
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, RecordedAngle, slip_topic
 from rig.sessions.records import LIFTS, FinishedLift, LiftHead, LiftRow, finished
 from rig.sessions.rows import readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
@@ -99,7 +99,7 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str) -> Lift:
     Raises `SessionError` for a recording that cannot be read, `InputError` with the lifts there are for
     one that is not there.
     """
-    rows, _ = read_usable(folder / RESULTS["trial"], LIFTS)
+    rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     lifts = sorted(finished(rows), key=lambda row: row.number)
     for row in lifts:
         if wanted.strip() in {str(row.number), f"{row.object}/{row.lift}", f"{row.name}/{row.lift}"}:
@@ -108,7 +108,8 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str) -> Lift:
             except UNREADABLE as error:
                 raise SessionError(f"{folder / row.recording}: cannot be read ({_why(error)})") from error
     there = joined([f"{row.number} ({row.object}/{row.lift} {row.name})" for row in lifts], 6)
-    raise InputError(f"{folder}: no finished lift '{wanted}'; there are {there or 'none'}")
+    why = "".join(f"; {problem.what}" for problem in problems)
+    raise InputError(f"{folder}: no finished lift '{wanted}'; there are {there or 'none'}{why}")
 
 
 def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[Notice]]:
@@ -140,7 +141,9 @@ def read_curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lif
     """Read a lift's curves from its recording. Raises `SessionError` and others of `UNREADABLE`."""
     path = folder / row.recording
     zero_s = row.phases_s[Phase.LIFT]
-    estimate, truth = _curve(path, FUSED_TOPIC, zero_s), _curve(path, TRUTH_TOPIC, zero_s)
+    tips = {serial: slip_topic(serial) for serial in manifest.signs}
+    angles = recorded_angles(path, FUSED_TOPIC, TRUTH_TOPIC, *tips.values())
+    estimate, truth = _curve(angles[FUSED_TOPIC], zero_s), _curve(angles[TRUTH_TOPIC], zero_s)
     if not estimate.time_s.size or not truth.time_s.size:
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
     return LiftCurves(
@@ -150,17 +153,17 @@ def read_curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lif
         phases_s={phase.value: time_s - zero_s for phase, time_s in row.phases_s.items()},
         onset_truth_s=row.onset_truth_s,
         onset_estimate_s=row.onset_estimate_s,
-        tips={serial: _curve(path, slip_topic(serial), zero_s) for serial in manifest.signs},
+        tips={serial: _curve(angles[topic], zero_s) for serial, topic in tips.items()},
     )
 
 
-def _curve(path: Path, topic: str, zero_s: float) -> Curve:
-    ordered = sorted(recorded_angles(path, topic), key=lambda angle: angle.time_ns)
+def _curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
+    ordered = sorted(angles, key=lambda angle: angle.time_ns)
     times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
     # None becomes nan
-    angles = np.array([angle.angle_deg for angle in ordered], float)
-    sigmas = np.array([angle.sigma_deg for angle in ordered], float)
-    return Curve(times, angles, sigmas, tuple(angle.state for angle in ordered))
+    angles_deg = np.array([angle.angle_deg for angle in ordered], float)
+    sigmas_deg = np.array([angle.sigma_deg for angle in ordered], float)
+    return Curve(times, angles_deg, sigmas_deg, tuple(angle.state for angle in ordered))
 
 
 def _why(error: BaseException) -> str:

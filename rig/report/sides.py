@@ -53,4 +53,5 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     if wanted == own.estimator:
         return stored
     replay = run_replay(folder, estimator, None, jobs, progress)
-    return Side(estimator, [ComparedLift(row) for row in replay.rows], stored.simulated, stored.notes)
+    notes = (*stored.notes, *replay.problems)
+    return Side(estimator, [ComparedLift(row) for row in replay.rows], stored.simulated, notes)

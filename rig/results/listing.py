@@ -7,6 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from drivers.errors import InputError, SessionError
+from drivers.images import image_flaw
 from rig.results.metrics import Mare
 from rig.results.summary import mare_of
 from rig.sessions.layout import LOCK, MANIFEST, RECORDINGS, RESULTS
@@ -17,11 +18,9 @@ from rig.sessions.manifest import (
     TrialManifest,
     read_manifest,
 )
-from rig.sessions.records import REPLAYS, finished
-from rig.sessions.rows import read_lifts, read_poses, read_rows
-
-MCAP_END = b"\x89MCAP0\r\n"
-"""The last bytes of a complete MCAP file (MCAP specification, "Magic")."""
+from rig.sessions.recording_file import check_recording
+from rig.sessions.records import LIFTS, REPLAYS, finished
+from rig.sessions.rows import read_poses, read_rows, readable_rows
 
 
 class SessionState(StrEnum):
@@ -86,30 +85,37 @@ def holds_sessions(folder: Path) -> bool:
     return folder.is_dir() and find_sessions(folder) not in ([], [folder])
 
 
-def list_session(folder: Path) -> SessionEntry:
-    """Look at one session; whatever is wrong with it is in the entry."""
+def list_session(folder: Path, quick: bool = False) -> SessionEntry:
+    """Look at one session, every byte of its recordings; whatever is wrong with it is in the entry.
+
+    quick: see whether its recordings and images are there, no more.
+    """
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     manifest: AnyManifest | None = None
     try:
         manifest = read_manifest(folder)
-        return _entry(folder, size, manifest)
-    except SessionError as error:
+        return _entry(folder, size, manifest, quick)
+    except InputError as error:
         return SessionEntry(folder, SessionState.BROKEN, str(error), size, manifest)
 
 
-def _entry(folder: Path, size: int, manifest: AnyManifest) -> SessionEntry:
+def _entry(folder: Path, size: int, manifest: AnyManifest, quick: bool) -> SessionEntry:
     found: Mare | None = None
     if isinstance(manifest, TrialManifest):
-        lifts = finished(read_lifts(folder))
+        path = folder / RESULTS[manifest.kind]
+        rows, damaged = readable_rows(path, LIFTS)
+        lifts = finished(rows)
         done, found = len(lifts), mare_of(lift.re for lift in lifts)
-        problems = [_recording_damage(folder / lift.recording) for lift in lifts]
+        problems = [line.text(path) for line in damaged]
+        problems += [_recording_damage(folder / lift.recording, quick) for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
-        done, problems = len(poses), [_image_damage(folder / i.file) for pose in poses for i in pose.images]
+        done = len(poses)
+        problems = [_image_damage(folder / i.file, quick) for pose in poses for i in pose.images]
     else:
         done = sum(row.accepted for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
         problems = []
-    problem = next(filter(None, problems), None)
+    problem = _first(list(filter(None, problems)))
     state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
     if _in_use(folder):
         state = SessionState.RUNNING
@@ -118,16 +124,27 @@ def _entry(folder: Path, size: int, manifest: AnyManifest) -> SessionEntry:
     )
 
 
-def _image_damage(path: Path) -> str | None:
-    return None if path.exists() else f"{path}: the image is missing"
+def _first(problems: list[str]) -> str | None:
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return f"{problems[0]}{more}" if problems else None
 
 
-def _recording_damage(path: Path) -> str | None:
+def _image_damage(path: Path, quick: bool) -> str | None:
+    if not path.exists():
+        return f"{path}: the image is missing"
+    flaw = None if quick else image_flaw(path)
+    return None if flaw is None else f"{path}: the image {flaw}"
+
+
+def _recording_damage(path: Path, quick: bool) -> str | None:
     if not path.exists():
         return f"{path}: the recording is missing"
-    with path.open("rb") as stream:
-        stream.seek(max(0, path.stat().st_size - len(MCAP_END)))
-        return None if stream.read() == MCAP_END else f"{path}: the recording is cut short"
+    try:
+        if not quick:
+            check_recording(path)
+    except SessionError as error:
+        return str(error)
+    return None
 
 
 def _in_use(folder: Path) -> bool:

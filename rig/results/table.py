@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from drivers.errors import InputError
+from drivers.errors import FormatError, InputError
+from drivers.formats import reason
 from rig.results.summary import TrialSummary, flat_errors, summarize_lifts
 from rig.sessions.records import REPLAYS, ErrorSummary, LiftRow, ReplayRow
 from rig.sessions.table_files import Line, has_parquet, read_csv, read_parquet
@@ -106,8 +107,10 @@ def read_results(path: Path) -> list[ReplayRow]:
     file = _table_in(path) if path.is_dir() else path
     try:
         raw = read_parquet(file) if file.suffix == ".parquet" else read_csv(file, COLUMNS)
-    except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read as a results table ({error})") from error
+    except FormatError:
+        raise
+    except (OSError, ValueError, MemoryError) as error:
+        raise InputError(f"{file}: cannot be read as a results table ({reason(error)})") from error
     missing = [column for column in NEEDED if raw and column not in raw[0]]
     if missing or not raw:
         what = f"has no column {', '.join(missing)}" if missing else "holds no line"

@@ -11,9 +11,12 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from drivers.errors import FormatError
+from drivers.formats import check_numbers, shown
+
 Record = TypeVar("Record")
-STRICT = ConfigDict(extra="forbid", strict=True)
-"""For `__pydantic_config__` of a record: no unknown key, and true is no 1."""
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+"""For `__pydantic_config__` of a record: no unknown key, no NaN, and true is no 1."""
 MEMBERS = ("finished", "failed", "trial", "record", "replay")
 """Names of the members of unions: parts of an error's place that are no keys."""
 _REASONS = {
@@ -21,7 +24,6 @@ _REASONS = {
     "unexpected_keyword_argument": "is a key that this version does not know",
     "extra_forbidden": "is a key that this version does not know",
 }
-_LONGEST_VALUE = 60
 
 
 class Codec(Generic[Record]):
@@ -33,9 +35,12 @@ class Codec(Generic[Record]):
     def parsed(self, text: bytes) -> Record:
         """Return the record of a JSON text. Raises `ValueError` naming the key that is wrong."""
         try:
+            check_numbers(text, "it")
             return self._adapter.validate_json(text)
         except ValidationError as error:
             raise ValueError(_problem(error)) from error
+        except FormatError as error:
+            raise ValueError(str(error).removeprefix("it: ")) from error
 
     def checked(self, values: dict[str, object]) -> Record:
         """Return the record of values that a table gave. Raises `ValueError` as `parsed` does."""
@@ -70,8 +75,6 @@ def _problem(error: ValidationError) -> str:
     place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
     why = _REASONS.get(first["type"])
     if why is None:
-        found = repr(first["input"])
-        shown = found if len(found) <= _LONGEST_VALUE else found[:_LONGEST_VALUE] + "..."
-        why = f"{first['msg']}, found {shown}"
+        why = f"{first['msg']}, found {shown(first['input'])}"
     others = f" (and {len(more)} more)" if more else ""
     return f"'{place}' {why}{others}" if place else f"{why}{others}"

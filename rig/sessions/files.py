@@ -5,12 +5,18 @@ import os
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import RecordingError, SessionError
+from drivers.errors import FormatError, RecordingError, SessionError
+from drivers.formats import parse_json, read_bounded
 from drivers.whole_files import write_whole
+
+MOST_BYTES = 20_000_000
+"""Of a file that is read whole."""
 
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a whole file aside, sync it, then put it in place. Raises `RecordingError`."""
+    if path.exists() and not path.is_file():  # a device would become a file
+        raise RecordingError(f"{path}: is no file; choose another place")
     try:
         write_whole(path, data)
     except OSError as error:
@@ -61,20 +67,20 @@ def drop_torn_line(path: Path) -> None:
 
 def read_whole(path: Path) -> bytes:
     """Read one of a session's whole files. Raises `SessionError`."""
+    if not path.exists():
+        raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?")
     try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?") from error
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be read ({error.strerror}); the session is damaged") from error
+        return read_bounded(path, MOST_BYTES)
+    except FormatError as error:
+        raise SessionError(f"{error}; the session is damaged") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object. Raises `SessionError` saying what is wrong with the file."""
     try:
-        value = json.loads(read_whole(path))
-    except ValueError as error:
-        raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
+        value = parse_json(read_whole(path), str(path))
+    except FormatError as error:
+        raise SessionError(f"{error}; the session is damaged") from error
     if not isinstance(value, dict):
         raise SessionError(f"{path}: holds no JSON object; the session is damaged")
     return value
@@ -83,5 +89,5 @@ def read_json(path: Path) -> dict[str, Any]:
 def _not_written(path: Path, error: OSError) -> RecordingError:
     return RecordingError(
         f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
-        "the permission, then continue with --resume"
+        "the permission, then run the command again, a session with --resume"
     )

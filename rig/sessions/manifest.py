@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Discriminator, Tag
 
 from drivers.errors import SessionError
 from rig.config import BenchConfig
+from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
 from rig.sessions.codec import STRICT, Codec
 from rig.sessions.files import read_whole
@@ -46,11 +47,11 @@ class BenchManifest(Manifest):
     bench: str
     simulated: bool
     seed: int
-    serials: tuple[str, ...]
-    signs: dict[str, int]
+    serials: tuple[FileName, ...]
+    signs: dict[FileName, Literal[1, -1]]
     calibration: dict[str, FileInUse]
     config: BenchConfig
-    objects: tuple[str, ...]
+    objects: tuple[FileName, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +124,7 @@ def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -
         serials=(*(t.serial for t in bench.tactile), bench.camera.serial),
         signs={t.serial: t.sign for t in bench.tactile},
         calibration=bench.calibrations.files,
-        config=bench,
+        config=bench.without_passwords(),
         objects=tuple(objects),
     )
 

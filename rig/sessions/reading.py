@@ -1,5 +1,6 @@
 """Reading the lifts of a session back."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,18 +8,24 @@ from typing import ClassVar, TypeVar
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from google.protobuf.message import DecodeError
 from pydantic import ConfigDict
 
-from drivers.errors import SessionError
+from drivers.clock import to_ns
+from drivers.errors import RecordingError, SessionError
 from drivers.types import ArmMode, ArmState, Frame, Pose, Vector6
 from protocols.observer import LiftObserver, Phase
 from rig.sessions.codec import STRICT, Codec
 from rig.sessions.images import decoded
 from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, RecordedAngle, image_topic
+from rig.sessions.recording_file import recorded_messages
 
 Value = TypeVar("Value")
+Message = TypeVar("Message", CompressedImage, PoseInFrame)
+_NOT_A_TURN = 0.01
+"""How far from 1 the length of a quaternion may be."""
+_LONGEST_S = 3600.0
+"""No lift takes longer."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +36,25 @@ class _Phase:
 
 
 @dataclass(frozen=True)
-class _Joints:
+class RecordedJoints:
+    """What a recording holds of the arm beside its pose: rad; N and N m in the base's axes."""
+
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     joints_rad: Vector6
     wrench: Vector6
     mode: ArmMode
+
+
+@dataclass(frozen=True)
+class RecordedGripper:
+    """What a recording holds of the gripper."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    position_counts: int
+    current_counts: int
+    moving: bool
 
 
 @dataclass(frozen=True)
@@ -48,84 +68,99 @@ class _Angle:
 
 
 _PHASE: Codec[_Phase] = Codec(_Phase)
-_JOINTS: Codec[_Joints] = Codec(_Joints)
+_JOINTS: Codec[RecordedJoints] = Codec(RecordedJoints)
+_GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
 _ANGLE: Codec[_Angle] = Codec(_Angle)
 
 
 def show_again(path: Path, observer: LiftObserver) -> None:
     """Give a recorded lift to an observer exactly as it was given when it happened.
 
-    Raises `SessionError` when the recording is missing or damaged.
+    Raises `SessionError` when the recording is missing, damaged or not of a whole lift.
     """
-    pose = b""
+    pose: Pose | None = None
+    phases: dict[Phase, int] = {}
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == PHASE_TOPIC:
-            observer.phase(_parsed(_PHASE, data, path).phase, time_ns)
+            phase = _parsed(_PHASE, data, path).phase
+            _add_phase(phases, phase, time_ns, path)
+            observer.phase(phase, time_ns)
         elif topic == ARM_TOPIC:
-            pose = data
+            pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC:
-            observer.arm(_arm_state(pose, _parsed(_JOINTS, data, path), time_ns))
+            observer.arm(_arm_state(pose, data, path, time_ns))
         elif topic.startswith(image_topic("")):
-            observer.frame(_frame(data, time_ns, sequence))
+            observer.frame(_frame(data, path, time_ns, sequence))
+    _require_all(phases, path)
 
 
 def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
     """Yield one source's frames in order. Raises `SessionError`."""
     for _, time_ns, sequence, data in recorded_messages(path, image_topic(serial)):
-        yield _frame(data, time_ns, sequence)
+        yield _frame(data, path, time_ns, sequence)
 
 
 def recorded_arm_states(path: Path) -> Iterator[ArmState]:
     """Yield the arm's states in order. Raises `SessionError`."""
-    pose = b""
+    pose: Pose | None = None
     for topic, time_ns, _, data in recorded_messages(path, ARM_TOPIC, JOINTS_TOPIC):
         if topic == ARM_TOPIC:
-            pose = data
+            pose = recorded_pose(data, path)
         else:
-            yield _arm_state(pose, _parsed(_JOINTS, data, path), time_ns)
+            yield _arm_state(pose, data, path, time_ns)
 
 
 def phase_times(path: Path) -> dict[Phase, int]:
-    """Return when each phase of a recorded lift began, ns. Raises `SessionError`."""
-    begun = recorded_messages(path, PHASE_TOPIC)
-    return {_parsed(_PHASE, data, path).phase: time_ns for _, time_ns, _, data in begun}
+    """Return when each phase of a recorded lift began, ns, all of them. Raises `SessionError`."""
+    phases: dict[Phase, int] = {}
+    for _, time_ns, _, data in recorded_messages(path, PHASE_TOPIC):
+        phase = _parsed(_PHASE, data, path).phase
+        _add_phase(phases, phase, time_ns, path)
+    _require_all(phases, path)
+    return phases
 
 
-def recorded_angles(path: Path, topic: str) -> list[RecordedAngle]:
-    """Return the angles of a topic in the order they were written. Raises `SessionError`."""
-    found = []
-    for _, time_ns, _, data in recorded_messages(path, topic):
-        angle = _parsed(_ANGLE, data, path)
-        found.append(RecordedAngle(time_ns, angle.angle_deg, angle.sigma_deg, angle.state))
+def recorded_angles(path: Path, *topics: str) -> dict[str, list[RecordedAngle]]:
+    """Return the angles of some topics in the order they were written. Raises `SessionError`."""
+    found: dict[str, list[RecordedAngle]] = {topic: [] for topic in topics}
+    for topic, time_ns, _, data in recorded_messages(path, *topics):
+        found[topic].append(recorded_angle(data, path, time_ns))
     return found
 
 
-def recorded_messages(path: Path, *topics: str) -> Iterator[tuple[str, int, int, bytes]]:
-    """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics."""
-    try:
-        with path.open("rb") as stream:
-            reader = make_reader(stream)
-            for _, channel, message in reader.iter_messages(topics or None, log_time_order=False):
-                yield channel.topic, message.log_time, message.sequence, message.data
-    except FileNotFoundError as error:
-        raise SessionError(f"{path}: the recording is missing") from error
-    except (McapError, EOFError, OSError, ValueError) as error:
-        raise SessionError(f"{path}: the recording is damaged ({error})") from error
+def recorded_angle(data: bytes, path: Path, time_ns: int) -> RecordedAngle:
+    """Return a message of one of the angles' topics. Raises `SessionError`."""
+    angle = _parsed(_ANGLE, data, path)
+    return RecordedAngle(time_ns, angle.angle_deg, angle.sigma_deg, angle.state, angle.contact_area_px)
 
 
-def recorded_pose(data: bytes) -> Pose:
-    """Return `base_T_tcp` of a message of the arm's topic."""
-    pose = PoseInFrame.FromString(data).pose
+def recorded_joints(data: bytes, path: Path) -> RecordedJoints:
+    """Return a message of the joints' topic. Raises `SessionError`."""
+    return _parsed(_JOINTS, data, path)
+
+
+def recorded_gripper(data: bytes, path: Path) -> RecordedGripper:
+    """Return a message of the gripper's topic. Raises `SessionError`."""
+    return _parsed(_GRIPPER, data, path)
+
+
+def recorded_pose(data: bytes, path: Path) -> Pose:
+    """Return `base_T_tcp` of a message of the arm's topic. Raises `SessionError`."""
+    pose = _message(PoseInFrame, data, path).pose
     position, quaternion = pose.position, pose.orientation
-    return Pose(
+    placed = Pose(
         (position.x, position.y, position.z),
         (quaternion.x, quaternion.y, quaternion.z, quaternion.w),
     )
+    length = math.hypot(*placed.quaternion_xyzw)
+    if not math.isfinite(sum(placed.position_m)) or not abs(length - 1.0) < _NOT_A_TURN:
+        raise SessionError(f"{path}: the recording is damaged (a pose of the arm that is none)")
+    return placed
 
 
-def recorded_jpeg(data: bytes) -> bytes:
-    """Return the stored bytes of a message of an image topic."""
-    return CompressedImage.FromString(data).data
+def recorded_jpeg(data: bytes, path: Path) -> bytes:
+    """Return the stored bytes of a message of an image topic. Raises `SessionError`."""
+    return _message(CompressedImage, data, path).data
 
 
 def _parsed(codec: Codec[Value], data: bytes, path: Path) -> Value:
@@ -135,17 +170,45 @@ def _parsed(codec: Codec[Value], data: bytes, path: Path) -> Value:
         raise SessionError(f"{path}: the recording is damaged ({error})") from error
 
 
-def _frame(data: bytes, time_ns: int, sequence: int) -> Frame:
-    message = CompressedImage.FromString(data)
-    return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
+def _message(kind: type[Message], data: bytes, path: Path) -> Message:
+    try:
+        return kind.FromString(data)
+    except DecodeError as error:
+        raise SessionError(f"{path}: the recording is damaged ({error})") from error
 
 
-def _arm_state(data: bytes, joints: _Joints, time_ns: int) -> ArmState:
+def _frame(data: bytes, path: Path, time_ns: int, sequence: int) -> Frame:
+    message = _message(CompressedImage, data, path)
+    try:
+        return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
+    except RecordingError as error:
+        raise SessionError(f"{path}: {error}") from error
+
+
+def _arm_state(pose: Pose | None, data: bytes, path: Path, time_ns: int) -> ArmState:
     """Put together what the recorder keeps as a pose and as joints."""
+    joints = recorded_joints(data, path)
+    if pose is None:
+        raise SessionError(f"{path}: the recording is damaged (the arm's joints without its pose)")
     return ArmState(
         time_ns=time_ns,
-        base_T_tcp=recorded_pose(data),
+        base_T_tcp=pose,
         joints_rad=joints.joints_rad,
         wrench=joints.wrench,
         mode=joints.mode,
     )
+
+
+def _add_phase(phases: dict[Phase, int], phase: Phase, time_ns: int, path: Path) -> None:
+    """Add a phase. Raises `SessionError` where it does not follow on those so far."""
+    follows = [phase] == list(Phase)[len(phases) : len(phases) + 1]
+    begun = list(phases.values()) or [time_ns]
+    if not follows or not begun[-1] <= time_ns <= begun[0] + to_ns(_LONGEST_S):
+        raise SessionError(f"{path}: the recording is damaged (phase {phase.value} out of its order)")
+    phases[phase] = time_ns
+
+
+def _require_all(phases: dict[Phase, int], path: Path) -> None:
+    missing = [phase.value for phase in Phase if phase not in phases]
+    if missing:
+        raise SessionError(f"{path}: is no whole lift: phase {', '.join(missing)} is missing")

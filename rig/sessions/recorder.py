@@ -73,9 +73,12 @@ class LiftRecorder:
     """Writes the messages of one lift to a binary stream; `close` completes the file."""
 
     def __init__(self, stream: IO[bytes]) -> None:
-        # Images are compressed already; chunks of a few frames let viewers jump. They save nothing from a
-        # crash: a lift is recorded in memory and reaches the disk when it is over.
-        self._writer = Writer(stream, chunk_size=512 * 1024, compression=CompressionType.NONE)
+        # Images are compressed already; chunks of a few frames let viewers jump, and are what is read and
+        # held to its checksum at once; that of all data is for what lies between them. They save nothing
+        # from a crash: a lift is recorded in memory and reaches the disk when it is over.
+        self._writer = Writer(
+            stream, chunk_size=512 * 1024, compression=CompressionType.NONE, enable_data_crcs=True
+        )
         self._writer.start()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}

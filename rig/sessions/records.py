@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import ConfigDict, Discriminator, Tag
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from protocols.observer import Phase
+from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
 
 
@@ -23,6 +24,17 @@ class LiftOutcome(StrEnum):
     HELD = "held"
     FALLEN = "fallen"
     FAULT = "fault"
+
+
+def _all_phases(phases_s: dict[Phase, float]) -> dict[Phase, float]:
+    missing = [phase.value for phase in Phase if phase not in phases_s]
+    if missing:
+        raise ValueError(f"has no phase {', '.join(missing)}")
+    return phases_s
+
+
+Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
+"""Integer nanoseconds of other times do not fit 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +74,8 @@ class LiftHead:
 
     number: int
     attempt: int
-    object: str
-    name: str
+    object: FileName
+    name: FileName
     lift: int
     position: str
     grip_counts: int
@@ -71,7 +83,7 @@ class LiftHead:
     force_n: float | None
     seed: int
     simulated: bool
-    recording: str
+    recording: InnerPath
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +95,7 @@ class LiftFigures:
     start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
-    only where it warns.
+    only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
     """
 
     outcome: LiftOutcome
@@ -97,13 +109,14 @@ class LiftFigures:
     onset_truth_s: float | None
     onset_estimate_s: float | None
     onset_alarm_s: float | None
-    phases_s: dict[Phase, float]
+    phases_s: Annotated[dict[Phase, Seconds], AfterValidator(_all_phases)]
     frames: dict[str, int]
     dropped: dict[str, int]
     states: dict[str, int]
     skipped: dict[str, int]
     disagreements: dict[str, int]
     marker_distance: MarkerDistance | None = None
+    jumped: dict[str, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +150,9 @@ LiftRow = FinishedLift | FailedLift
 class PoseImage:
     """An image of a recording. file: in the session. contact_area_px: as the classical finder saw it."""
 
-    file: str
+    file: InnerPath
     grip_counts: int
-    serial: str
+    serial: FileName
     time_s: float
     contact_area_px: float
 

@@ -1,13 +1,15 @@
 """Reading a session's lines back: all of them, or those that can be read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 from drivers.errors import SessionError
+from drivers.images import image_flaw
 from rig.sessions.codec import Codec
 from rig.sessions.files import complete_lines
 from rig.sessions.layout import RESULTS
+from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, POSES, FinishedLift, LiftRow, PoseRow, finished
 
 Record = TypeVar("Record")
@@ -20,6 +22,24 @@ class DamagedLine:
     number: int
     problem: str
 
+    def text(self, path: Path) -> str:
+        """Say what is wrong, and what to do about it. path: of the file."""
+        where = f"{path}: line {self.number}"
+        return f"{where} is damaged: {self.problem}; move the session aside or remove that line"
+
+
+@dataclass(frozen=True, slots=True)
+class UsableLifts:
+    """What of a trial's attempts at lifts can be read, and what is wrong with the others."""
+
+    rows: tuple[LiftRow, ...]
+    problems: tuple[str, ...]
+
+    @property
+    def lifts(self) -> list[FinishedLift]:
+        """Those that count."""
+        return finished(self.rows)
+
 
 def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
     """Read a file of lines; one cut short at the very end is left out, a file that is not there is empty.
@@ -27,11 +47,8 @@ def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
     Raises `SessionError` naming the line and the key where one before the end is damaged.
     """
     rows, damaged = readable_rows(path, codec)
-    for line in damaged:
-        raise SessionError(
-            f"{path}: line {line.number} is damaged: {line.problem}; move the session aside or remove that "
-            "line"
-        )
+    if damaged:
+        raise SessionError(damaged[0].text(path))
     return rows
 
 
@@ -54,10 +71,50 @@ def read_lifts(folder: Path) -> list[LiftRow]:
 
 def read_finished_lifts(folder: Path) -> list[FinishedLift]:
     """Read a trial's lifts that count. Raises `SessionError`, also where there is none."""
-    rows = finished(read_lifts(folder))
-    if not rows:
-        raise SessionError(f"{folder}: no finished lift; run the trial with --resume first")
-    return rows
+    usable = read_usable_lifts(folder)
+    if usable.problems:
+        raise SessionError(usable.problems[0])
+    return usable.lifts
+
+
+def read_usable_lifts(folder: Path, checked: bool = False) -> UsableLifts:
+    """Read what can be read of a trial's lifts, whatever is wrong with the others.
+
+    checked: hold each recording to its checksums, and leave out the lifts of damaged ones. Raises
+    `SessionError` where no lift is left that counts.
+    """
+    path = folder / RESULTS["trial"]
+    rows, damaged = readable_rows(path, LIFTS)
+    problems = [line.text(path) for line in damaged]
+    for row in finished(rows) if checked else ():
+        try:
+            check_recording(folder / row.recording)
+        except SessionError as error:
+            rows.remove(row)
+            problems.append(str(error))
+    if not finished(rows):
+        nothing = f"{folder}: no finished lift; run the trial with --resume first"
+        raise SessionError(problems[0] if problems else nothing)
+    return UsableLifts(tuple(rows), tuple(problems))
+
+
+def read_usable_poses(folder: Path) -> tuple[list[PoseRow], list[str]]:
+    """Read what can be read of a recording's poses and images, and say what is wrong with the others.
+
+    Raises `SessionError` where no image is left.
+    """
+    path = folder / RESULTS["record"]
+    rows, damaged = readable_rows(path, POSES)
+    problems, poses = [line.text(path) for line in damaged], []
+    for pose in rows:
+        flaws = [image_flaw(folder / image.file) for image in pose.images]
+        named = zip(pose.images, flaws, strict=True)
+        problems += [f"{folder / image.file}: the image {flaw}" for image, flaw in named if flaw]
+        whole = tuple(i for i, flaw in zip(pose.images, flaws, strict=True) if flaw is None)
+        poses.append(replace(pose, images=whole))
+    if problems and not any(pose.accepted and pose.images for pose in poses):
+        raise SessionError(problems[0])
+    return poses, problems
 
 
 def read_poses(folder: Path) -> list[PoseRow]:

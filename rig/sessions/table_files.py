@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from drivers import formats
 from drivers.errors import InputError
 
 Columns = Mapping[str, type]
@@ -34,12 +35,11 @@ def parquet_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> by
 
 
 def read_csv(path: Path, columns: Columns) -> list[Line]:
-    """Read a CSV table; columns of other names are texts. Raises `OSError`, `ValueError`."""
-    with path.open(newline="") as stream:
-        return [
-            {name: _value(columns.get(name, str), text) for name, text in line.items()}
-            for line in csv.DictReader(stream)
-        ]
+    """Read a CSV table; columns of other names are texts. Raises `FormatError`, `ValueError`."""
+    return [
+        {name: _value(columns.get(name, str), text) for name, text in line.items()}
+        for _, line in formats.read_csv(path).rows()
+    ]
 
 
 def read_parquet(path: Path) -> list[Line]:

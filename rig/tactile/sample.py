@@ -7,10 +7,13 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import ArmState, Image
 
 MIN_SIDE_PX = 8
+MOST_ELONGATED = 40
+"""Frames are worked on smaller than they are, and nothing would be left of a narrower one."""
 
 
 class State(StrEnum):
@@ -75,15 +78,23 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
     if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
         raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
+    if max(image.shape[:2]) > MOST_ELONGATED * min(image.shape[:2]):
+        raise InputError(
+            f"tactile frame has shape {image.shape}: no side may be {MOST_ELONGATED} times the other"
+        )
     if shape is not None and image.shape != shape:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
+
+
+BEGUN_ANEW_NS = 2 * NS_PER_S
 
 
 class FreshFrameEstimator(TactileEstimator):
     """An estimator that looks at each frame once.
 
     A frame that is not newer than the one before (repeated, or delivered late) gets the last answer
-    again and counts for nothing. shape: of the frames, (H, W, 3); any where None.
+    again and counts for nothing; one that is older by seconds is of a stream that has begun anew. shape: of
+    the frames, (H, W, 3); any where None.
     """
 
     stages: ClassVar[tuple[str, ...]]
@@ -96,7 +107,8 @@ class FreshFrameEstimator(TactileEstimator):
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
         check_frame(image, self._shape)
-        if self._last is not None and time_ns <= self._last.time_ns:
+        # a stream that goes back by more has begun anew, and is followed from there
+        if self._last is not None and 0 <= self._last.time_ns - time_ns < BEGUN_ANEW_NS:
             return replace(self._last, stage_s={}, skipped=self.stages)
         self._last = self._estimate(image, time_ns)
         return self._last

@@ -1,16 +1,19 @@
 """Checkpoints of segmentation-models-pytorch, read without running what is in them."""
 
-import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import nn
 
-from drivers.errors import InputError
+from drivers.errors import InputError, RigError
+from drivers.formats import reason
 
 _WRAPPERS = ("module.", "model.", "net.")
 """What DataParallel and Lightning put before the names of weights."""
+_MOST_RATIO = 20
+"""How much larger an archive may be unpacked."""
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -21,16 +24,29 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: there is no such checkpoint: check the path")
     try:
+        _refuse_packed(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+    except RigError:  # a stop that came meanwhile
+        raise
+    except Exception as error:  # damage ends in any of the errors of three decoders
+        why = reason(error)
         raise InputError(
-            f"{path}: is no complete PyTorch checkpoint of weights ({first}): copy it anew, or save it again "
+            f"{path}: is no complete PyTorch checkpoint of weights ({why}): copy it anew, or save it again "
             "as a dictionary of tensors"
         ) from error
     if not isinstance(state, dict):
         raise InputError(f"{path}: holds a {type(state).__name__}, not a dictionary with 'state_dict'")
     return state
+
+
+def _refuse_packed(path: Path) -> None:
+    """Raise `ValueError` for an archive that stands for more than it holds; weights are not packed."""
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+    if unpacked > _MOST_RATIO * path.stat().st_size:
+        raise ValueError(f"{unpacked / 1e6:.0f} MB unpacked, more than is read")
 
 
 def read_state(path: Path) -> dict[str, torch.Tensor]:

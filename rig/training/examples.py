@@ -1,5 +1,7 @@
 """Labelled frames in memory."""
 
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.formats import reason
 from drivers.types import Image
 
 
@@ -89,5 +92,7 @@ def load_examples(path: Path) -> Examples:
                 tuple(map(str, kept["objects"])),
                 bool(kept["simulated"]),
             )
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: kept training frames are damaged ({error}): remove the file") from error
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(
+            f"{path}: kept training frames are damaged ({reason(error)}): remove the file"
+        ) from error

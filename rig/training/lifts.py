@@ -1,7 +1,7 @@
 """Lifts to learn from: what the wrist felt, what a gel showed, and how the object truly turned."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,7 +114,7 @@ class StoredLift:
 
     object_id: str
     recording: Path
-    signs: dict[str, int]
+    signs: Mapping[str, int]
     phases: dict[Phase, int]
     turn: Turn
 
@@ -147,7 +147,7 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
     return lifts
 
 
-def _opened(recording: Path, object_id: str, signs: dict[str, int]) -> StoredLift:
+def _opened(recording: Path, object_id: str, signs: Mapping[str, int]) -> StoredLift:
     series = recorded_truth(recording)
     return StoredLift(
         object_id, recording, signs, phase_times(recording), lambda time_ns: interpolate(series, time_ns)

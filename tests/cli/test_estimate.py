@@ -190,7 +190,7 @@ def session(press: Draw, blank: Image, tmp_path: Path, monkeypatch: pytest.Monke
         SessionSeries("001", serial, sign, None, blank, FrameSeries(serial, lambda: iter(frames)))
         for serial, sign in (("D1", 1), ("D2", -1))
     ]
-    monkeypatch.setattr(session_frames, "session_frames", lambda path: series)
+    monkeypatch.setattr(session_frames, "session_frames", lambda path: (series, ()))
     return tmp_path
 
 

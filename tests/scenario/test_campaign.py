@@ -50,7 +50,7 @@ def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
     assert (good.objects, good.done, good.wanted) == (("t2",), 2, 2)
     assert good.mare is not None
     assert good.size_bytes > 1_000_000
-    assert "001.mcap: the recording is cut short" in str(entries["c"].problem)
+    assert "001.mcap: the recording is damaged (it is cut short)" in str(entries["c"].problem)
     assert "session.json" in str(entries["d"].problem)
     done = rig("sessions", str(sessions), "--json")
     listed = json.loads(done.stdout)["sessions"]

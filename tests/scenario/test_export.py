@@ -49,7 +49,7 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
     assert (lift["re_mean_deg"], lift["object"]) == (row.re.mean_deg if row.re else None, "t2")
     angles = parquet.read_table(tmp_path / "parquet/angles.parquet").to_pylist()
     for source, topic in (("fused", FUSED_TOPIC), ("markers", TRUTH_TOPIC)):
-        stored = recorded_angles(one_lift / "lifts/001.mcap", topic)
+        stored = recorded_angles(one_lift / "lifts/001.mcap", topic)[topic]
         lines = [line for line in angles if line["source"] == source]
         assert [line["angle_deg"] for line in lines] == [value.angle_deg for value in stored]
         assert {line["phase"] for line in lines} <= {"A", "B", "C", "lower"}

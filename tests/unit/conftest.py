@@ -190,3 +190,21 @@ def _lines(path: Path, records: Sequence[Any]) -> None:
 
 def _manifest(folder: Path, manifest: Manifest) -> None:
     write_json(folder / "session.json", json_value(manifest))
+
+
+@pytest.fixture(scope="session")
+def stored_trial_twice() -> Callable[[Path], Path]:
+    """Copies the stored trial, its lift a second time as lift 2, to where it may be written to."""
+
+    def copy(folder: Path) -> Path:
+        import json
+        import shutil
+
+        shutil.copytree(Path(__file__).parents[1] / "data" / "stored_trial", folder)
+        row = json.loads((folder / "lifts.jsonl").read_text())
+        second = {**row, "number": 2, "lift": 2, "recording": "lifts/002.mcap"}
+        (folder / "lifts.jsonl").write_text(f"{json.dumps(row)}\n{json.dumps(second)}\n")
+        shutil.copy(folder / "lifts" / "001.mcap", folder / "lifts" / "002.mcap")
+        return folder
+
+    return copy

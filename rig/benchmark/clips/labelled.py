@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
+from drivers.formats import read_csv_rows, shown
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
-from rig.frames.csv_rows import read_csv_rows
 from rig.frames.series import FrameSeries, read_frames
 
 LABELS, TIMES, GROUPS = "labels.csv", "timestamps.csv", "groups.csv"
@@ -133,5 +133,5 @@ def _number(path: Path, line: int, row: Mapping[str, str], column: str, whole: b
         value = float("nan")
     if not abs(value) < 1e9 or (whole and value < 0):
         wanted = "a frame's number from 0 on" if whole else "a number of degrees"
-        raise InputError(f"{path}: line {line}: {column} '{text}': give {wanted}")
+        raise InputError(f"{path}: line {line}: {column} {shown(text)}: give {wanted}")
     return value

@@ -15,8 +15,9 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
-from rig.tactile.contact.model_files import MODELS, open_model
+from drivers.errors import FormatError, InputError
+from drivers.formats import parse_json, reason, shown
+from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.contact.network_input import NetworkInput
 
 SHIPPED = ("ours", "ours-full", "pspnet")
@@ -55,10 +56,15 @@ class Network:
         self.recipe = _recipe(session, int(entry.shape[1]), name)
 
     def logits(self, planes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the logits (h, w) float32 of planes (C, h, w) float32; contact is positive."""
+        """Return the logits (h, w) float32 of planes (C, h, w) float32; contact is positive.
+
+        Raises `InputError` for a network that fails.
+        """
         fed = planes[None].astype(self._dtype, copy=False)
-        answer = self._session.run(None, {self._key: fed})[0]
-        return np.asarray(answer, np.float32)[0, 0]
+        answer = run_model(self._session, self.name, {self._key: fed})[0]
+        if answer.shape != (1, 1, *planes.shape[1:]):
+            raise InputError(f"{self.name}: answers {list(answer.shape)}, not what it says: export it again")
+        return answer[0, 0]
 
 
 def load_network(name: str | Path, threads: int = 1) -> Network:
@@ -79,6 +85,8 @@ def load_network(name: str | Path, threads: int = 1) -> Network:
 def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:
     """Return the network's one input; raise `InputError` unless it maps (1, 3 or 6, h, w) to (1, 1, h, w)."""
     entries, answers = session.get_inputs(), session.get_outputs()
+    if not entries or not answers:
+        raise InputError(f"{name}: takes nothing, or answers nothing: export it again")
     entry, answer = entries[0], answers[0]
     shape = list(entry.shape)
     good = (
@@ -104,12 +112,14 @@ def _recipe(session: onnxruntime.InferenceSession, channels: int, name: str) -> 
     if text is None:
         return Recipe(by_channels, PAPER_THRESHOLD)
     try:
-        card = json.loads(text)
+        card = parse_json(text.encode(), "it")
         recipe = Recipe(
             NetworkInput(card["inputs"]), float(card["threshold"]), bool(card.get("convex", False))
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{name}: its metadata cannot be read ({error}): export it again") from error
+    except (FormatError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise InputError(f"{name}: its metadata cannot be read ({reason(error)}): export it again") from error
     if recipe.inputs is not by_channels or not 0.0 < recipe.threshold < 1.0:
-        raise InputError(f"{name}: its metadata ({text}) does not fit {channels} channels: export it again")
+        raise InputError(
+            f"{name}: its metadata ({shown(text)}) does not fit {channels} channels: export it again"
+        )
     return recipe

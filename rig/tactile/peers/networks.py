@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.tactile.contact.model_files import MODELS, open_model
+from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.contact.network_input import frame_planes
 from rig.tactile.peers.wrench_steps import Wrench
 
 Memory = NDArray[np.float32]
 
 _HOW = "rig train-angle"
+_LARGEST = 4096
+"""Of a side of a memory."""
 
 
 class ImageAngleNetwork:
@@ -23,6 +25,8 @@ class ImageAngleNetwork:
 
     def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
         entries, answers = session.get_inputs(), session.get_outputs()
+        if not entries or not answers:
+            raise InputError(f"{name}: takes nothing, or answers nothing: make it with {_HOW} anglenet")
         shape = list(entries[0].shape)
         fits = len(shape) == 4 and shape[:2] == [1, 3] and all(isinstance(side, int) for side in shape[2:])
         if len(entries) != 1 or not fits or list(answers[0].shape) != [1]:
@@ -30,13 +34,13 @@ class ImageAngleNetwork:
                 f"{name}: maps {[list(e.shape) for e in entries]} to {list(answers[0].shape)}: a network "
                 f"that tells an angle from a frame maps (1, 3, h, w) to (1): make one with {_HOW} anglenet"
             )
-        self._session, self._key = session, entries[0].name
+        self._session, self._name, self._key = session, name, entries[0].name
         self.size = (int(shape[3]), int(shape[2]))
 
     def angle_deg(self, image: Image) -> float:
         """Return the image angle of the object in an (H, W, 3) uint8 RGB frame, deg."""
         planes = frame_planes(image, self.size)[None]
-        return float(np.asarray(self._session.run(None, {self._key: planes})[0])[0])
+        return float(run_model(self._session, self._name, {self._key: planes})[0].reshape(-1)[0])
 
 
 class WrenchAngleNetwork:
@@ -44,12 +48,13 @@ class WrenchAngleNetwork:
 
     def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
         shapes = {entry.name: list(entry.shape) for entry in session.get_inputs()}
-        if set(shapes) != {"wrench", "memory"} or shapes["wrench"] != [1, 1, 6]:
+        sized = all(isinstance(side, int) and 0 < side <= _LARGEST for side in shapes.get("memory", [None]))
+        if set(shapes) != {"wrench", "memory"} or shapes["wrench"] != [1, 1, 6] or not sized:
             raise InputError(
                 f"{name}: has the inputs {shapes}: a network that tells an angle from wrenches takes "
                 f"'wrench' (1, 1, 6) and 'memory': make one with {_HOW} toskov"
             )
-        self._session = session
+        self._session, self._name = session, name
         self._shape = tuple(int(side) for side in shapes["memory"])
 
     def blank(self) -> Memory:
@@ -58,8 +63,12 @@ class WrenchAngleNetwork:
 
     def step(self, wrench: Wrench, memory: Memory) -> tuple[float, Memory]:
         """Return the object's turn in deg after a step (6,), and the memory then."""
-        angle, after = self._session.run(None, {"wrench": wrench[None, None], "memory": memory})
-        return float(np.asarray(angle).reshape(-1)[0]), np.asarray(after, np.float32)
+        answers = run_model(self._session, self._name, {"wrench": wrench[None, None], "memory": memory})
+        if len(answers) != 2 or answers[1].shape != self._shape or not answers[0].size:
+            raise InputError(
+                f"{self._name}: does not answer an angle and its memory: {_HOW} toskov makes one"
+            )
+        return float(answers[0].reshape(-1)[0]), answers[1]
 
 
 def load_image_network(file: Path | None = None) -> ImageAngleNetwork:

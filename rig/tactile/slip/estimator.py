@@ -170,7 +170,7 @@ class SlipEstimator(FreshFrameEstimator):
     def _pace(self, time_ns: int) -> float:
         """Return the weight of a frame's own variance."""
         elapsed_s = (time_ns - self._last.time_ns) / NS_PER_S if self._last is not None else math.inf
-        return 1.0 - math.exp(-elapsed_s / SIGMA_PACE_S)
+        return 1.0 - math.exp(-max(elapsed_s, 0.0) / SIGMA_PACE_S)
 
     def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
         """Name what this frame did not need."""

@@ -46,7 +46,7 @@ class RateFilter:
         """Return the angle expected at a time, rad."""
         if self.time_s is None:
             return 0.0
-        return self.angle_rad + self.rate_rad_s * min(time_s - self.time_s, HORIZON_S)
+        return self.angle_rad + self.rate_rad_s * min(max(time_s - self.time_s, 0.0), HORIZON_S)
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
         """Take an angle measured at a time, with its alignment's noise; return the filtered one, rad."""
@@ -55,7 +55,7 @@ class RateFilter:
             self.angle_rad, self.rate_rad_s = angle_rad, 0.0
             self._covariance = (noise, 0.0, FIRST_RATE_RAD_S**2)
         else:
-            elapsed_s = time_s - self.time_s
+            elapsed_s = max(time_s - self.time_s, 0.0)  # below zero where a stream has begun anew
             self._density = max(REST_DENSITY, self._density * math.exp(-elapsed_s / CALMING_S))
             predicted, covariance = self._ahead(elapsed_s)
             if self._moves((angle_rad - predicted) / math.sqrt(covariance[0] + noise)):

@@ -1,11 +1,13 @@
 """What is dropped, repeated and frozen, and that encoded bytes and pixels tell the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.tally import FROZEN_FRAMES, FrameTally
+from drivers.tally import FROZEN_FRAMES, FrameTally, StreamTimes
 from drivers.types import Frame
 
 
@@ -40,3 +42,51 @@ def test_pictures_of_another_size_are_other_pictures() -> None:
     tally.add(frame(0, 7))
     tally.add(Frame(np.full((3, 3, 3), 7, np.uint8), 1, 1, "D1"))
     assert not tally.repeated
+
+
+SECOND_NS, PERIOD_NS = 1_000_000_000, 16_666_667
+
+
+def followed(times_ns: list[int]) -> list[bool]:
+    times = StreamTimes()
+    return [times.follows(time_ns) for time_ns in times_ns]
+
+
+@pytest.mark.parametrize("jump_s", [-3600, -3, 3, 3600, 1e8])
+@pytest.mark.parametrize("place", [3, 17, 29])
+def test_a_time_that_jumped_costs_its_own_frame(jump_s: float, place: int) -> None:
+    times_ns = [10 * SECOND_NS + n * PERIOD_NS for n in range(30)]
+    times_ns[place] += round(jump_s * SECOND_NS)
+    assert followed(times_ns) == [n != place for n in range(30)]
+
+
+@pytest.mark.parametrize("pause_s", [-3600, 3, 3600])
+def test_a_pause_or_a_clock_set_anew_costs_one_frame(pause_s: float) -> None:
+    before = [10 * SECOND_NS + n * PERIOD_NS for n in range(10)]
+    after = [before[-1] + round(pause_s * SECOND_NS) + n * PERIOD_NS for n in range(10)]
+    assert followed(before + after) == [True] * 10 + [False] + [True] * 9
+
+
+def test_late_repeated_and_slow_frames_are_none_that_jumped() -> None:
+    assert all(followed([0, PERIOD_NS, 2 * PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS, 3 * PERIOD_NS]))
+    assert all(followed([n * 60 * SECOND_NS for n in range(10)]))  # a picture a minute
+    assert all(followed([0, PERIOD_NS, 2 * SECOND_NS, 4 * SECOND_NS]))
+
+
+@given(st.lists(st.integers(0, 2**63 - 1), max_size=40))
+def test_a_stream_is_never_given_up(times_ns: list[int]) -> None:
+    times = StreamTimes()
+    for time_ns in times_ns:
+        times.follows(time_ns)
+    start = times_ns[-1] if times_ns else 0
+    assert all([times.follows(start + n * PERIOD_NS) for n in range(5)][2:])
+
+
+def test_the_tally_counts_what_jumped() -> None:
+    tally = FrameTally()
+    for number in range(10):
+        tally.add(
+            replace(frame(number, number), time_ns=number * PERIOD_NS + 3600 * SECOND_NS * (number == 5))
+        )
+        assert tally.out_of_time is (number == 5)
+    assert (tally.frames, tally.dropped, tally.jumped) == (10, 0, 1)

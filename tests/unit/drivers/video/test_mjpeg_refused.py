@@ -120,3 +120,17 @@ def test_settings_that_are_refused_name_the_address_and_the_settings(serve) -> N
     url = serve(answer(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")).url
     with pytest.raises(DeviceError, match=r"settings \{'rate_hz': 7\} failed: .* 400"):
         send_settings(url, {"rate_hz": 7})
+
+
+def test_no_message_tells_a_password() -> None:
+    for address in ("http://me:s3cret@127.0.0.1:9/", "http://127.0.0.1:9/?pwd=s3cret"):
+        with pytest.raises(DeviceError) as raised:
+            MjpegStream(address, 60.0, SystemClock())
+        assert "127.0.0.1:9" in str(raised.value)
+        assert "s3cret" not in str(raised.value)
+        with pytest.raises(DeviceError) as raised:
+            send_settings(address, {"rate_hz": 30})
+        assert "s3cret" not in str(raised.value)
+    with pytest.raises(InputError) as wrong:
+        split_url("ftp://me:s3cret@camera/")
+    assert "s3cret" not in str(wrong.value)

@@ -1,5 +1,7 @@
 """Calibrations beside a bench file: found, checked, used; and the same in a replay."""
 
+import json
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from calibration.camera.files import camera_info
 from calibration.camera.model import CameraModel
 from calibration.store import CalibrationFile, save
 from calibration.verdict import Assessment
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, SessionError
 from drivers.types import GripperLimits
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
@@ -24,6 +26,9 @@ from rig.tactile.estimators import choose_estimator
 CAMERA = CameraModel(
     (640, 480), np.array([[650.0, 0, 321], [0, 651.0, 238], [0, 0, 1]]), np.array([0.01, 0, 0, 0, 0])
 )
+SYNC = {"reference": "arm", "stream": "SIM-C0001"}
+CAMERA_SERIAL, GRIPPER = {"camera": "SIM-C0001"}, {"gripper": "fake"}
+PLACE = {"setup": "eye-to-hand", "translation_m": [0.4, -0.6, 0.2], "quaternion_xyzw": [1.0, 0, 0, 0]}
 
 
 def keep(
@@ -41,8 +46,7 @@ def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.Monk
     keep(folder, "camera", {"camera": "SIM-C0001"}, camera_info(CAMERA, "SIM-C0001"))
     keep(folder, "tactile", {"tactile": "SIM-D0002"}, {"pixel_aspect": 0.97})
     keep(folder, "sync", {"reference": "arm", "stream": "SIM-C0001"}, {"add_to_stream_s": -0.004})
-    place = {"setup": "eye-to-hand", "translation_m": [0.4, -0.6, 0.2], "quaternion_xyzw": [1.0, 0, 0, 0]}
-    keep(folder, "hand-eye", {"camera": "SIM-C0001"}, place)
+    keep(folder, "hand-eye", CAMERA_SERIAL, PLACE)
     monkeypatch.chdir(tmp_path)
     said: list[str] = []
     bench = load_calibrated_bench("fake", said.append)
@@ -89,6 +93,65 @@ def test_one_renamed_to_this_unit_is_refused_all_the_same(tmp_path: Path) -> Non
 def test_one_that_was_refused_when_made_is_left_out(tmp_path: Path) -> None:
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, {}, refused="square-on views only")
     assert not find_calibrations(load_bench("fake"), tmp_path).files
+
+
+@pytest.mark.parametrize(
+    ("kind", "serials", "value", "said"),
+    [
+        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 0.4}, "greater than or equal to 0.5"),
+        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 2.5}, "less than or equal to 2"),
+        ("tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 10**30}, "a number of 31 digits"),
+        ("sync", SYNC, {"add_to_stream_s": 1e308}, "less than or equal to 1"),
+        ("sync", SYNC, {"add_to_stream_s": "soon"}, "damaged"),
+        ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [1.0, 1.0, 0.0, 0.0]}, "length 1.414"),
+        ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [0.0] * 4}, "length 0, not 1"),
+        ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [400.0, 0.0, 0.0]}, "are these mm?"),
+        ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [[1.0], {}, None]}, "damaged"),
+        ("gripper", GRIPPER, {"closing": {"counts": [6, 255], "opening_m": [12.0, 0.0]}}, "equal to 0.2"),
+        ("gripper", GRIPPER, {"closing": {"counts": [6, 50, 255], "opening_m": [0.1, 0.12, 0]}}, "close "),
+        ("gripper", GRIPPER, {"closing": {"counts": [50, 6], "opening_m": [0.1, 0.0]}}, "not close from 50"),
+        ("gripper", GRIPPER, {"closing": {"counts": [6], "opening_m": [0.1, 0.0]}}, "damaged"),
+    ],
+)  # fmt: skip
+def test_what_no_device_can_be_is_refused_when_it_is_read(
+    tmp_path: Path, kind: str, serials: dict, value: dict, said: str
+) -> None:
+    path = keep(tmp_path, kind, serials, value)
+    with pytest.raises(CalibrationError) as raised:
+        find_calibrations(load_bench("fake"), tmp_path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert said in str(raised.value)
+    assert len(str(raised.value)) < len(str(path)) + 250
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"time_shift_s": {"SIM-C0001": 5.0}}, "config.calibrations.time_shift_s.SIM-C0001"),
+        ({"opening": [[6.0, 0.1], [5.0, 0.0]]}, "does not close"),
+        ({"base_T_camera": {"position_m": [0, 0, 0], "quaternion_xyzw": [2.0, 0, 0, 0]}}, "length 2, not 1"),
+    ],
+)
+def test_the_copy_in_a_session_is_held_to_the_same(
+    drawn_trial: Callable[..., Path], tmp_path: Path, changed: dict, said: str
+) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0,))
+    manifest = json.loads((folder / "session.json").read_text())
+    manifest["config"]["calibrations"].update(changed)
+    (folder / "session.json").write_text(json.dumps(manifest))
+    with pytest.raises(SessionError) as raised:
+        read_manifest_of(folder, TrialManifest, "no trial")
+    assert said in str(raised.value)
+
+
+def test_a_few_hundred_bytes_that_mean_gigabytes_are_refused_at_once(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 9)]
+    path = tmp_path / "tactile-SIM-D0001.yaml"
+    path.write_text("\n".join([*lines, "calibration: *a8", ""]))
+    assert path.stat().st_size < 600
+    with pytest.raises(CalibrationError, match=r"line 2: an alias, \*a0: write it out"):
+        find_calibrations(load_bench("fake"), tmp_path)
 
 
 def test_a_simulated_one_is_not_for_a_real_bench(tmp_path: Path) -> None:

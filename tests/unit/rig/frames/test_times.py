@@ -77,7 +77,7 @@ def test_a_table_that_is_no_text_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         times_from_table(path, NAMES)
     path.write_bytes(b"\xff\xfe\x00frame")
-    with pytest.raises(InputError, match="no CSV text"):
+    with pytest.raises(InputError, match="cannot be read as text"):
         times_from_table(path, NAMES)
 
 

@@ -83,14 +83,27 @@ def test_a_label_drawn_on_another_size_is_scaled() -> None:
     assert np.count_nonzero(mask) == 4 * 600
 
 
+def tiny_size(path: Path) -> None:
+    path.write_text(json.dumps({"shapes": [{"points": SQUARE}], "imageHeight": 1e-300, "imageWidth": 9}))
+
+
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
         (lambda d: (d / "a.json").write_text('{"shapes": ['), "complete JSON"),
         (lambda d: write_label(d / "a.json", SQUARE[:2]), "encloses nothing"),
         (lambda d: write_label(d / "a.json", [["x"]]), "points"),  # type: ignore[list-item]
-        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"), "not finite"),
+        (
+            lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"),
+            "NaN is no number",
+        ),
         (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "image's size"),
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0], [5.0, 9.0]]), "not in its image"),
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0]], "circle"), "not in its image"),
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [900.0, 9.0], [5.0, 9.0]]), "far outside"),
+        (lambda d: (d / "a.json").write_text('{"shapes": [7]}'), "points cannot be read"),
+        (lambda d: (d / "a.json").write_text('{"shapes": [], "x": ' + "[" * 9000), "nested too deeply"),
+        (lambda d: tiny_size(d / "a.json"), "far outside"),
         (lambda d: (d / "a.png").unlink(), "not beside it"),
     ],
 )

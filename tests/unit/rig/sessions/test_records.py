@@ -42,7 +42,7 @@ def test_rows_are_read_back_as_they_were_written(lift_row: MakeRow) -> None:
     assert [LIFT_TIMINGS.parsed(json_line(t)) for t in (timing, late)] == [timing, late]
 
 
-@given(st.floats(allow_nan=False), st.floats(allow_nan=False, allow_infinity=False))
+@given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
 def test_every_number_comes_back_to_the_last_bit(one: float, other: float) -> None:
     row = replace(POSE, orientation_deg=other)
     assert POSES.parsed(json_line(row)) == row
@@ -105,7 +105,7 @@ def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> N
         (lambda m: m.pop("seed"), "'seed' is missing"),
         (lambda m: m.update(colour="red"), "'colour' is a key that this version does not know"),
         (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
-        (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be a valid integer"),
+        (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be 1 or -1"),
         (lambda m: m.update(kind="dream"), "a 'dream' session, this version knows trial, record, replay"),
         (lambda m: m.pop("kind"), "a 'None' session"),
         (lambda m: m.pop("schema_version"), "schema version None, this version reads 1"),
@@ -143,7 +143,7 @@ def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
         line = json.dumps(row)
     (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
     plan = plan_replays([broken, good], None, None)
-    assert [task.folder for task in plan.tasks] == [good, good]
+    assert [(task.folder, task.row.number) for task in plan.tasks] == [(broken, 1), (good, 1), (good, 2)]
     [(folder, problem)] = plan.broken
     assert folder == broken
     assert "lifts.jsonl: line 2 is damaged" in problem

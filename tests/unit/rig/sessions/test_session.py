@@ -119,3 +119,18 @@ def test_a_session_is_known_by_its_manifest(tmp_path: Path) -> None:
     assert not is_session(tmp_path)
     (tmp_path / MANIFEST).write_text("{}")
     assert is_session(tmp_path)
+
+
+def test_no_password_of_a_camera_is_kept_and_the_session_goes_on(tmp_path: Path) -> None:
+    bench = load_bench("wire")
+    secret = "http://me:s3cret@192.0.2.7/video?pwd=s3cret"
+    camera = bench.camera.model_copy(update={"address": secret})
+    tactile = tuple(t.model_copy(update={"address": secret}) for t in bench.tactile)
+    bench = bench.model_copy(update={"camera": camera, "tactile": tactile})
+    asked = begun_on(bench, "trial", 0, ["t1"])
+    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    open_session(tmp_path / "s", manifest, LIFTS, resume=False).close()
+    assert "s3cret" not in (tmp_path / "s" / MANIFEST).read_text()
+    assert "me:***@192.0.2.7" in (tmp_path / "s" / MANIFEST).read_text()
+    open_session(tmp_path / "s", manifest, LIFTS, resume=True).close()
+    assert bench.camera.address == secret

@@ -20,6 +20,7 @@ from rig.tactile.contact.finder import Contact
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.segmenter import FrameState, Segmenter, moved_outline
+from support.onnx_files import field, identity_network
 
 Image = NDArray[np.uint8]
 
@@ -32,32 +33,6 @@ def pressed() -> tuple[Image, Image, Image]:
     surface = build_surface(load_catalogue()["2"].sites[2], 1, 5)
     imprint = Imprint(surface, 25.0, (0.5, -0.8), depth_for_force(surface, 0.9))
     return unit.render(None, 0.0, rng), unit.render(imprint, 3.0, rng), contact_label(unit.touching(imprint))
-
-
-def field(number: int, value: bytes | int) -> bytes:
-    """One field of a protocol buffer."""
-    if isinstance(value, int):
-        return bytes([number << 3]) + varint(value)
-    return bytes([number << 3 | 2]) + varint(len(value)) + value
-
-
-def varint(value: int) -> bytes:
-    out = b""
-    while value > 127:
-        out, value = out + bytes([value & 127 | 128]), value >> 7
-    return out + bytes([value])
-
-
-def identity_network(path: Path, shape: tuple[int, ...], metadata: bytes = b"") -> Path:
-    """Write an ONNX file that gives back what it is fed (onnx.proto3: fields of ModelProto)."""
-    dims = b"".join(field(1, field(1, side)) for side in shape)
-    tensor = field(2, field(1, field(1, 1) + field(2, dims)))
-    node = field(1, b"x") + field(2, b"y") + field(4, b"Identity")
-    graph = field(1, node) + field(2, b"g") + field(11, field(1, b"x") + tensor)
-    graph += field(12, field(1, b"y") + tensor)
-    extra = field(14, field(1, b"rig") + field(2, metadata)) if metadata else b""
-    path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(2, 18)) + extra)
-    return path
 
 
 @pytest.mark.parametrize("model", ["ours", "ours-full"])
@@ -171,3 +146,27 @@ def test_the_cards_describe_the_shipped_files() -> None:
         assert not set(card["fold"]["test"]) & set(card["fold"]["train"])
         assert card["shipped"]["holds"]
         assert card["shipped"]["bytes"] < 5e6
+
+
+def test_a_network_that_fails_when_it_is_run_is_named(tmp_path: Path) -> None:
+    """Gather takes a channel that is not there: nothing shows before it runs."""
+    path = tmp_path / "gather.onnx"
+    dims = [b"".join(field(1, field(1, side)) for side in (1, channels, 32, 32)) for channels in (3, 1)]
+    kinds = [field(2, field(1, field(1, 1) + field(2, sides))) for sides in dims]
+    place = field(1, 1) + field(2, 7) + field(7, bytes([99])) + field(8, b"i")
+    axis = field(1, b"axis") + field(3, 1) + bytes([0xA0, 0x01, 2])
+    node = field(1, b"x") + field(1, b"i") + field(2, b"y") + field(4, b"Gather") + field(5, axis)
+    graph = field(1, node) + field(2, b"g") + field(5, place)
+    graph += field(11, field(1, b"x") + kinds[0]) + field(12, field(1, b"y") + kinds[1])
+    path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(2, 18)))
+    network = load_network(path)
+    with pytest.raises(InputError, match=r"gather\.onnx: fails when it is run \(.+\): export it again"):
+        network.logits(np.zeros((3, 32, 32), np.float32))
+
+
+@pytest.mark.parametrize("content", [b"", b"\x08", bytes(50)])
+def test_a_network_of_nothing_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "nothing.onnx"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"nothing\.onnx: "):
+        load_network(path)

@@ -248,3 +248,11 @@ def test_a_round_contact_leaves_a_turn_that_nobody_saw_unknown(press: Draw, blan
     after = [press(60.0, seed=100 + i, half_axes=oval) for i in range(REST)]
     last = run(SlipEstimator(blank), [*before, *[blank] * 45, *after])[-1]
     assert last.sigma_deg is None or last.unseen_deg > 20.0
+
+
+def test_a_stream_that_begins_anew_is_followed(press: Draw, blank: Image) -> None:
+    images, hour_ns = lift(press, 16.0), 3_600_000_000_000
+    tracker = SlipEstimator(blank)
+    samples = [tracker.update(images[0], hour_ns)]
+    samples += [tracker.update(image, i * PERIOD_NS) for i, image in enumerate(images[1:])]
+    assert turned(samples) == pytest.approx(16.0, abs=1.0)

@@ -1,0 +1,32 @@
+"""What people and other tools write: one reader for each format, which bounds what it takes before decoding.
+
+Imports errors alone. What a reader cannot take raises `FormatError`, whatever the bytes are.
+"""
+
+from drivers.formats.csv_table import CsvTable, parse_csv, read_csv, read_csv_rows
+from drivers.formats.json_text import check_numbers, parse_json, read_json
+from drivers.formats.picture import MOST_PIXELS, jpeg_header, picture_flaw
+from drivers.formats.text import read_bounded, read_text, reason, shown, without_passwords
+from drivers.formats.toml_text import parse_toml, read_toml
+from drivers.formats.yaml_text import read_yaml
+
+__all__ = [
+    "MOST_PIXELS",
+    "CsvTable",
+    "check_numbers",
+    "jpeg_header",
+    "parse_csv",
+    "parse_json",
+    "parse_toml",
+    "picture_flaw",
+    "read_bounded",
+    "read_csv",
+    "read_csv_rows",
+    "read_json",
+    "read_text",
+    "read_toml",
+    "read_yaml",
+    "reason",
+    "shown",
+    "without_passwords",
+]

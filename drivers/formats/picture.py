@@ -1,0 +1,127 @@
+"""Pictures before they are decoded: how large they are, and whether they are whole.
+
+Decoders make room for as many pixels as a header of a few bytes says, and hand out the readable half of a
+picture that is cut short in silence. Pillow tells sizes too, but decodes WebP for it, and warns of large
+pictures only where it is asked to open them.
+
+JPEG: ITU-T T.81, table B.1. PNG: ISO/IEC 15948, 5.3. TIFF: revision 6.0, section 2. WebP: RFC 9649, 2.
+"""
+
+import struct
+import zlib
+from collections.abc import Callable
+
+from drivers.errors import FormatError
+
+MOST_PIXELS = 50_000_000
+MOST_SCANS = 12
+"""Times that a picture of the most pixels may be gone over: a progressive JPEG has about ten scans."""
+_PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">I4s")
+_JPEG, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
+_NO_SIZE = (0xC4, 0xC8, 0xCC)
+"""Markers among C0 to CF that are no frame header: Huffman tables, reserved, arithmetic coding."""
+_WIDTH, _HEIGHT, _SHORT = 256, 257, 3
+Size = tuple[int, int]
+
+
+def picture_flaw(data: bytes) -> str | None:
+    """Say why a picture is not to be decoded; None where nothing speaks against it.
+
+    That it is none of PNG, JPEG, BMP, TIFF and WebP, is cut short, has a wrong checksum (PNG), or has
+    more than `MOST_PIXELS`.
+    """
+    try:
+        read = next((read for begin, read in _KINDS if data.startswith(begin)), None)
+        if read is None:
+            return "is no picture: neither PNG, JPEG, BMP, TIFF nor WebP"
+        width, height = read(data)
+    except FormatError as error:
+        return str(error)
+    except (struct.error, IndexError):
+        return "is no complete picture: its header is cut short"
+    if not 0 < width * height <= MOST_PIXELS or min(width, height) < 0:
+        return f"is {width} x {height} px; at most {MOST_PIXELS // 1_000_000} megapixels are read"
+    return None
+
+
+def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
+    """Return (width, height) in px, and where the coded data begin. Raises `FormatError`."""
+    size: Size | None = None
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == 0xFF:
+            at += 1
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE and at + 9 <= len(data):
+            size = int.from_bytes(data[at + 7 : at + 9], "big"), int.from_bytes(data[at + 5 : at + 7], "big")
+        at += 2 + max(length, 2)
+        if marker == _JPEG_SCAN[1]:
+            return size or (0, 0), at
+    raise FormatError(f"is no complete picture: its header is damaged at byte {at}")
+
+
+def _jpeg(data: bytes) -> Size:
+    size, scan = jpeg_header(data)
+    # in the second half: a preview in the head has an end of its own
+    if data.rfind(_JPEG_END, scan) < len(data) // 2:
+        raise FormatError("is no complete picture: its end is missing")
+    scans = data.count(_JPEG_SCAN, scan) + 1
+    if scans * size[0] * size[1] > MOST_SCANS * MOST_PIXELS:
+        raise FormatError(f"is {size[0]} x {size[1]} px in {scans} scans, more than is decoded")
+    return size
+
+
+def _png(data: bytes) -> Size:
+    at, kind = len(_PNG), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise FormatError("is no complete picture: its end is missing")
+        length, kind = _PNG_HEAD.unpack_from(data, at)
+        end = at + 8 + length
+        if end + 4 > len(data):
+            raise FormatError("is no complete picture: its end is missing")
+        if zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            raise FormatError(f"is damaged: the checksum at byte {end} differs")
+        at = end + 4
+    width, height = struct.unpack_from(">II", data, 16)
+    return width, height
+
+
+def _bmp(data: bytes) -> Size:
+    if struct.unpack_from("<I", data, 14)[0] == 12:  # OS/2's first header
+        width, height = struct.unpack_from("<HH", data, 18)
+    else:
+        width, height = struct.unpack_from("<ii", data, 18)
+    return width, abs(height)
+
+
+def _tiff(data: bytes) -> Size:
+    """The first picture of a file."""
+    order = "<" if data.startswith(b"II") else ">"
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, at)
+    sides = {}
+    for entry in range(at + 2, at + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+        if tag in (_WIDTH, _HEIGHT):
+            (sides[tag],) = struct.unpack_from(f"{order}{'H' if kind == _SHORT else 'I'}", data, entry + 8)
+    return sides.get(_WIDTH, 0), sides.get(_HEIGHT, 0)
+
+
+def _webp(data: bytes) -> Size:
+    kind = data[12:16]
+    if data[8:12] != b"WEBP":
+        raise FormatError("is no picture: neither PNG, JPEG, BMP, TIFF nor WebP")
+    if kind == b"VP8X":
+        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    width, height = struct.unpack_from("<HH", data, 26)
+    return width & 0x3FFF, height & 0x3FFF
+
+
+_KINDS: tuple[tuple[bytes, Callable[[bytes], Size]], ...] = (
+    (_PNG, _png), (_JPEG, _jpeg), (b"BM", _bmp), (b"II*\0", _tiff), (b"MM\0*", _tiff), (b"RIFF", _webp),
+)  # fmt: skip

@@ -1,0 +1,68 @@
+"""What a command prints, where nobody reads it to its end, or its place is full."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+from drivers.errors import RecordingError
+
+
+class _Output:
+    """A stream of this process that ends no command.
+
+    Where nobody reads any more (`| head`), the rest goes nowhere: the command has other work to do, which
+    counts. needed: whether what cannot be written otherwise, as on a full disk, is an error.
+    """
+
+    def __init__(self, stream: TextIO, needed: bool) -> None:
+        self._stream, self._needed = stream, needed
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write a text. Raises `RecordingError`."""
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self._give_up(error)
+        return len(text)
+
+    def flush(self) -> None:
+        """Hand on what was written. Raises `RecordingError`."""
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        discard([self._stream.fileno()])
+        if self._needed and not isinstance(error, BrokenPipeError):
+            raise RecordingError(
+                f"what it prints cannot be written ({error.strerror}); all else is done as far as it came"
+            ) from error
+
+
+@contextmanager
+def guarded_output() -> Iterator[None]:
+    """Let nothing that is printed end the program. Raises `RecordingError` for results that are lost."""
+    out, err = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _Output(out, needed=True), _Output(err, needed=False)  # type: ignore[assignment]
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+    finally:
+        sys.stdout, sys.stderr = out, err
+
+
+def discard(descriptors: list[int]) -> None:
+    """Let what is still printed go nowhere: writing to a terminal or reader that is gone is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in descriptors:
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)

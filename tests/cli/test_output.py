@@ -1,0 +1,114 @@
+"""What a command prints is lost without a traceback, and its work counts all the same."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from support.command_line import rig
+
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+STORED = Path(__file__).parents[1] / "data"
+
+
+def process(arguments: Sequence[object], **streams: Any) -> "subprocess.CompletedProcess[str]":
+    """`rig ARGUMENTS` in a process of its own: its streams are the system's."""
+    command = [sys.executable, "-m", "rig", *map(str, arguments)]
+    return subprocess.run(command, text=True, timeout=120, check=False, **streams)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("arguments", [("sessions", STORED), ("sessions", STORED, "--json"), ("--help",)])
+def test_results_that_cannot_be_written_are_one_line(arguments: Sequence[object]) -> None:
+    with open("/dev/full", "w") as full:
+        done = process(arguments, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("rig: what it prints cannot be written (No space left on device)")
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_progress_that_cannot_be_written_costs_nothing() -> None:
+    with open("/dev/full", "w") as full:
+        done = process(("sessions", STORED, "--json"), stdout=subprocess.PIPE, stderr=full)
+    assert done.returncode == 0
+    assert "stored_trial" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [("sessions", STORED), ("--help",)])
+def test_a_reader_that_leaves_early_changes_no_exit_code(arguments: Sequence[object]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = process(arguments, stdout=writing, stderr=subprocess.PIPE)
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_trial_whose_reader_left_is_kept_and_done(light_bench_file: Path, tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    what = ("trial", "--bench", light_bench_file, "--object", "t2", "--lifts", "1", "--estimator", "pca")
+    try:
+        done = process(
+            (*what, "--no-report", "--out", tmp_path / "s", "--jobs", "1"),
+            stdout=writing, stderr=writing, cwd=tmp_path,
+        )  # fmt: skip
+    finally:
+        os.close(writing)
+    assert done.returncode == 0
+    assert len((tmp_path / "s" / "lifts.jsonl").read_text().splitlines()) == 1
+
+
+def test_a_page_is_no_device_and_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.html"
+    os.mkfifo(pipe)
+    for place, said in ((pipe, "is no file"), (Path("/proc/page.html"), "cannot be written")):
+        done = rig("report", STORED / "stored_trial", "--out", place)
+        assert done.returncode == 1
+        assert f"rig: {place}: {said}" in done.stderr.splitlines()[-1]
+    assert pipe.is_fifo()
+
+
+def test_a_file_that_nobody_thought_could_fail_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_dir", denied)
+    done = rig("sessions", tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == f"rig: {tmp_path}: Permission denied"
+
+
+@pytest.mark.parametrize("limit", [0, 1000, 20_000, 100_000])
+@pytest.mark.parametrize("suffix", ["avi", "mp4"])
+def test_a_film_on_a_full_disk_is_an_error_and_leaves_the_one_before(
+    tmp_path: Path, limit: int, suffix: str
+) -> None:
+    film = tmp_path / f"lift.{suffix}"
+    film.write_bytes(b"the one before")
+    code = (
+        "import resource, sys; from rig.cli.main import main; "
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); main()"
+    )
+    trial = shutil.copytree(STORED / "stored_trial", tmp_path / "trial")
+    arguments = ["play", str(trial), "--lift", "1", "--fps", "5", "--out", str(film)]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True, text=True, errors="replace", timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"rig: {film}: ")
+    assert "free space" in last
+    assert film.read_bytes() == b"the one before"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [film.name, "trial"]

@@ -1,0 +1,84 @@
+"""One frame stamped an hour ahead costs that frame: in a lift, in its replay, in anyone's frames."""
+
+import io
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
+
+from rig.experiments.replay import run_replay
+from rig.frames.estimates import estimate_series, figures, zeroed
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import FrameTime
+from rig.sessions.rows import read_finished_lifts
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.sample import State
+
+Image = NDArray[np.uint8]
+HOUR_NS = 3600 * 10**9
+STORED = Path(__file__).parents[3] / "data" / "stored_trial"
+
+
+def stamped_ahead(recording: Path, topic: str, number: int) -> None:
+    """Write a recording again with one message of a topic, numbered from 0, an hour later."""
+    stream = io.BytesIO()
+    writer = Writer(stream, compression=CompressionType.NONE)
+    writer.start()
+    channels: dict[int, int] = {}
+    seen = 0
+    with recording.open("rb") as source:
+        for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.id not in channels:
+                kept = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kept)
+            ahead = HOUR_NS if channel.topic == topic and seen == number else 0
+            seen += channel.topic == topic
+            writer.add_message(
+                channels[channel.id], message.log_time + ahead, message.data, message.publish_time,
+                message.sequence,
+            )  # fmt: skip
+    writer.finish()
+    recording.write_bytes(stream.getvalue())
+
+
+@pytest.mark.parametrize("topic", ["/image/SIM-D0001", "/image/SIM-C0001"])
+def test_a_lift_goes_on_and_names_the_frame(tmp_path: Path, topic: str) -> None:
+    session = shutil.copytree(STORED, tmp_path / "trial")
+    [stored] = run_replay(session, None, None, jobs=1).rows
+    half = min(stored.frames.values()) // 2
+    stamped_ahead(session / stored.recording, topic, half)
+    [again] = run_replay(session, None, None, jobs=1).rows
+    source = "camera" if "C0001" in topic else topic.removeprefix("/image/")
+    assert stored.jumped is None
+    assert again.jumped == {source: 1}
+    assert again.frames == stored.frames
+    assert again.final_estimate_deg == pytest.approx(stored.final_estimate_deg, abs=0.2)
+    assert again.final_truth_deg == pytest.approx(stored.final_truth_deg, abs=0.2)
+    assert again.answered == pytest.approx(stored.answered, abs=0.05)
+    assert len(read_finished_lifts(session)) == 1
+
+
+@pytest.mark.parametrize("name", ["slip", "ecc", "pca"])
+def test_anyone_s_frames_go_on_and_the_frame_is_named(
+    press: Callable[..., Image], blank: Image, name: str
+) -> None:
+    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+    images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)]
+    times_ns = [round(i * 1e9 / 60) + (HOUR_NS if i == 20 else 0) for i in range(len(images))]
+    frames = [
+        TimedFrame(str(i), FrameTime(f"{t / 1e9:.6f}", t), image)
+        for i, (t, image) in enumerate(zip(times_ns, images, strict=True))
+    ]
+    series = FrameSeries("drawn", lambda: iter(frames))
+    estimate = zeroed(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
+    assert [answer.jumped for answer in estimate.answers] == [i == 20 for i in range(len(images))]
+    assert estimate.answers[20].sample.state is State.LOST
+    assert estimate.angles_deg[-1] == pytest.approx(16.0, abs=1.5)
+    found = figures(estimate)
+    assert (found.jumped, found.unreadable) == (1, 0)

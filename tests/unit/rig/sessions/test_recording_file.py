@@ -1,0 +1,250 @@
+"""Recordings are read as they were written, or not at all."""
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from drivers.errors import SessionError
+from protocols.observer import LiftObserver
+from rig.results.listing import SessionState, list_session
+from rig.sessions import recording_file
+from rig.sessions.reading import phase_times, recorded_angles, recorded_frames, show_again
+from rig.sessions.recorder import FUSED_TOPIC
+from rig.sessions.recording_file import MOST_CHUNK, check_recording, recorded_messages
+from rig.sessions.rows import read_usable_lifts
+from support.command_line import rig
+
+Drawn = Callable[..., Path]
+SECTOR = 512
+RNG = np.random.default_rng(10)
+
+
+def flipped_bit(data: bytearray, place: int) -> None:
+    data[place] ^= 1 << (place % 8)
+
+
+def other_byte(data: bytearray, place: int) -> None:
+    data[place] = (data[place] + 1 + place % 255) % 256
+
+
+def empty_sector(data: bytearray, place: int) -> None:
+    begin = place // SECTOR * SECTOR
+    data[begin : begin + SECTOR] = bytes(len(data[begin : begin + SECTOR]))
+
+
+def lost_sector(data: bytearray, place: int) -> None:
+    begin = place // SECTOR * SECTOR
+    del data[begin : begin + SECTOR]
+
+
+@pytest.fixture(scope="module")
+def whole(drawn_trial: Drawn, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording of 0.5 MB."""
+    folder = drawn_trial(tmp_path_factory.mktemp("recording") / "s", (12.0,))
+    return (folder / "lifts" / "001.mcap").read_bytes()
+
+
+@pytest.mark.parametrize("damage", [flipped_bit, other_byte, empty_sector, lost_sector])
+def test_damage_anywhere_is_named_and_nothing_else_comes_out(
+    whole: bytes, tmp_path: Path, damage: Callable[[bytearray, int], None]
+) -> None:
+    path = tmp_path / "001.mcap"
+    path.write_bytes(whole)
+    messages = list(recorded_messages(path))
+    for place in RNG.integers(0, len(whole), 40):
+        data = bytearray(whole)
+        damage(data, int(place))
+        assert data != whole
+        path.write_bytes(data)
+        with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged \(.+\)"):
+            check_recording(path)
+        seen = []
+        try:
+            seen.extend(recorded_messages(path))
+        except SessionError:
+            assert seen == messages[: len(seen)]
+        else:
+            assert seen == messages  # the damage is where no message is
+
+
+def test_each_byte_of_a_small_recording_counts(tmp_path: Path) -> None:
+    path = tmp_path / "small.mcap"
+    whole = written([(b"abc", 1), (b"de", 2)])
+    for place in range(len(whole)):
+        data = bytearray(whole)
+        flipped_bit(data, place)
+        path.write_bytes(data)
+        with pytest.raises(SessionError, match="the recording is damaged"):
+            check_recording(path)
+    path.write_bytes(whole)
+    check_recording(path)
+
+
+def test_what_is_read_is_what_the_format_s_own_library_reads(whole: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "001.mcap"
+    path.write_bytes(whole)
+    for topics in ((), ("/phase",), (FUSED_TOPIC, "/image/T1"), ("/nothing",)):
+        with path.open("rb") as stream:
+            expected = [
+                (channel.topic, message.log_time, message.sequence, message.data)
+                for _, channel, message in make_reader(stream).iter_messages(
+                    topics or None, log_time_order=False
+                )
+            ]
+        assert list(recorded_messages(path, *topics)) == expected
+
+
+@pytest.mark.parametrize("packed", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_packed_recordings_are_read_too(tmp_path: Path, packed: CompressionType) -> None:
+    path = tmp_path / "packed.mcap"
+    messages = [(os.urandom(3000), n) for n in range(40)]
+    path.write_bytes(written(messages, packed))
+    assert [(data, time_ns) for _, time_ns, _, data in recorded_messages(path)] == messages
+    check_recording(path)
+
+
+@pytest.mark.parametrize("packed", [CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("said", ["truth", "a small size"])
+def test_a_few_bytes_that_stand_for_gigabytes_are_refused_before_they_are_unpacked(
+    tmp_path: Path, packed: CompressionType, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    most: list[int] = []
+    unpacked = recording_file._unpacked
+    monkeypatch.setattr(recording_file, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
+    path = tmp_path / "bomb.mcap"
+    data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
+    assert len(data) < 400_000
+    path.write_bytes(data if said == "truth" else sized(data, 5000))
+    with pytest.raises(SessionError, match=r"stand for|bytes where 5000 are said to be|damaged"):
+        list(recorded_messages(path))
+    assert sum(most) <= 5001
+
+
+def test_a_chunk_larger_than_any_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "large.mcap"
+    path.write_bytes(sized(written([(os.urandom(1000), 1)]), MOST_CHUNK + 1))
+    with pytest.raises(SessionError, match="more than is unpacked"):
+        list(recorded_messages(path))
+
+
+def test_a_session_with_a_damaged_recording_is_listed_as_broken_and_its_other_lifts_are_used(
+    drawn_trial: Drawn, tmp_path: Path
+) -> None:
+    folder = drawn_trial(tmp_path / "s", (12.0, -20.0, 8.0))
+    file = folder / "lifts" / "002.mcap"
+    data = bytearray(file.read_bytes())
+    flipped_bit(data, len(data) // 2)
+    file.write_bytes(data)
+    entry = list_session(folder)
+    assert (entry.state, entry.done) == (SessionState.BROKEN, 3)
+    assert "002.mcap: the recording is damaged (chunk " in str(entry.problem)
+    assert "the checksum differs" in str(entry.problem)
+    assert list_session(folder, quick=True).state is SessionState.COMPLETE
+    usable = read_usable_lifts(folder, checked=True)
+    assert [lift.number for lift in usable.lifts] == [1, 3]
+    assert "002.mcap" in usable.problems[0]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("replay", "--jobs", "1", "--estimator", "pca"),
+        ("export", "--to", "csv", "--out", "{out}"),
+        ("export", "--to", "labelme", "--out", "{out}"),
+        ("estimate", "--estimator", "pca", "--out", "{out}"),
+    ],
+)
+def test_commands_name_a_damaged_recording_use_the_rest_and_say_so_in_their_exit_code(
+    damaged_stored_trial: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    name, *options = (word.format(out=tmp_path / "out") for word in command)
+    done = rig(name, damaged_stored_trial, *options)
+    assert done.returncode == 2, done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("rig: done, except for what is broken: ")
+    assert "002.mcap: the recording is damaged (chunk " in last
+    if name != "replay":
+        assert any((tmp_path / "out").rglob("*001*" if "labelme" in options or name == "estimate" else "*"))
+
+
+@pytest.fixture
+def damaged_stored_trial(tmp_path: Path, stored_trial_twice: Callable[[Path], Path]) -> Path:
+    """Two lifts, the second one's recording with a flipped bit in an image."""
+    folder = stored_trial_twice(tmp_path / "trial")
+    file = folder / "lifts" / "002.mcap"
+    data = bytearray(file.read_bytes())
+    flipped_bit(data, len(data) // 3)
+    file.write_bytes(data)
+    return folder
+
+
+@pytest.mark.parametrize("ns", [2**63, 2**64 - 1])
+def test_a_time_beyond_64_bits_is_damage(tmp_path: Path, ns: int) -> None:
+    path = tmp_path / "late.mcap"
+    path.write_bytes(written([(b"x", ns)]))
+    with pytest.raises(SessionError, match="beyond 64 bits"):
+        list(recorded_messages(path))
+
+
+@pytest.mark.parametrize(
+    ("topic", "data"),
+    [
+        ("/image/T1", b"\xff"), ("/image/T1", b""), ("/arm/tcp", b"\xff"), ("/phase", b"null"),
+        ("/phase", b'{"phase": "B"}'), ("/phase", b"[" * 100_000), ("/arm/joints", b"{}"),
+        ("/arm/joints", b'{"joints_rad": [1e999,0,0,0,0,0], "wrench": [0,0,0,0,0,0], "mode": "running"}'),
+        ("/other", b""),
+    ],
+)  # fmt: skip
+def test_messages_that_are_none_are_damage_whatever_their_checksums_say(
+    tmp_path: Path, topic: str, data: bytes
+) -> None:
+    path = tmp_path / "odd.mcap"
+    path.write_bytes(written([(data, 1)], topic=topic))
+    check_recording(path)
+    watch = Mock(spec=LiftObserver)
+    for read in (lambda: show_again(path, watch), lambda: phase_times(path)):
+        with pytest.raises(SessionError, match=r"odd\.mcap: "):
+            read()
+    if topic == "/image/T1":
+        with pytest.raises(SessionError, match=r"odd\.mcap: "):
+            list(recorded_frames(path, "T1"))
+    assert recorded_angles(path, FUSED_TOPIC) == {FUSED_TOPIC: []}
+
+
+def written(
+    messages: list[tuple[bytes, int]],
+    packed: CompressionType = CompressionType.NONE,
+    chunk: int = 100_000,
+    topic: str = "/image/T1",
+) -> bytes:
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=chunk, compression=packed, enable_data_crcs=True)
+    writer.start()
+    schema = writer.register_schema("x", "", b"")
+    channel = writer.register_channel(topic, "json", schema)
+    for data, time_ns in messages:
+        writer.add_message(channel, time_ns, data, 0)
+    writer.finish()
+    return stream.getvalue()
+
+
+def sized(data: bytes, size: int) -> bytes:
+    """Let a recording of one chunk say that it has another size, with checksums that agree."""
+    with io.BytesIO(data) as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    [index] = summary.chunk_indexes
+    old, new = struct.pack("<Q", index.uncompressed_size), struct.pack("<Q", size)
+    changed = bytearray(data.replace(old, new))
+    begin = struct.unpack("<Q", changed[-28:-20])[0]
+    changed[-12:-8] = struct.pack("<I", zlib.crc32(changed[begin:-12]))
+    return bytes(changed)

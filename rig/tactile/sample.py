@@ -10,7 +10,8 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.types import ArmState, Image
 
-MIN_SIDE_PX = 8
+MIN_SIDE_PX, MAX_SIDE_PX, MAX_SIDE_RATIO = 8, 4096, 8
+"""No tactile sensor has fewer or more pixels a side, or is longer by more than its width times this."""
 
 
 class State(StrEnum):
@@ -75,6 +76,12 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
     if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
         raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
+    longest, shortest = max(image.shape[:2]), min(image.shape[:2])
+    if longest > MAX_SIDE_PX or longest > MAX_SIDE_RATIO * shortest:
+        raise InputError(
+            f"tactile frame has shape {image.shape}: give at most {MAX_SIDE_PX} px a side and a long "
+            f"side of at most {MAX_SIDE_RATIO} short ones; reduce or crop it"
+        )
     if shape is not None and image.shape != shape:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
 

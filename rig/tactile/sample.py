@@ -11,7 +11,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import ArmState, Image
 
-MIN_SIDE_PX = 8
+MIN_SIDE_PX, MAX_SIDE_PX = 8, 4096
 MOST_ELONGATED = 40
 """Frames are worked on smaller than they are, and nothing would be left of a narrower one."""
 
@@ -78,6 +78,8 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has type {getattr(image, 'dtype', type(image))}: give uint8 RGB")
     if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < MIN_SIDE_PX:
         raise InputError(f"tactile frame has shape {image.shape}: give (H, W, 3), {MIN_SIDE_PX} px or more")
+    if max(image.shape[:2]) > MAX_SIDE_PX:
+        raise InputError(f"tactile frame has shape {image.shape}: give {MAX_SIDE_PX} px a side or less")
     if max(image.shape[:2]) > MOST_ELONGATED * min(image.shape[:2]):
         raise InputError(
             f"tactile frame has shape {image.shape}: no side may be {MOST_ELONGATED} times the other"

@@ -24,6 +24,9 @@ EDGE_SHARE = 0.25
 # Parts of this share of the largest one's area belong to the contact; smaller ones are specks.
 PART_SHARE = 0.2
 LEAST_AREA_PX = 12
+# A video's codec changes all of a picture a little when it begins anew (0.02 and less). What covers more
+# than this share of the frame is a contact only if its mean relative difference is larger than that.
+WIDE_SHARE, LEAST_WIDE_STRENGTH = 0.5, 0.022
 # Strength and floor are read from every third pixel, counted row by row.
 LEVEL_STEP = 3
 
@@ -83,4 +86,7 @@ class ContactGate:
         mask = np.zeros(energy.shape, np.uint8)
         cv2.fillConvexPoly(mask, cv2.convexHull(np.concatenate(large)), 1)
         area = int(cv2.countNonZero(mask))
-        return Region(mask, area, cv2.mean(energy, mask)[0]) if area >= LEAST_AREA_PX else None
+        mean = cv2.mean(energy, mask)[0]
+        if area < LEAST_AREA_PX or (area > WIDE_SHARE * mask.size and mean < LEAST_WIDE_STRENGTH):
+            return None
+        return Region(mask, area, mean)

@@ -17,15 +17,30 @@ from drivers.types import Image
 LEAST_RATIO = 1.5
 # Taken for one standard deviation: a load that shifts draws the contact's outline too.
 SIGMA_RAD = math.radians(1.5)
-# An axis further off than this many standard deviations belongs to a contact of another shape.
-GATE_SIGMAS = 4.0
+# An axis further off than this many standard deviations belongs to a contact of another shape, and so
+# does one whose area or ratio of axes has changed by more than this factor.
+GATE_SIGMAS, SAME_SHAPE = 4.0, 1.25
+
+
+@dataclass(frozen=True, slots=True)
+class ContactShape:
+    """A long contact. axis_rad: image angle of its long axis, modulo pi. ratio: of long to short axis."""
+
+    axis_rad: float
+    area_px: float
+    ratio: float
 
 
 @dataclass(frozen=True, slots=True)
 class AxisAnchor:
-    """The tracked angle at which the contact's long axis had the image angle 0, rad."""
+    """A contact's long axis when it was noted.
+
+    zero_rad: the tracked angle at which it had the image angle 0. area_px, ratio: of the contact's shape.
+    """
 
     zero_rad: float
+    area_px: float
+    ratio: float
 
     def corrected(self, mask: Image, angle_rad: float, variance: float) -> tuple[float, float]:
         """Return angle and variance, bounded by the axis where the angle is less sure than that.
@@ -33,23 +48,28 @@ class AxisAnchor:
         mask: (h, w) uint8, 1 in the contact. variance: rad^2. The variance never falls below the
         axis's own, whose error is the same each time.
         """
-        axis = long_axis(mask) if variance > SIGMA_RAD**2 else None
-        if axis is None:
+        shape = contact_shape(mask) if variance > SIGMA_RAD**2 else None
+        if shape is None or not self._like(shape):
             return angle_rad, variance
-        gap = math.remainder(axis + self.zero_rad - angle_rad, math.pi)
+        gap = math.remainder(shape.axis_rad + self.zero_rad - angle_rad, math.pi)
         if abs(gap) > GATE_SIGMAS * math.sqrt(variance + SIGMA_RAD**2):
             return angle_rad, variance
         return angle_rad + gap * variance / (variance + SIGMA_RAD**2), SIGMA_RAD**2
 
+    def _like(self, shape: ContactShape) -> bool:
+        """Whether a contact still has the shape whose axis was noted."""
+        pairs = ((shape.area_px, self.area_px), (shape.ratio, self.ratio))
+        return all(max(pair) <= SAME_SHAPE * min(pair) for pair in pairs)
+
 
 def anchor(mask: Image, angle_rad: float) -> AxisAnchor | None:
     """Note the axis of a contact at a tracked angle; None where it has no long axis."""
-    axis = long_axis(mask)
-    return None if axis is None else AxisAnchor(angle_rad - axis)
+    shape = contact_shape(mask)
+    return None if shape is None else AxisAnchor(angle_rad - shape.axis_rad, shape.area_px, shape.ratio)
 
 
-def long_axis(mask: Image) -> float | None:
-    """Return the image angle of a contact's long axis, rad modulo pi; None where it is not long.
+def contact_shape(mask: Image) -> ContactShape | None:
+    """Return a contact's long axis and shape; None where it is not long.
 
     mask: (h, w) uint8, 1 in the contact.
     """
@@ -58,4 +78,5 @@ def long_axis(mask: Image) -> float | None:
     total, spread = moments["mu20"] + moments["mu02"], math.hypot(difference, mixed)
     if total + spread < LEAST_RATIO**2 * (total - spread) or spread <= 0.0:
         return None
-    return -0.5 * math.atan2(mixed, difference)
+    ratio = math.sqrt((total + spread) / max(total - spread, 1e-9))
+    return ContactShape(-0.5 * math.atan2(mixed, difference), moments["m00"], ratio)

@@ -38,6 +38,15 @@ class GradientField:
         values[inside] = sharpened(gradient[inside])
         self._values = values.reshape(-1)
         self._inside = mask.reshape(-1)
+        self._planes: NDArray[np.float32] | None = None
+
+    @property
+    def planes(self) -> NDArray[np.float32]:
+        """The gradients' x and y and the mask, (h, w, 3), for a rough look at many places."""
+        if self._planes is None:
+            pairs = self._values.view(np.float32).reshape(*self.mask.shape, 2)
+            self._planes = np.dstack([pairs, self.mask.astype(np.float32)])
+        return self._planes
 
     def at(self, places: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.bool_]]:
         """Return the gradients (N,) at places (N,), and which places lie inside the mask."""
@@ -53,3 +62,16 @@ class GradientField:
         inside = (column.view(np.uint32) < self._cells[0]) & (row.view(np.uint32) < self._cells[1])
         inside &= self._inside.take(index, mode="clip") > 0
         return upper + y * (lower - upper), inside
+
+
+def read(planes: NDArray[np.float32], places: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Return three planes (h, w, 3) at places (...), (..., 3), bilinear; 0 outside.
+
+    Places are rounded to 1/32 pixel: enough where several motions are told apart, and three times as fast.
+    """
+    pairs = places.astype(np.complex64, copy=False).reshape(-1).view(np.float32).reshape(-1, 1, 2)
+    found = cv2.remap(planes, pairs, _NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(found, np.float32).reshape(*places.shape, 3)
+
+
+_NO_SECOND_MAP = np.empty(0, np.float32)

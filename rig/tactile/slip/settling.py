@@ -1,10 +1,13 @@
-"""Whether a contact still grows: while it does, a keyframe of it is soon out of date."""
+"""What a contact's region says of a frame: whether it still grows, and whether it is to be believed."""
 
 from rig.tactile.contact.gate import Region
 from rig.tactile.contact.steadiness import Steadiness
 
-# Until a contact has settled, its keyframe is renewed when it has changed by this share.
+# Until a contact has settled, its keyframe is out of date when the contact has changed by this share.
 SETTLED_FRAMES, RENEWED_SHARE = 5, 0.3
+# An area that jumps by half, up or down, from one frame to the next is no growth: a frame is torn, or a
+# video's codec has begun anew.
+TORN_RATIO = 1.5
 
 
 class Settling:
@@ -20,15 +23,30 @@ class Settling:
         return self._steadiness.settled
 
     def update(self, region: Region) -> bool:
-        """Take the next frame's contact; whether a keyframe has to be taken of it."""
+        """Take the next frame's contact; whether it has settled with this very frame."""
         if self.settled:
             return False
         self._steadiness.update(region.levels)
-        renewed = self.settled or region.changed(self._renewed, RENEWED_SHARE)
-        if renewed:
-            self._renewed = region
-        return renewed
+        return self.settled
 
-    def renew(self) -> None:
-        """Have a keyframe taken of the next frame."""
-        self._renewed = None
+    def outgrown(self, region: Region) -> bool:
+        """Whether an unsettled contact is another than when its keyframe was taken."""
+        return not self.settled and region.changed(self._renewed, RENEWED_SHARE)
+
+    def renewed(self, region: Region) -> None:
+        """Note that a keyframe was taken of this contact."""
+        self._renewed = region
+
+
+class Tearing:
+    """Tells frames of which no keyframe should be taken, by the contact's area."""
+
+    def __init__(self) -> None:
+        self._area_px: int | None = None
+
+    def update(self, region: Region | None) -> bool:
+        """Take the next frame's contact; whether its area is another than a frame before."""
+        before, self._area_px = self._area_px, None if region is None else region.area_px
+        if before is None or region is None:
+            return False
+        return max(before, region.area_px) > TORN_RATIO * min(before, region.area_px)

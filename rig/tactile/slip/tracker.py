@@ -1,144 +1,241 @@
 """One grasp: how the contact has turned and moved, through as few keyframes as will do."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.tactile.slip.evidence import Motion
+from rig.tactile.slip.judge import Belief, Judge
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.registration import Alignment, align, similarity, turning
+from rig.tactile.slip.keys import ContactPose, Key
+from rig.tactile.slip.registration import Alignment, align, similarity
 from rig.tactile.slip.sampling import GradientField
+from rig.tactile.slip.texture import TextureField, TextureKey
+from rig.tactile.slip.uncertainty import angle_variance
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
 GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
 # One whose steps were still large may be on its way to anywhere: it has to fit better.
-UNSETTLED_MISFIT = 0.25
+UNSETTLED_MISFIT = 0.27
 # Beyond these it is no alignment at all.
-WORST_MISFIT, WORST_OVERLAP = 0.75, 0.4
+WORST_MISFIT, WORST_OVERLAP = 0.9, 0.4
 # From where it is expected, an object turns at most so far between two frames.
 MAX_JUMP_RAD = math.radians(20.0)
 # An older keyframe is taken up again within this of its own angle.
 NEAR_RAD = math.radians(25.0)
 MAX_KEYFRAMES = 6
-# A lost contact is looked for at these turns from where it was last: no further, as an edge looks
-# the same after half a turn.
-SEARCH_RAD = tuple(math.radians(turn) for turn in range(-72, 73, 12))
+# Two keyframes that tell angles further apart than this many standard deviations do not see the same.
+SAME_SIGMAS = 3.0
+# A lost contact is looked for at these turns from where it is expected, and taken for found within the
+# first of them and what its rate allows: further off, an edge or a lattice looks the same again.
+SEARCH_RAD = tuple(math.radians(turn) for turn in (-15.0, -7.5, 0.0, 7.5, 15.0))
 SEARCH_KEPT = 3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactPose:
-    """Where a contact is.
-
-    angle_rad: from the grasp's zero. point_px: where the first keyframe's center is now, x + i y.
-    """
-
-    angle_rad: float
-    point_px: complex
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Key:
-    """A keyframe, the pose at which it was taken, and the variance of that angle, rad^2."""
-
-    frame: Keyframe
-    pose: ContactPose
-    variance: float
+# Slopes that leave at most this unexplained are those of the object: simulated lifts leave 0.02 to 0.25, real
+# contacts in which a bulge of gel turns against a line 0.2 to 0.7.
+PLAIN_MISFIT = 0.25
+# Below this evidence nothing is believed: the contact is lost.
+LEAST_EVIDENCE = 0.2
+# A contact's speed is followed up to so many work pixels a frame.
+MOST_MOVING_PX = 3.0
+# Where the texture leads: noise of the angle from frame to frame.
+TEXTURE_NOISE_RAD = math.radians(0.3)
+# There a keyframe is kept within the first turn while there is so much evidence, beyond it while both
+# channels correlate so well, and never beyond the last turn.
+NEXT_KEY_RAD, KEPT_EVIDENCE = math.radians(3.0), 0.7
+KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """A frame's pose, by which key, and how well it fits."""
+    """A frame's pose, by which key, and how well it fits.
+
+    variance: of the angle, rad^2. inherited: the part of it that was there when the key was taken. doubt:
+    what other turns add to it that fit nearly as well. alignment: of the slopes. motion: where the texture
+    led, what speaks for it, else None.
+    """
 
     pose: ContactPose
     key: Key
-    alignment: Alignment
+    variance: float
+    inherited: float
+    alignment: Alignment | None = None
+    motion: Motion | None = None
+    doubt: float = 0.0
 
     @property
-    def turned_rad(self) -> float:
-        """Turn since the keyframe was taken."""
-        return self.pose.angle_rad - self.key.pose.angle_rad
+    def misfit(self) -> float:
+        """What the slopes leave unexplained, see `Alignment`."""
+        return math.inf if self.alignment is None else self.alignment.misfit
+
+    @property
+    def noise_rad(self) -> float:
+        """One standard deviation of the angle from frame to frame."""
+        return TEXTURE_NOISE_RAD if self.alignment is None else self.alignment.noise_rad
 
     @property
     def good(self) -> bool:
         """Whether the keyframe still fits well."""
         found = self.alignment
-        worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
-        return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
+        if found is not None:
+            worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
+            return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
+        if self.motion is None:
+            return False
+        turned = abs(self.pose.angle_rad - self.key.pose.angle_rad)
+        if turned > NEXT_KEY_RAD:
+            return turned <= FURTHEST_KEY_RAD and min(self.motion.slopes, self.motion.texture) >= KEPT
+        return self.motion.evidence >= KEPT_EVIDENCE
 
 
 class KeyframeTracker:
     """Follows one grasp from its first keyframe on.
 
-    angle_rad, variance: of the pose at the first keyframe. to_the_end: see `align`.
+    angle_rad, variance: of the pose at the first keyframe. aspect_known: see `angle_variance`.
+    to_the_end: see `align`.
     """
 
-    def __init__(self, first: Keyframe, angle_rad: float, variance: float, to_the_end: bool = False) -> None:
-        self._to_the_end = to_the_end
-        self._keys = [Key(first, ContactPose(angle_rad, first.center_px), variance)]
+    def __init__(
+        self,
+        first: Keyframe,
+        texture: TextureKey | None,
+        angle_rad: float,
+        variance: float,
+        aspect_known: bool = False,
+        to_the_end: bool = False,
+    ) -> None:
+        self._aspect_known, self._to_the_end = aspect_known, to_the_end
+        self._keys = [Key(first, texture, ContactPose(angle_rad, first.center_px), variance)]
         self._key = self._keys[0]
         self._pose = self._key.pose
+        self._moving_px = 0j
         self._weights: NDArray[np.float32] | None = None
+        self._judge = Judge()
+        self.texture_leads = False
 
-    def track(self, field: GradientField, expected_rad: float) -> Tracked | None:
-        """Return the pose in a frame, None where no keyframe fits. expected_rad: where to start from."""
-        for key in self._candidates(expected_rad):
-            found = self._aligned(key, field, ContactPose(expected_rad, self._pose.point_px))
-            if found is not None and abs(found.pose.angle_rad - expected_rad) <= MAX_JUMP_RAD:
-                return self._accept(found)
-        return None
+    def track(
+        self, field: GradientField, texture: TextureField | None, expected_rad: float
+    ) -> Tracked | None:
+        """Return the pose in a frame, None where no keyframe fits.
 
-    def search(self, field: GradientField) -> Tracked | None:
-        """Look for a lost contact over a wide range of turns; None where nothing fits."""
+        texture: None where it is not looked at. expected_rad: where to start from.
+        """
+        expected = ContactPose(expected_rad, self._pose.point_px)
+        found = self._by_slopes(field, expected)
+        belief = None if texture is None else self._believed(field, texture, found, expected)
+        if texture is not None:
+            self.texture_leads = belief is not None
+        if belief is not None:
+            if belief.motion.evidence < LEAST_EVIDENCE:
+                return None
+            key = self._keys[-1]
+            inherited = min(key.variance, belief.variance)
+            found = Tracked(
+                belief.pose, key, belief.variance, inherited, motion=belief.motion, doubt=belief.doubt
+            )
+        return None if found is None else self._accept(found)
+
+    def _believed(
+        self, field: GradientField, texture: TextureField, found: Tracked | None, expected: ContactPose
+    ) -> Belief | None:
+        """Return what slopes and texture say together; None where the slopes' pose stands."""
+        start = replace(expected, point_px=expected.point_px + self._moving_px)
+        if found is not None and not self.texture_leads:
+            start = found.pose
+        plain = found is not None and found.misfit <= PLAIN_MISFIT
+        by_slopes = found.pose if found is not None and plain else None
+        return self._judge.judged(self._keys, field, texture, start, self._pose, by_slopes)
+
+    def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
+        older = self._surest(expected.angle_rad)
+        anchored = None if older is None else self._near(older, field, expected)
+        if anchored is not None and anchored.good:
+            return anchored
+        found = self._near(self._key, field, expected)
+        if found is None:
+            return self._by_others(field, expected)
+        return found if anchored is None else _fused(found, anchored)
+
+    def search(self, field: GradientField, expected_rad: float, reach_rad: float) -> Tracked | None:
+        """Look for a lost contact; None where nothing fits well.
+
+        reach_rad: how far its rate lets it have turned from where it is expected, beside the least range.
+        """
         rows, columns = np.nonzero(field.mask)
         middle = complex(columns.mean(), rows.mean())
-        guesses = [ContactPose(self._pose.angle_rad + turn, middle) for turn in SEARCH_RAD]
-        scores = [similarity(self._key.frame, field, *self._start(self._key, g)) for g in guesses]
+        widest = SEARCH_RAD[-1] + reach_rad
+        guesses = [ContactPose(expected_rad + turn * widest / SEARCH_RAD[-1], middle) for turn in SEARCH_RAD]
+        scores = [similarity(self._key.frame, field, *self._key.motion_to(g)) for g in guesses]
         best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
         weights, self._weights = self._weights, None
         found = [self._aligned(self._key, field, guesses[i]) for i in best]
         self._weights = weights
-        fitting = [f for f in found if f is not None and f.good]
-        return self._accept(min(fitting, key=lambda f: f.alignment.misfit)) if fitting else None
+        fitting = [
+            f for f in found if f is not None and f.good and abs(f.pose.angle_rad - expected_rad) <= widest
+        ]
+        return self._accept(min(fitting, key=lambda f: f.misfit)) if fitting else None
 
-    def add_key(self, frame: Keyframe, pose: ContactPose, variance: float) -> None:
+    def add_key(
+        self, frame: Keyframe, texture: TextureKey | None, pose: ContactPose, variance: float
+    ) -> None:
         """Take a further keyframe at a pose; the oldest but the first goes when there are many."""
-        self._key = Key(frame, pose, variance)
+        self._key = Key(frame, texture, pose, variance)
         self._keys.append(self._key)
         self._weights = None
         if len(self._keys) > MAX_KEYFRAMES:
             del self._keys[1]
 
-    def _candidates(self, angle_rad: float) -> Iterator[Key]:
-        """Yield an older, surer key where one is near, then the one in use, then the other near ones."""
-        near = [k for k in self._keys if abs(angle_rad - k.pose.angle_rad) < NEAR_RAD and k is not self._key]
-        surer = [k for k in near if k.variance < self._key.variance]
-        if surer:
-            yield min(surer, key=lambda k: k.variance)
-        yield self._key
-        yield from (k for k in near if k not in surer[:1])
+    def _surest(self, angle_rad: float) -> Key | None:
+        """Return the surest of the other keys that are near, where it is surer than the one in use."""
+        near = [k for k in self._keys if abs(angle_rad - k.pose.angle_rad) < NEAR_RAD]
+        surest = min(near, key=lambda k: k.variance, default=self._key)
+        return surest if surest.variance < self._key.variance else None
+
+    def _by_others(self, field: GradientField, expected: ContactPose) -> Tracked | None:
+        """Take up another key that is near and fits well."""
+        for key in self._keys:
+            if key is not self._key and abs(expected.angle_rad - key.pose.angle_rad) < NEAR_RAD:
+                found = self._near(key, field, expected)
+                if found is not None and found.good:
+                    return found
+        return None
+
+    def _near(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
+        """Align with a key; None where it does not fit or turns further than an object does."""
+        found = self._aligned(key, field, expected)
+        if found is None or abs(found.pose.angle_rad - expected.angle_rad) > MAX_JUMP_RAD:
+            return None
+        return found
 
     def _aligned(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
         weights = self._weights if key is self._key else None
-        angle, shift = self._start(key, expected)
+        angle, shift = key.motion_to(expected)
         alignment = align(key.frame, field, angle, shift, weights, self._to_the_end)
         if not (alignment.misfit <= WORST_MISFIT and alignment.overlap >= WORST_OVERLAP):
             return None
-        lever = key.pose.point_px - key.frame.center_px
-        point = key.frame.center_px + alignment.shift_px + turning(alignment.angle_rad) * lever
-        found = Tracked(ContactPose(key.pose.angle_rad + alignment.angle_rad, point), key, alignment)
-        # An older key has to fit well to be taken up again; the one in use is left only later.
-        return found if key is self._key or found.good else None
-
-    def _start(self, key: Key, expected: ContactPose) -> tuple[float, complex]:
-        """Return the angle and shift of a key's center that would put it at a pose."""
-        turn = expected.angle_rad - key.pose.angle_rad
-        lever = key.pose.point_px - key.frame.center_px
-        return turn, expected.point_px - turning(turn) * lever - key.frame.center_px
+        pose = key.pose_after(alignment.angle_rad, alignment.shift_px)
+        own = angle_variance(alignment, key.frame.contrast, self._aspect_known)
+        return Tracked(pose, key, key.variance + own, key.variance, alignment)
 
     def _accept(self, found: Tracked) -> Tracked:
+        moved = found.pose.point_px - self._pose.point_px
+        self._moving_px = 0.5 * (self._moving_px + moved * min(1.0, MOST_MOVING_PX / max(abs(moved), 1e-9)))
         self._key, self._pose = found.key, found.pose
-        self._weights = found.alignment.weights
+        self._weights = None if found.alignment is None else found.alignment.weights
         return found
+
+
+def _fused(newer: Tracked, older: Tracked) -> Tracked:
+    """Return what two keys tell together, by their variances; the newer's alone where they contradict.
+
+    What both inherit from the older key is the same error in both.
+    """
+    common = older.key.variance
+    one, two = max(newer.variance - common, 1e-12), max(older.variance - common, 1e-12)
+    gap = older.pose.angle_rad - newer.pose.angle_rad
+    if abs(gap) > SAME_SIGMAS * math.sqrt(one + two):
+        return newer
+    share = one / (one + two)
+    pose = replace(newer.pose, angle_rad=newer.pose.angle_rad + share * gap)
+    return replace(newer, pose=pose, variance=common + one * two / (one + two), inherited=common)

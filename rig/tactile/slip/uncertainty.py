@@ -10,7 +10,7 @@ it is a bound for the hard ones rather than a fit to the easy ones).
 
 import math
 
-from rig.tactile.slip.tracker import Tracked
+from rig.tactile.slip.registration import Alignment
 
 SYSTEMATIC_RAD = math.radians(8.0)
 FLOOR_RAD = math.radians(0.03)
@@ -19,9 +19,8 @@ FLOOR_RAD = math.radians(0.03)
 ASPECT_UNKNOWN, ASPECT_KNOWN = 0.02, 0.003
 
 
-def angle_variance(tracked: Tracked, aspect_known: bool) -> float:
-    """Return the variance of a tracked angle, rad^2."""
-    alignment, key = tracked.alignment, tracked.key
-    systematic = SYSTEMATIC_RAD * alignment.misfit / math.sqrt(key.frame.contrast)
-    aspect = (ASPECT_KNOWN if aspect_known else ASPECT_UNKNOWN) * math.sin(tracked.turned_rad)
-    return key.variance + FLOOR_RAD**2 + alignment.noise_rad**2 + systematic**2 + aspect**2
+def angle_variance(alignment: Alignment, contrast: float, aspect_known: bool) -> float:
+    """Return the variance of an alignment's angle, rad^2, without that of its keyframe."""
+    systematic = SYSTEMATIC_RAD * alignment.misfit / math.sqrt(contrast)
+    aspect = (ASPECT_KNOWN if aspect_known else ASPECT_UNKNOWN) * math.sin(alignment.angle_rad)
+    return FLOOR_RAD**2 + alignment.noise_rad**2 + systematic**2 + aspect**2

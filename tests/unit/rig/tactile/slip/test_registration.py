@@ -94,7 +94,7 @@ def test_a_gradient_integrates_to_its_relief() -> None:
 @settings(max_examples=40)
 @given(
     turn=st.floats(-25, 25),
-    shift=st.tuples(st.floats(-3, 3), st.floats(-3, 3)),
+    shift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
     slope=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
     gain=st.floats(0.9, 1.1),
 )

@@ -1,0 +1,230 @@
+"""One grasp after the other: which keyframe a contact is followed from, and when it gets another.
+
+A keyframe is placed where its own frame is, as uncertain as it is there. Where nothing fits, the frame is
+waited out; what may have turned meanwhile is what the last rate leaves open.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.tactile.contact.gate import Region
+from rig.tactile.sample import State
+from rig.tactile.slip.axis_check import AxisAnchor, anchor, contact_shape
+from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
+from rig.tactile.slip.height import Field, Gradient
+from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.keyframe import Keyframe, make_keyframe
+from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
+from rig.tactile.slip.settling import Settling
+from rig.tactile.slip.texture import TextureField, make_texture_key
+from rig.tactile.slip.tracker import KeyframeTracker, Tracked
+from rig.tactile.slip.unseen import ANY_TURN_RAD, unseen_variance
+from rig.tactile.stopwatch import Stopwatch
+
+BOX_MARGIN_PX = BROAD_REACH_PX + 3
+# Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
+# 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
+# the rest makes up a direction (real balls reach 0.6).
+LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
+# A refused contact is looked at again after so many frames.
+PATIENCE_FRAMES = 12
+# A settled contact that fits no keyframe for longer gets a new one; one that still grows, after so many
+# frames.
+GIVE_UP_S, DEFERRED_FRAMES = 0.25, 2
+# Where the texture does not lead it is looked at so often.
+TEXTURE_PERIOD_S = 0.055
+AXIS, TEXTURE = "axis check", "texture"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenContact:
+    """A frame with a contact.
+
+    difference: (h, w, 3), relative. texture: works it out. torn: no keyframe should be taken of it.
+    """
+
+    difference: Field
+    texture: Callable[[], TextureField]
+    region: Region
+    torn: bool
+    time_ns: int
+
+
+class ContactFollower:
+    """Follows the contacts of one sensor.
+
+    motion: the filter that expects where a contact is; it is begun anew with a keyframe that was not
+    tracked. aspect_known: see `angle_variance`. skip: see `SlipEstimator`. point_px, origin_px: where the
+    grasp's first keyframe is now and was at first, work pixels.
+    """
+
+    def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool) -> None:
+        self._motion, self._aspect_known, self._skip = motion, aspect_known, skip
+        self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
+        self._fitted_ns, self._texture_ns = 0, 0
+        self._answered = False
+        self._anchor: AxisAnchor | None = None
+        self.release(0)
+
+    def answered(self, angle_rad: float, variance: float, tracked: Tracked) -> None:
+        """Take what was answered to a frame: a further grasp begins there."""
+        self._angle_rad, self._variance, self._answered = angle_rad, variance, True
+        self.point_px = tracked.pose.point_px
+
+    def follow(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
+        """Return the state and, where there is an answer, the pose."""
+        settled = self._settling.update(seen.region)
+        if self._grasp is None or self._map is None:
+            return self._begun(seen, settled, watch)
+        box = _box(seen.region.mask) if self._skip else None
+        gradient = self._map.apply(seen.difference, box)
+        watch.lap("gradient")
+        texture = self._texture(seen, self._grasp)
+        watch.lap(TEXTURE)
+        field = GradientField(gradient, seen.region.mask, box)
+        tracked = self._aligned(self._grasp, field, texture, seen.time_ns)
+        watch.lap("alignment")
+        if not self._skip:
+            contact_shape(seen.region.mask)
+            watch.lap(AXIS)
+        if tracked is None:
+            return self._missed(seen, watch)
+        self._fitted_ns, self._misses = seen.time_ns, 0
+        renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
+        watch.lap("keyframe")
+        return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
+
+    def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
+        """Return the frame's texture where it is due: always while it leads, else now and then."""
+        waited_s = (seen.time_ns - self._texture_ns) / NS_PER_S
+        if not grasp.texture_leads and waited_s < TEXTURE_PERIOD_S:
+            return None
+        self._texture_ns = seen.time_ns
+        return seen.texture()
+
+    def _aligned(
+        self, grasp: KeyframeTracker, field: GradientField, texture: TextureField | None, time_ns: int
+    ) -> Tracked | None:
+        """Follow the contact; look for it only where no keyframe fits."""
+        expected = self._motion.predicted(time_ns / NS_PER_S)
+        tracked = grasp.track(field, texture, expected)
+        if tracked is not None:
+            return tracked
+        reach = abs(self._motion.rate_rad_s) * (time_ns - self._fitted_ns) / NS_PER_S
+        return grasp.search(field, expected, min(reach, ANY_TURN_RAD))
+
+    def _renewed(
+        self, seen: SeenContact, gradient: Gradient, tracked: Tracked, settled: bool
+    ) -> Tracked | None:
+        """Take the keyframe that a frame asks for, where it is and as uncertain; return where that is.
+
+        None without a new keyframe. With one the angle becomes surer than it was only by the long axis.
+        """
+        outgrown = (not tracked.good or tracked.motion is not None) and self._settling.outgrown(seen.region)
+        if tracked.good and not settled and not outgrown:
+            return None
+        variance = max(tracked.variance, self._variance)
+        angle, variance = self._by_axis(seen.region.mask, tracked.pose.angle_rad, variance)
+        placed = replace(
+            tracked,
+            pose=replace(tracked.pose, angle_rad=angle),
+            variance=variance,
+            inherited=min(tracked.inherited, variance),
+        )
+        if settled or outgrown:
+            return placed if self._begin(seen, angle, variance) else None
+        frame = make_keyframe(gradient, seen.region.mask)
+        if self._grasp is None or frame is None or not _observable(frame):
+            return None
+        texture = make_texture_key(seen.texture(), seen.region.mask, frame.center_px)
+        self._grasp.add_key(frame, texture, placed.pose, variance)
+        return placed
+
+    def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
+        """Wait where nothing fits; begin anew where that has lasted too long."""
+        self._misses += 1
+        elapsed_s = (seen.time_ns - self._fitted_ns) / NS_PER_S
+        patient = elapsed_s <= GIVE_UP_S if self._settling.settled else self._misses <= DEFERRED_FRAMES
+        if patient or seen.torn:
+            return State.LOST, None
+        angle = self._motion.predicted(seen.time_ns / NS_PER_S)
+        variance = self._variance + unseen_variance(self._motion.rate_rad_s, elapsed_s)
+        return self._restarted(seen, *self._by_axis(seen.region.mask, angle, variance), watch)
+
+    def _begun(self, seen: SeenContact, settled: bool, watch: Stopwatch) -> tuple[State, Tracked | None]:
+        """Take the first keyframe of a contact, or try again after a while where no turn would be seen."""
+        self._patience -= 1
+        if seen.torn or (self._patience >= 0 and not settled):
+            return State.UNOBSERVABLE, None
+        angle, variance = self._by_axis(seen.region.mask, self._angle_rad, self._unseen)
+        return self._restarted(seen, angle, variance, watch)
+
+    def _restarted(
+        self, seen: SeenContact, angle_rad: float, variance: float, watch: Stopwatch
+    ) -> tuple[State, Tracked | None]:
+        """Take a keyframe of this frame at an angle that it did not tell."""
+        again = self._answered
+        begun = self._begin(seen, angle_rad, variance)
+        watch.lap("keyframe")
+        if not begun or self._grasp is None or self._map is None:
+            return State.UNOBSERVABLE, None
+        field = GradientField(self._map.apply(seen.difference), seen.region.mask)
+        self._fitted_ns, self._misses = seen.time_ns, 0
+        self._motion.restart()
+        tracked = self._grasp.track(field, None, angle_rad)
+        return (State.REKEYED if again else State.TRACKING) if tracked else State.LOST, tracked
+
+    def _by_axis(self, mask: Image, angle_rad: float, variance: float) -> tuple[float, float]:
+        """Bound an angle that is less sure than the long axis of a settled contact tells it."""
+        if self._anchor is None or not self._settling.settled:
+            return angle_rad, variance
+        return self._anchor.corrected(mask, angle_rad, variance)
+
+    def _begin(self, seen: SeenContact, angle_rad: float, variance: float) -> bool:
+        """Learn the map and take a keyframe of this frame; False where a turn would leave no trace in it.
+
+        A contact that is followed stays with the keyframe it has where this one would not do.
+        """
+        self._patience = PATIENCE_FRAMES
+        mask = seen.region.mask
+        learnt = learn_map(seen.difference, mask)
+        frame = None if learnt is None else make_keyframe(learnt.apply(seen.difference), mask)
+        if frame is None or not _observable(frame):
+            return False
+        moved = self.point_px - self.origin_px if self._grasp is not None else 0j
+        self._settling.renewed(seen.region)
+        if self._settling.settled and self._anchor is None:
+            self._anchor = anchor(mask, angle_rad)
+        self._map = learnt
+        texture = make_texture_key(seen.texture(), mask, frame.center_px)
+        self._grasp = KeyframeTracker(frame, texture, angle_rad, variance, self._aspect_known, not self._skip)
+        self.point_px, self.origin_px = frame.center_px, frame.center_px - moved
+        return True
+
+    def release(self, time_ns: int) -> None:
+        """Let go of a grasp: the next contact starts where this one was last seen."""
+        if self._answered:
+            elapsed_s = (time_ns - self._fitted_ns) / NS_PER_S
+            self._unseen = self._variance + unseen_variance(self._motion.rate_rad_s, elapsed_s)
+        self._grasp: KeyframeTracker | None = None
+        self._map: LearntGradientMap | None = None
+        self._settling = Settling()
+        self._patience, self._misses = 0, 0
+        self.point_px = self.origin_px = 0j
+        self._motion.restart()
+
+
+def _box(mask: Image) -> Box:
+    """Return the box around a mask with room for sharpening, interpolation and slopes at its edge."""
+    left, top, width, height = cv2.boundingRect(mask)
+    right, bottom = left + width + BOX_MARGIN_PX, top + height + BOX_MARGIN_PX
+    left, top = max(left - BOX_MARGIN_PX, 0), max(top - BOX_MARGIN_PX, 0)
+    return left, top, min(right, mask.shape[1]) - left, min(bottom, mask.shape[0]) - top
+
+
+def _observable(frame: Keyframe) -> bool:
+    return frame.contrast >= (LEAST_CONTRAST_CLIPPED if frame.clipped else LEAST_CONTRAST)

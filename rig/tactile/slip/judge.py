@@ -1,0 +1,200 @@
+"""Which of several motions is believed: from several starts and keyframes, what both channels say most for.
+
+The newest keyframe says where the contact is now. The first one of the grasp does not drift: what it says
+nearby corrects the newest, and what it says further off is taken where it says far more, twice in a row.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from rig.tactile.slip.evidence import (
+    FEW_ITERATIONS,
+    ITERATIONS,
+    SLOPES_FIRST,
+    TEXTURE_FIRST,
+    TOGETHER,
+    Evidence,
+    Motion,
+    Weighting,
+)
+from rig.tactile.slip.keys import ContactPose, Key
+from rig.tactile.slip.sampling import GradientField
+from rig.tactile.slip.texture import TextureField
+
+# Other starts are tried where the texture fits worse than this, or further off than was expected: aside by
+# what an object turns within a frame at 10 Hz, and never believed further off than the last.
+GOOD_TEXTURE, SURPRISE_RAD = 0.8, math.radians(2.0)
+ASIDE_RAD, MAX_JUMP_RAD = math.radians(5.7), math.radians(20.0)
+# Slopes of the object itself leave little unexplained. Their pose stands until another has so much more
+# evidence; more by the second where theirs is ample.
+MORE_EVIDENCE, AMPLE_EVIDENCE, MORE_THAN_AMPLE = 0.1, 1.2, 0.5
+# An older keyframe is asked within this of its own angle, the first one always. With less than this evidence
+# it says nothing; within so much, or so many standard deviations, it means the same motion.
+NEAR_RAD, LEAST_EVIDENCE = math.radians(25.0), 0.15
+SAME_RAD, SAME_SIGMAS = math.radians(4.0), 3.0
+# In each frame one of these turns from where the contact is believed to be is looked at. It is taken where
+# two frames running agree to `SAME_RAD` that its evidence is larger by this share and this amount.
+ELSEWHERE_RAD = tuple(math.radians(turn) for turn in (-5, 5, -10, 10, -18, 18))
+ELSEWHERE_SHARE, ELSEWHERE_MORE, FURTHEST_RAD = 1.4, 0.1, math.radians(35.0)
+# Until then it is doubt: how much less likely a motion is for each unit of evidence less, about the number
+# of points that are independent.
+INDEPENDENT = 12.0
+# Sigma of a motion that nothing speaks for, and what it never falls below. Both, and the number above,
+# were set on the development half of the labelled real clips.
+SIGMA_RAD, LEAST_SIGMA_RAD = math.radians(3.0), math.radians(0.3)
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """A pose of the contact, the variance of its angle (rad^2), and what the key in use says for it.
+
+    doubt: what other turns that fit nearly as well add to the variance, rad^2.
+    """
+
+    pose: ContactPose
+    variance: float
+    motion: Motion
+    doubt: float = 0.0
+
+
+class Judge:
+    """Weighs the motions of one grasp, frame by frame."""
+
+    def __init__(self) -> None:
+        self._turn = 0
+        self._elsewhere_rad: float | None = None
+        self._doubts: dict[int, tuple[float, float]] = {}
+
+    def judged(
+        self,
+        keys: Sequence[Key],
+        field: GradientField,
+        texture: TextureField,
+        expected: ContactPose,
+        last: ContactPose,
+        by_slopes: ContactPose | None,
+    ) -> Belief | None:
+        """Return where the contact is believed to be; None where the slopes' pose stands.
+
+        keys: the grasp's first one first, its newest last. expected: where to start from. last: where it
+        was. by_slopes: where its slopes alone have it if they leave little unexplained, else None. Without
+        texture in the newest key there is nothing to weigh.
+        """
+        newest = _witness(keys[-1], field, texture)
+        if newest is None:
+            return None
+        alone = None if by_slopes is None else newest.motion_to(by_slopes)
+        belief = self._by_newest(newest, expected, last)
+        if alone is not None and belief.motion.evidence < alone.evidence + _more_than(alone):
+            return None
+        first, by_first = newest, belief
+        for key in _older(keys, belief.pose.angle_rad):
+            older = _witness(key, field, texture)
+            if older is not None:
+                found = older.best(belief.pose)
+                first, by_first = (older, found) if key is keys[0] else (first, by_first)
+                belief = _together(belief, found)
+        return self._elsewhere(first, by_first.motion.evidence, belief)
+
+    def _by_newest(self, newest: "_Witness", expected: ContactPose, last: ContactPose) -> Belief:
+        """Return what the newest key says; without evidence where an object cannot have got to."""
+        found = newest.best(expected)
+        off = abs(found.pose.angle_rad - expected.angle_rad)
+        if found.motion.texture < GOOD_TEXTURE or off > SURPRISE_RAD:
+            ahead = ContactPose(expected.angle_rad + ASIDE_RAD, expected.point_px)
+            behind = ContactPose(expected.angle_rad - ASIDE_RAD, expected.point_px)
+            others = (
+                newest.tried(expected, TEXTURE_FIRST),
+                newest.tried(expected, SLOPES_FIRST),
+                *(newest.tried(start, TOGETHER) for start in (last, ahead, behind)),
+            )
+            other = newest.best(max(others, key=lambda b: b.motion.evidence).pose)
+            found = max((found, other), key=lambda b: b.motion.evidence)
+        if abs(found.pose.angle_rad - last.angle_rad) > MAX_JUMP_RAD:
+            return replace(found, motion=replace(found.motion, slopes=0.0, texture=0.0))
+        return found
+
+    def _elsewhere(self, first: "_Witness", evidence: float, belief: Belief) -> Belief:
+        """Look at one other turn by the first key; take it where two frames agree that it fits far better.
+
+        evidence: of the first key, for the belief.
+        """
+        asked = self._turn % len(ELSEWHERE_RAD)
+        turned = ContactPose(belief.pose.angle_rad + ELSEWHERE_RAD[asked], belief.pose.point_px)
+        other = first.tried(turned, TEXTURE_FIRST, anywhere=True)
+        if other.motion.evidence > evidence:
+            other = first.best(other.pose)
+        off, more = other.pose.angle_rad - belief.pose.angle_rad, other.motion.evidence - evidence
+        likelihood = math.exp(min(0.0, INDEPENDENT * more)) if abs(off) > SAME_RAD else 0.0
+        self._doubts[asked] = (likelihood, off)
+        before, self._elsewhere_rad = self._elsewhere_rad, None
+        least = (ELSEWHERE_SHARE - 1.0) * evidence + ELSEWHERE_MORE
+        if more > least and SAME_RAD < abs(off) < FURTHEST_RAD:
+            if before is not None and abs(off - before) < SAME_RAD:
+                return replace(other, motion=belief.motion)
+            self._elsewhere_rad = off
+        else:
+            self._turn += 1
+        return replace(belief, doubt=self._doubt())
+
+    def _doubt(self) -> float:
+        """Return the variance of turns that are as likely as their evidence says, rad^2."""
+        likely = sum(likelihood for likelihood, _ in self._doubts.values())
+        return sum(likelihood * off**2 for likelihood, off in self._doubts.values()) / (1.0 + likely)
+
+
+class _Witness:
+    """A key that is asked about one frame."""
+
+    def __init__(self, key: Key, evidence: Evidence) -> None:
+        self._key, self._evidence = key, evidence
+
+    def motion_to(self, pose: ContactPose) -> Motion:
+        """Return what speaks for a pose."""
+        return self._evidence.judged(*self._key.motion_to(pose))
+
+    def best(self, start: ContactPose) -> Belief:
+        """Return the motion found from a start."""
+        return self._found(*self._key.motion_to(start), TOGETHER, ITERATIONS)
+
+    def tried(self, start: ContactPose, weighting: Weighting, anywhere: bool = False) -> Belief:
+        """Return roughly what is found from a start. anywhere: its place is looked for around it."""
+        angle, shift = self._key.motion_to(start)
+        if anywhere:
+            shift = self._evidence.placed(angle, shift)
+        return self._found(angle, shift, weighting, FEW_ITERATIONS)
+
+    def _found(self, angle_rad: float, shift_px: complex, weighting: Weighting, iterations: int) -> Belief:
+        angle_rad, shift_px = self._evidence.align(angle_rad, shift_px, weighting, iterations)
+        motion = self._evidence.judged(angle_rad, shift_px)
+        sigma = SIGMA_RAD * math.exp(-motion.evidence)
+        pose = self._key.pose_after(angle_rad, shift_px)
+        return Belief(pose, self._key.variance + sigma**2 + LEAST_SIGMA_RAD**2, motion)
+
+
+def _more_than(motion: Motion) -> float:
+    return MORE_EVIDENCE if motion.evidence < AMPLE_EVIDENCE else MORE_THAN_AMPLE
+
+
+def _witness(key: Key, field: GradientField, texture: TextureField) -> _Witness | None:
+    return None if key.texture is None else _Witness(key, Evidence(key.frame, key.texture, field, texture))
+
+
+def _older(keys: Sequence[Key], angle_rad: float) -> list[Key]:
+    """Return the first key and the oldest other one that is near, but not the newest."""
+    near = [k for k in keys[1:-1] if abs(k.pose.angle_rad - angle_rad) < NEAR_RAD]
+    return [*keys[:1], *near[:1]] if len(keys) > 1 else []
+
+
+def _together(belief: Belief, found: Belief) -> Belief:
+    """Weigh what an older key says of the same motion into a belief."""
+    gap = found.pose.angle_rad - belief.pose.angle_rad
+    most = max(SAME_RAD, SAME_SIGMAS * math.sqrt(belief.variance + found.variance))
+    if found.motion.evidence < LEAST_EVIDENCE or abs(gap) > most:
+        return belief
+    total = belief.variance + found.variance
+    share = belief.variance / total
+    point = belief.pose.point_px + share * (found.pose.point_px - belief.pose.point_px)
+    pose = ContactPose(belief.pose.angle_rad + share * gap, point)
+    return Belief(pose, belief.variance * found.variance / total, belief.motion)

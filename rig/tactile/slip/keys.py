@@ -1,0 +1,45 @@
+"""A grasp's keyframes and the poses of its contact."""
+
+from dataclasses import dataclass
+
+from rig.tactile.slip.keyframe import Keyframe
+from rig.tactile.slip.registration import turning
+from rig.tactile.slip.texture import TextureKey
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactPose:
+    """Where a contact is.
+
+    angle_rad: from the grasp's zero. point_px: where the first keyframe's center is now, x + i y.
+    """
+
+    angle_rad: float
+    point_px: complex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Key:
+    """A keyframe, the pose at which it was taken, and the variance of that angle, rad^2.
+
+    texture: None where there is too little of it.
+    """
+
+    frame: Keyframe
+    texture: TextureKey | None
+    pose: ContactPose
+    variance: float
+
+    def motion_to(self, pose: ContactPose) -> tuple[float, complex]:
+        """Return the angle and the shift of this key's center that would put it at a pose."""
+        turn = pose.angle_rad - self.pose.angle_rad
+        return turn, pose.point_px - turning(turn) * self._lever_px - self.frame.center_px
+
+    def pose_after(self, angle_rad: float, shift_px: complex) -> ContactPose:
+        """Return the contact's pose after this key has turned and its center has moved."""
+        point = self.frame.center_px + shift_px + turning(angle_rad) * self._lever_px
+        return ContactPose(self.pose.angle_rad + angle_rad, point)
+
+    @property
+    def _lever_px(self) -> complex:
+        return self.pose.point_px - self.frame.center_px

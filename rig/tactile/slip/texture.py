@@ -1,0 +1,159 @@
+"""A contact's fine texture: where the picture has lines, edges and marks, and which way they run.
+
+The gel's bulge under an object is broad, stays where it is pressed and takes its colours from the LEDs. The
+object's lines and marks are fine and turn with it. What is fine in a frame is its relative difference less
+its surroundings; the structure tensor of that, summed over the colours, says how strongly and which way
+it changes, whatever the LEDs' colours and the line's side (Bigun and Granlund, ICCV 1987). It has two parts:
+strength (it stays when the object turns) and direction, as a complex number of twice the angle, which a
+turn by d multiplies by exp(-2 i d).
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.sampling import read
+
+# Seen with so many pixels per work pixel, where the sensor has them.
+FINENESS = 2
+# At that fineness: fine is what a blur by the first takes away; noise is blurred away by the second, and
+# neighbours agree on a direction over the third (standard deviations in pixels).
+FINE_PX, NOISE_PX, NEIGHBOURS_PX = 4.0, 1.0, 0.8
+# What changes less than this multiple of the picture's median is noise; what is stronger counts by its root,
+# so that one edge does not outweigh all lines.
+NOISE_MEDIANS = 1.8
+# Blurs reach in from the border so far; what is there rests with the image.
+MARGIN_PX = 10
+# A texture is told by its strongest points, within this reach of the contact in work pixels.
+MOST_POINTS, FEWEST_POINTS, REACH_PX = 600, 30, 6
+_SUM_OF_COLOURS = np.ones((1, 3), np.float32)
+
+
+class TextureField:
+    """The texture of a frame, read between pixels.
+
+    difference: (h, w, 3), relative, with `scale` pixels per work pixel. planes: (h, w, 3) float32,
+    direction's real and imaginary part and strength.
+    """
+
+    def __init__(self, difference: Field, scale: int) -> None:
+        self.scale = scale
+        self.planes = structure(difference, scale / FINENESS)
+
+    def at(self, places: NDArray[np.complex64]) -> NDArray[np.float32]:
+        """Return (..., 3) at places (...) in work pixels; 0 outside."""
+        middle = (self.scale - 1) / 2.0 * (1 + 1j)
+        return read(self.planes, places * np.float32(self.scale) + np.complex64(middle))
+
+
+def fine_scale(shape: tuple[int, ...], size: tuple[int, int]) -> int:
+    """Return how many pixels per work pixel are looked at. size: width and height of the work copy."""
+    return max(1, min(FINENESS, shape[1] // size[0], shape[0] // size[1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TextureKey:
+    """The texture of a contact to which later frames are aligned.
+
+    points_px: (N,) complex64, work pixels from the keyframe's center. values: (N, 3), see `TextureField`,
+    times `unit`, which makes their energy 1. squares: (N,) of their lengths. jacobian: (3, 3N) for rotation
+    (rad), x and y (work pixels).
+    """
+
+    points_px: NDArray[np.complex64]
+    values: NDArray[np.float32]
+    unit: float
+    squares: NDArray[np.float32]
+    jacobian: NDArray[np.float32]
+
+    def pulled_back(
+        self,
+        field: TextureField,
+        angle_rad: float,
+        center_px: complex | NDArray[np.complex64],
+        step: int = 1,
+    ) -> NDArray[np.float32]:
+        """Return a frame's texture at the points, (..., N, 3), turned about a center, and turned back.
+
+        center_px: one, or (..., 1). step: looks at every step-th point.
+        """
+        turn = complex(math.cos(angle_rad), -math.sin(angle_rad))
+        seen = field.at(self.points_px[::step] * np.complex64(turn) + np.complex64(center_px))
+        cosine, sine = math.cos(2.0 * angle_rad) * self.unit, math.sin(2.0 * angle_rad) * self.unit
+        back = [[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, self.unit]]
+        return np.asarray(seen @ np.array(back, np.float32), np.float32)
+
+
+def products_of_rows(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the scalar products of rows, (N,) of (N, 3)."""
+    products = one * other
+    return np.asarray(products[:, 0] + products[:, 1] + products[:, 2], np.float32)
+
+
+def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> TextureKey | None:
+    """Take the strongest points in and around a contact, mask (h, w); None where there are too few."""
+    chosen = _strongest(field.planes, mask)
+    if len(chosen) < FEWEST_POINTS:
+        return None
+    rows, columns = np.unravel_index(chosen, field.planes.shape[:2])
+    places = columns + 1j * rows - (field.scale - 1) / 2.0 * (1 + 1j)
+    points = (places / field.scale - center_px).astype(np.complex64)
+    values = field.planes[rows, columns]
+    unit = 1.0 / math.sqrt(float(products_of_rows(values, values).sum()))
+    along_x, along_y = (
+        np.asarray(cv2.Scharr(field.planes, cv2.CV_32F, *axis, scale=unit * field.scale / 32))[rows, columns]
+        for axis in ((1, 0), (0, 1))
+    )
+    values = values * np.float32(unit)
+    # Turning by d takes a place z to z - i d z, and twice an angle by exp(-2 i d).
+    turned = along_y * points.real[:, None] - along_x * points.imag[:, None]
+    turned[:, 0] += 2.0 * values[:, 1]
+    turned[:, 1] -= 2.0 * values[:, 0]
+    jacobian = np.asarray(np.stack([turned, -along_x, -along_y]).reshape(3, -1), np.float32)
+    return TextureKey(points, values, unit, products_of_rows(values, values), jacobian)
+
+
+def structure(difference: Field, scale: float) -> Field:
+    """Return direction and strength (h, w, 3) of what is fine in a relative difference (h, w, 3).
+
+    scale: of the widths above.
+    """
+    fine = cv2.subtract(difference, _broad(difference, FINE_PX * scale))
+    fine = cv2.GaussianBlur(fine, (0, 0), NOISE_PX * scale)
+    along_x, along_y = (cv2.Scharr(fine, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1)))
+    pairs = ((along_x, along_x), (along_y, along_y), (along_x, along_y))
+    xx, yy, xy = (cv2.transform(cv2.multiply(one, other), _SUM_OF_COLOURS) for one, other in pairs)
+    parts = cv2.merge([cv2.subtract(xx, yy), cv2.add(xy, xy), cv2.add(xx, yy)])
+    tensor = np.asarray(cv2.GaussianBlur(parts, (0, 0), NEIGHBOURS_PX * scale), np.float32)
+    squares = np.maximum(tensor[..., 2], np.float32(1e-12))
+    changes = np.sqrt(squares)
+    strength = np.maximum(changes - np.float32(NOISE_MEDIANS) * np.median(changes), np.float32(0.0))
+    planes = tensor * (np.sqrt(strength * np.sqrt(strength)) / squares)[..., None]
+    margin = round(MARGIN_PX * scale)
+    planes[:margin], planes[-margin:], planes[:, :margin], planes[:, -margin:] = 0, 0, 0, 0
+    return planes
+
+
+def _strongest(planes: Field, mask: Image) -> NDArray[np.intp]:
+    """Return which pixels are the strongest in and around a contact, counted row by row."""
+    reach = cv2.dilate(mask, np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8))
+    height, width = planes.shape[:2]
+    strength = planes[..., 2] * cv2.resize(reach, (width, height), interpolation=cv2.INTER_NEAREST)
+    strength = strength.reshape(-1)
+    present = np.flatnonzero(strength)
+    least = max(0, len(present) - MOST_POINTS)
+    # Among those present only: a partition of many equal numbers costs twenty times as much.
+    return present[np.argpartition(strength[present], least)[least:]] if least else present
+
+
+def _broad(difference: Field, sigma_px: float) -> Field:
+    """Return a picture blurred widely: on a quarter of its size it costs a sixth."""
+    height, width = difference.shape[:2]
+    small = cv2.resize(difference, (-(-width // 4), -(-height // 4)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma_px / 4.0)
+    return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)

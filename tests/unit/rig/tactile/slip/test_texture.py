@@ -1,0 +1,114 @@
+"""The texture of a contact: what is fine in it, whatever its colours, and which way it runs."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.types import Image
+from rig.tactile.sample import State
+from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.texture import (
+    FEWEST_POINTS,
+    TextureField,
+    fine_scale,
+    make_texture_key,
+    structure,
+)
+
+HEIGHT, WIDTH = 160, 120
+GREY = (1.0, 1.0, 1.0)
+
+
+def line(angle_deg: float, colour: tuple[float, float, float] = GREY, width_px: float = 1.5) -> Field:
+    """The relative difference of a thin line through the middle, (h, w, 3)."""
+    x, y = np.meshgrid(np.arange(WIDTH) - WIDTH / 2 + 0.5, HEIGHT / 2 - 0.5 - np.arange(HEIGHT))
+    turn = math.radians(angle_deg)
+    along, across = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    bright = 0.1 * np.exp(-0.5 * (across / width_px) ** 2) * (np.abs(along) < 30)
+    return (bright[..., None] * np.array(colour)).astype(np.float32)
+
+
+def bulge() -> Field:
+    """That of a broad oval bulge of gel: each colour is brighter towards its LED."""
+    x, y = np.meshgrid(np.arange(WIDTH) - WIDTH / 2, np.arange(HEIGHT) - HEIGHT / 2)
+    dome = np.exp(-0.5 * ((x / 24.0) ** 2 + (y / 14.0) ** 2))
+    towards = [x * math.cos(a) + y * math.sin(a) for a in (0.0, 2.1, 4.2)]
+    return np.stack([0.35 * dome * t / 20.0 for t in towards], axis=2).astype(np.float32)
+
+
+def direction_deg(planes: Field) -> float:
+    """The direction of all that is there, image angle modulo 180 degrees."""
+    turned = planes[..., 0].sum() + 1j * planes[..., 1].sum()
+    return math.degrees(-np.angle(turned) / 2.0 + math.pi / 2.0) % 180.0
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 25.0, 60.0, 135.0])
+def test_a_lines_direction_is_told(angle_deg: float) -> None:
+    gap = direction_deg(structure(line(angle_deg), 1.0)) - angle_deg
+    assert (gap + 90.0) % 180.0 - 90.0 == pytest.approx(0.0, abs=1.0)
+
+
+def test_colours_and_the_sign_of_a_line_make_no_difference() -> None:
+    grey = structure(line(30.0, (1.0, 1.0, 1.0)), 1.0)
+    for colour in ((math.sqrt(3.0), 0.0, 0.0), (0.0, -math.sqrt(3.0), 0.0)):
+        assert structure(line(30.0, colour), 1.0) == pytest.approx(grey, abs=1e-3)
+
+
+def test_a_bulge_has_little_texture_beside_a_line() -> None:
+    broad, fine = (structure(part, 1.0)[..., 2] for part in (bulge(), line(30.0)))
+    assert bulge().max() > line(30.0).max()
+    assert broad.max() < 0.2 * fine.max()
+
+
+def test_a_key_takes_the_strongest_points_and_needs_some() -> None:
+    field, mask = TextureField(line(30.0), 2), np.ones((80, 60), np.uint8)
+    key = make_texture_key(field, mask, 30 + 40j)
+    assert key is not None
+    assert key.squares.sum() == pytest.approx(1.0, abs=1e-4)
+    places = key.points_px * np.exp(1j * math.radians(30.0))  # back to along and across
+    assert np.abs(places.imag).max() < 6.0
+    assert make_texture_key(TextureField(np.zeros((HEIGHT, WIDTH, 3), np.float32), 2), mask, 0j) is None
+    assert FEWEST_POINTS > 1
+
+
+def test_a_key_is_found_where_it_was_taken_and_where_it_has_turned_to() -> None:
+    before, mask = TextureField(line(20.0), 2), np.ones((80, 60), np.uint8)
+    key = make_texture_key(before, mask, 29.75 + 39.75j)
+    assert key is not None
+    assert key.pulled_back(before, 0.0, 29.75 + 39.75j) == pytest.approx(key.values, abs=1e-4)
+    after = TextureField(line(55.0), 2)
+    turned = key.pulled_back(after, math.radians(35.0), 29.75 + 39.75j)
+    alike = float((turned * key.values).sum()) / math.sqrt(float((turned**2).sum()))
+    rest = key.pulled_back(after, 0.0, 29.75 + 39.75j)
+    at_rest = float((rest * key.values).sum()) / math.sqrt(float((rest**2).sum()))
+    assert alike > 0.95
+    assert at_rest < 0.5 * alike
+
+
+@pytest.mark.parametrize(("shape", "scale"), [((320, 240), 2), ((80, 60), 1), ((100, 70), 1)])
+def test_no_more_pixels_are_looked_at_than_there_are(shape: tuple[int, int], scale: int) -> None:
+    assert fine_scale((*shape, 3), (60, 80) if shape[0] >= 80 else (shape[1], shape[0])) == scale
+
+
+def picture(line_deg: float | None, seed: int) -> Image:
+    """A fingertip, (320, 240, 3): a bulge of gel that rests, and on it a thin line that does not."""
+    rng = np.random.default_rng(seed)
+    difference = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    if line_deg is not None:
+        difference = bulge() + line(line_deg)
+    wide = cv2.resize(difference, (240, 320), interpolation=cv2.INTER_LINEAR)
+    return np.clip(np.rint(110.0 * (1.0 + wide) + rng.normal(0, 1.0, wide.shape)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_line_that_turns_on_a_bulge_that_rests_is_followed(way: float) -> None:
+    tracker = SlipEstimator(picture(None, 0))
+    turns = [0.0] * 10 + [way * 1.5 * i for i in range(28)]
+    samples = [tracker.update(picture(20.0 + t, i + 1), round(i * 4e7)) for i, t in enumerate(turns)]
+    assert samples[-1].state in (State.TRACKING, State.REKEYED)
+    assert samples[-1].angle_deg is not None
+    assert samples[9].angle_deg is not None
+    assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)

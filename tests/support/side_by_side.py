@@ -1,22 +1,27 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
-Real time comes first and on one worker, because its tests wait more than they compute. The others fill
-the cores meanwhile, and give way: their workers ask for less of the cores. Then come the folders whose
-files take longest. Hardware is driven by one process: with `--bench` there are no workers.
+Real time comes first, on one worker, and has the computer to itself: simulated devices and their drivers
+take more than a core, and fall behind beside others. Then come the folders whose files take longest.
+Hardware is driven by one process: with `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
 another computes.
 """
 
+import fcntl
 import os
+import tempfile
+from collections.abc import Generator
+from pathlib import Path
+from typing import TextIO
 
 import pytest
 
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME = "real_time"
-GIVING_WAY = 10
-"""The niceness of a worker whose tests keep no deadline."""
+_room: list[TextIO] = []
+"""What keeps the other workers out while this one is between two tests in real time."""
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
@@ -56,11 +61,32 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         report.nodeid = _without_group(report.nodeid)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Give way to tests in real time, in a worker that runs others: it has no more of the former to come."""
-    if "PYTEST_XDIST_WORKER" in os.environ and _group(item) != REAL_TIME:
-        os.nice(GIVING_WAY - os.nice(0))
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(
+    item: pytest.Item, nextitem: pytest.Item | None
+) -> Generator[None, object, object]:
+    """Leave the computer to tests in real time while there are any."""
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
+    if run is None:
+        return (yield)
+    real_time = _group(item) == REAL_TIME
+    room = _room.pop() if _room else _entered(Path(tempfile.gettempdir()), run, real_time)
+    try:
+        return (yield)
+    finally:
+        if real_time and nextitem is not None and _group(nextitem) == REAL_TIME:
+            _room.append(room)
+        else:
+            room.close()
+
+
+def _entered(folder: Path, run: str, alone: bool) -> TextIO:
+    """Wait for the computer; alone: until nobody else computes, and nobody new begins meanwhile."""
+    with (folder / f"rig-tests-{run}-door").open("w") as door:
+        fcntl.flock(door, fcntl.LOCK_EX)
+        room = (folder / f"rig-tests-{run}-room").open("w")
+        fcntl.flock(room, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+    return room
 
 
 def _without_group(name: str) -> str:

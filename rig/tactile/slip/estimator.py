@@ -8,6 +8,7 @@ a further keyframe, whose angle stays as uncertain as it was when it was taken.
 
 import math
 from dataclasses import replace
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -81,7 +82,7 @@ class SlipEstimator(FreshFrameEstimator):
             self._follower.release(time_ns)
         self._seen_ns = time_ns
         state, tracked = self._follower.follow(
-            SeenContact(difference, lambda: self._texture(image), region, torn, time_ns), watch
+            SeenContact(difference, cache(partial(self._texture, image)), region, torn, time_ns), watch
         )
         sample = SlipSample(
             time_ns,

@@ -44,7 +44,7 @@ AXIS, TEXTURE = "axis check", "texture"
 class SeenContact:
     """A frame with a contact.
 
-    difference: (h, w, 3), relative. texture: works it out. torn: no keyframe should be taken of it.
+    difference: (h, w, 3), relative. texture: works it out, once. torn: no keyframe should be taken of it.
     """
 
     difference: Field

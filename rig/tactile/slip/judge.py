@@ -18,21 +18,20 @@ from rig.tactile.slip.evidence import (
     Motion,
     Weighting,
 )
-from rig.tactile.slip.keys import ContactPose, Key
+from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField
 
 # Other starts are tried where the texture fits worse than this, or further off than was expected: aside by
-# what an object turns within a frame at 10 Hz, and never believed further off than the last.
+# what an object turns within a frame at 10 Hz.
 GOOD_TEXTURE, SURPRISE_RAD = 0.8, math.radians(2.0)
-ASIDE_RAD, MAX_JUMP_RAD = math.radians(5.7), math.radians(20.0)
+ASIDE_RAD = math.radians(5.7)
 # Slopes of the object itself leave little unexplained. Their pose stands until another has so much more
 # evidence; more by the second where theirs is ample.
 MORE_EVIDENCE, AMPLE_EVIDENCE, MORE_THAN_AMPLE = 0.1, 1.2, 0.5
-# An older keyframe is asked within this of its own angle, the first one always. With less than this evidence
-# it says nothing; within so much, or so many standard deviations, it means the same motion.
-NEAR_RAD, LEAST_EVIDENCE = math.radians(25.0), 0.15
-SAME_RAD, SAME_SIGMAS = math.radians(4.0), 3.0
+# An older keyframe says nothing with less evidence than this; within so much, or so many standard deviations,
+# it means the same motion.
+LEAST_EVIDENCE, SAME_RAD = 0.15, math.radians(4.0)
 # In each frame one of these turns from where the contact is believed to be is looked at. It is taken where
 # two frames running agree to `SAME_RAD` that its evidence is larger by this share and this amount.
 ELSEWHERE_RAD = tuple(math.radians(turn) for turn in (-5, 5, -10, 10, -18, 18))
@@ -183,7 +182,7 @@ def _witness(key: Key, field: GradientField, texture: TextureField) -> _Witness 
 
 def _older(keys: Sequence[Key], angle_rad: float) -> list[Key]:
     """Return the first key and the oldest other one that is near, but not the newest."""
-    near = [k for k in keys[1:-1] if abs(k.pose.angle_rad - angle_rad) < NEAR_RAD]
+    near = [k for k in keys[1:-1] if k.near(angle_rad)]
     return [*keys[:1], *near[:1]] if len(keys) > 1 else []
 
 

@@ -1,10 +1,18 @@
 """A grasp's keyframes and the poses of its contact."""
 
+import math
 from dataclasses import dataclass
 
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.registration import turning
 from rig.tactile.slip.texture import TextureKey
+
+# From where it is expected, an object turns at most so far between two frames.
+MAX_JUMP_RAD = math.radians(20.0)
+# A keyframe says something of a contact within this of its own angle.
+NEAR_RAD = math.radians(25.0)
+# Two keyframes that tell angles further apart than this many standard deviations do not see the same.
+SAME_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +37,10 @@ class Key:
     texture: TextureKey | None
     pose: ContactPose
     variance: float
+
+    def near(self, angle_rad: float) -> bool:
+        """Whether a contact at an angle may still look like this key."""
+        return abs(angle_rad - self.pose.angle_rad) < NEAR_RAD
 
     def motion_to(self, pose: ContactPose) -> tuple[float, complex]:
         """Return the angle and the shift of this key's center that would put it at a pose."""

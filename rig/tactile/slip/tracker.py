@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.judge import Belief, Judge
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.keys import ContactPose, Key
+from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
 from rig.tactile.slip.registration import Alignment, align, similarity
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
@@ -21,13 +21,7 @@ GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
 UNSETTLED_MISFIT = 0.27
 # Beyond these it is no alignment at all.
 WORST_MISFIT, WORST_OVERLAP = 0.9, 0.4
-# From where it is expected, an object turns at most so far between two frames.
-MAX_JUMP_RAD = math.radians(20.0)
-# An older keyframe is taken up again within this of its own angle.
-NEAR_RAD = math.radians(25.0)
 MAX_KEYFRAMES = 6
-# Two keyframes that tell angles further apart than this many standard deviations do not see the same.
-SAME_SIGMAS = 3.0
 # A lost contact is looked for at these turns from where it is expected, and taken for found within the
 # first of them and what its rate allows: further off, an edge or a lattice looks the same again.
 SEARCH_RAD = tuple(math.radians(turn) for turn in (-15.0, -7.5, 0.0, 7.5, 15.0))
@@ -36,7 +30,7 @@ SEARCH_KEPT = 3
 # contacts in which a bulge of gel turns against a line 0.2 to 0.7.
 PLAIN_MISFIT = 0.25
 # Below this evidence nothing is believed: the contact is lost.
-LEAST_EVIDENCE = 0.2
+LOST_EVIDENCE = 0.2
 # A contact's speed is followed up to so many work pixels a frame.
 MOST_MOVING_PX = 3.0
 # Where the texture leads: noise of the angle from frame to frame.
@@ -127,7 +121,7 @@ class KeyframeTracker:
         if texture is not None:
             self.texture_leads = belief is not None
         if belief is not None:
-            if belief.motion.evidence < LEAST_EVIDENCE:
+            if belief.motion.evidence < LOST_EVIDENCE:
                 return None
             key = self._keys[-1]
             inherited = min(key.variance, belief.variance)
@@ -143,8 +137,7 @@ class KeyframeTracker:
         start = replace(expected, point_px=expected.point_px + self._moving_px)
         if found is not None and not self.texture_leads:
             start = found.pose
-        plain = found is not None and found.misfit <= PLAIN_MISFIT
-        by_slopes = found.pose if found is not None and plain else None
+        by_slopes = found.pose if found is not None and found.misfit <= PLAIN_MISFIT else None
         return self._judge.judged(self._keys, field, texture, start, self._pose, by_slopes)
 
     def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
@@ -188,14 +181,14 @@ class KeyframeTracker:
 
     def _surest(self, angle_rad: float) -> Key | None:
         """Return the surest of the other keys that are near, where it is surer than the one in use."""
-        near = [k for k in self._keys if abs(angle_rad - k.pose.angle_rad) < NEAR_RAD]
+        near = [k for k in self._keys if k.near(angle_rad)]
         surest = min(near, key=lambda k: k.variance, default=self._key)
         return surest if surest.variance < self._key.variance else None
 
     def _by_others(self, field: GradientField, expected: ContactPose) -> Tracked | None:
         """Take up another key that is near and fits well."""
         for key in self._keys:
-            if key is not self._key and abs(expected.angle_rad - key.pose.angle_rad) < NEAR_RAD:
+            if key is not self._key and key.near(expected.angle_rad):
                 found = self._near(key, field, expected)
                 if found is not None and found.good:
                     return found

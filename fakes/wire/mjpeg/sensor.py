@@ -196,6 +196,8 @@ class MjpegSensor:
     def _set_rate(self, rate_hz: float) -> None:
         if rate_hz not in self._rates[self._size]:
             raise InputError(f"sensor: no rate {rate_hz:g} Hz at {self._size}; {self._rates[self._size]}")
+        # Images of the old rate that nobody fetched are numbered before the new rate begins.
+        self._skip_until(self._clock.now_ns())
         self._rate_hz = rate_hz
         period_ns = round(NS_PER_S / rate_hz)
         self._due_ns = round(self._phase * period_ns) + period_ns * -(-self._clock.now_ns() // period_ns)

@@ -7,14 +7,17 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
+from drivers.clock import SystemClock, to_ns
 from drivers.errors import InputError
+from fakes.clock import SimulatedClock
 from fakes.gel.sensor import GelSensor
+from fakes.wire.mjpeg.sensor import MjpegSensor
 from fakes.wire.mjpeg.server import MjpegServer
 
 GEL = GelSensor(6)
@@ -128,6 +131,21 @@ def test_a_new_size_resets_the_rate_as_a_digit_does(server: MjpegServer) -> None
     assert json.loads(post(server, "/control", b'{"size_px": [640, 480]}')[1])["rate_hz"] == 15
     assert json.loads(post(server, "/control", b'{"rate_hz": 30}')[1])["rate_hz"] == 30
     assert post(server, "/control", b'{"rate_hz": 60}')[0] == 400
+
+
+@pytest.mark.parametrize("settings", [{"rate_hz": 60}, {"rate_hz": 30}, {"size_px": [320, 240]}])
+def test_settings_do_not_lose_the_numbers_of_images_nobody_fetched(settings: dict[str, Any]) -> None:
+    clock = SimulatedClock()
+    sensor = MjpegSensor(drawn, 60.0, clock, "digit")
+    sensor.open()
+    first = sensor.capture()
+    clock.sleep_until(clock.now_ns() + to_ns(0.5))
+    sensor.configure(settings)
+    sensor.open()
+    later = sensor.capture()
+    assert first is not None
+    assert later is not None
+    assert later.number - first.number == pytest.approx(30, abs=1)
 
 
 def test_a_digit_that_no_digit_is_like_is_refused() -> None:

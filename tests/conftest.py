@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
-from support.benches import with_half_the_frames
+from support.benches import lighter
 from support.fuzz import PROFILE
 
 pytest_plugins = ("support.side_by_side", "support.in_real_time", "support.drawn_sensor")
@@ -78,8 +78,8 @@ def real_clips() -> Path:
 
 @pytest.fixture(scope="session")
 def light_bench() -> BenchConfig:
-    """The simulated bench with its fingertips at half their rate: nothing but precision needs the others."""
-    return with_half_the_frames()
+    """The simulated bench with half its frames: nothing but precision needs the others."""
+    return lighter()
 
 
 @pytest.fixture(scope="session")

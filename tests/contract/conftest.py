@@ -19,7 +19,7 @@ from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN, build_bench, build_real_bench
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
-from support.benches import with_half_the_frames
+from support.benches import lighter
 
 KINDS = ("fake", pytest.param("wire", marks=pytest.mark.real_time), "hardware")
 RUNNING = pytest.StashKey[ExitStack]()
@@ -39,7 +39,7 @@ def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
     """Real drivers on fakes behind wires, until `pytest_runtest_teardown` ends them."""
     with ExitStack() as running:
         request.config.stash[RUNNING] = running
-        config = running.enter_context(started_fakes(with_half_the_frames("wire")))
+        config = running.enter_context(started_fakes(lighter("wire")))
         station = Station(build_real_bench(config), config, fakes_control(config).call)
         running.callback(disconnect, station.bench)
         yield station

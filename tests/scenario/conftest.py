@@ -8,17 +8,17 @@ from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
-from support.benches import with_half_the_frames, with_small_pictures
+from support.benches import lighter
 
 
 @pytest.fixture(scope="session")
 def unhurried_bench() -> BenchConfig:
-    """The bench behind wires with half its fingertips' frames and a quarter of its camera's pixels.
+    """The bench behind wires, made lighter.
 
     How fast the computer is, is not tested: `rig benchmark wire` and `rig benchmark faults`
     hold the whole bench to the limits.
     """
-    return with_small_pictures(with_half_the_frames("wire"))
+    return lighter("wire")
 
 
 @pytest.fixture(scope="session")

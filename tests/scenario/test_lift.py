@@ -27,7 +27,7 @@ from rig.lift.result import lift_result
 from rig.sessions.reading import show_again
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome, LiftRow
 from rig.tactile.estimators import choose_estimator
-from support.benches import with_half_the_frames
+from support.benches import lighter
 
 TASK = LiftTask(1, "t1", 2)
 
@@ -55,7 +55,7 @@ class Relay(LiftObserver):
 
 
 def settings(**changes: object) -> TrialSettings:
-    config = with_half_the_frames().model_dump()
+    config = lighter().model_dump()
     return TrialSettings(BenchConfig.model_validate({**config, **changes}), 0, choose_estimator())
 
 

@@ -18,12 +18,12 @@ from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
 from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
-from support.benches import with_half_the_frames
+from support.benches import lighter
 from support.command_line import rig
 
 
 def trial(folder: Path, lifts: int = 2, jobs: int = 1, resume: bool = False, **bench: object) -> object:
-    config = BenchConfig.model_validate({**with_half_the_frames().model_dump(), **bench})
+    config = BenchConfig.model_validate({**lighter().model_dump(), **bench})
     return run_trial(
         folder, TrialSettings(config, 0, choose_estimator()), ["t1"], lifts, jobs=jobs, resume=resume
     )

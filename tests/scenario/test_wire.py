@@ -17,7 +17,7 @@ from rig.experiments.replay import run_replay
 from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
-from support.benches import with_half_the_frames
+from support.benches import lighter
 from support.command_line import rig
 
 SOME = ("arm: protective stop", "gripper: power lost", "fingertip: unplugged")
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.real_time
 def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", with_half_the_frames)  # of the seeds' lifts
+    monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
     shown = tmp_path / "lift.rrd" if find_spec("rerun") else None
     with viewer_feed(shown) as feed:
         report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)

@@ -24,7 +24,7 @@ from rig.benchmark.estimators.tables import NAME, README_COLUMNS, estimator_tabl
 from rig.benchmark.readme import check_readme, markers
 from rig.experiments.replay import replay_lift, session_settings
 from rig.sessions.rows import read_finished_lifts
-from support.benches import with_half_the_frames
+from support.benches import lighter
 
 README = Path(__file__).resolve().parents[4] / "README.md"
 BEGIN, END = markers(NAME)
@@ -45,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told
     settings = BenchmarkSettings(out, objects=("t2",), lifts=1, jobs=1, groups=())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "FRAMES_PER_LIFT", 120)
-        patch.setattr(benchmark, "load_bench", with_half_the_frames)
+        patch.setattr(benchmark, "load_bench", lighter)
         patch.setattr(benchmark, "CONTACTS", benchmark.CONTACTS[:2])
         return run_benchmark(settings, show), told
 

@@ -24,7 +24,7 @@ from rig.config import load_bench
 from rig.sessions.files import read_json
 from rig.tactile.contact.finder import NO_CONTACT, Contact
 from rig.tactile.paper.axis import METHODS
-from support.benches import with_half_the_frames
+from support.benches import lighter
 
 IMAGE = np.zeros((40, 30, 3), np.uint8)
 
@@ -75,7 +75,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> TrialsResult:
     """One lift at the rate that the paper's frames have, to which a faster sensor's are thinned."""
     folder = tmp_path_factory.mktemp("trials")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(benchmark, "load_bench", with_half_the_frames)
+        patch.setattr(benchmark, "load_bench", lighter)
         return run_trials(TrialsSettings(folder, jobs=1, lifts=1, objects=("t3",)))
 
 

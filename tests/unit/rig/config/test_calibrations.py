@@ -177,7 +177,7 @@ def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond
 
 
 def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, tmp_path: Path) -> None:
-    camera = CameraInUse(matrix=(655.0, 0, 320, 0, 655.0, 240, 0, 0, 1), distortion=(0.0,) * 5)
+    camera = CameraInUse(matrix=(327.5, 0, 160, 0, 327.5, 120, 0, 0, 1), distortion=(0.0,) * 5)
     file = FileInUse(
         file="camera-SIM-C0001.yaml", sha256="ab" * 32, created="2026-01-01T00:00:00+00:00", verdict="good"
     )

@@ -5,6 +5,8 @@ import os
 
 # As the command line does: BLAS threads that wait for one another make a busy computer ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Tests start hundreds of programs: what one has compiled, the next ones read.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
-Real time comes first, on one worker, and has the computer to itself: simulated devices and their drivers
-take more than a core, and fall behind beside others. Then come the folders whose files take longest.
+Real time comes first, on one worker, and has a core to itself: simulated devices and their drivers take
+as much, and fall behind where they get less. Then come the folders whose files take longest.
 Hardware is driven by one process: with `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
@@ -11,7 +11,9 @@ another computes.
 import fcntl
 import os
 import tempfile
+import time
 from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -20,16 +22,15 @@ import pytest
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME = "real_time"
-_room: list[TextIO] = []
-"""What keeps the other workers out while this one is between two tests in real time."""
+POLL_S = 0.05
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One more than there are cores; none at hardware, nor for files that somebody names, to see them run."""
     named = any(".py" in argument for argument in config.args)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return 0 if named or config.getoption("--bench") or cores == 1 else min(cores + 1, MOST_WORKERS)
+    alone = named or config.getoption("--bench") or _cores() == 1
+    return 0 if alone else min(_cores() + 1, MOST_WORKERS)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -65,28 +66,49 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_runtest_protocol(
     item: pytest.Item, nextitem: pytest.Item | None
 ) -> Generator[None, object, object]:
-    """Leave the computer to tests in real time while there are any."""
+    """Leave a core to tests in real time while there are any."""
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
-    if run is None:
+    if run is None or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
-    real_time = _group(item) == REAL_TIME
-    room = _room.pop() if _room else _entered(Path(tempfile.gettempdir()), run, real_time)
+    over = Path(tempfile.gettempdir()) / f"rig-tests-{run}-real-time-is-over"
+    if _group(item) != REAL_TIME:
+        with _core(over):
+            return (yield)
     try:
         return (yield)
     finally:
-        if real_time and nextitem is not None and _group(nextitem) == REAL_TIME:
-            _room.append(room)
+        if nextitem is None or _group(nextitem) != REAL_TIME:
+            over.touch()
+
+
+@contextmanager
+def _core(over: Path) -> Generator[None]:
+    """Wait for one of the cores that tests in real time leave; there is no need to once they are over."""
+    core: TextIO | None = None
+    while core is None and not over.exists():
+        core = _free_core(over)
+        time.sleep(0.0 if core else POLL_S)
+    try:
+        yield
+    finally:
+        if core is not None:
+            core.close()
+
+
+def _free_core(over: Path) -> TextIO | None:
+    for core in range(1, max(_cores(), 2)):
+        file = over.with_name(f"{over.name}-{core}").open("w")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
         else:
-            room.close()
+            return file
+    return None
 
 
-def _entered(folder: Path, run: str, alone: bool) -> TextIO:
-    """Wait for the computer; alone: until nobody else computes, and nobody new begins meanwhile."""
-    with (folder / f"rig-tests-{run}-door").open("w") as door:
-        fcntl.flock(door, fcntl.LOCK_EX)
-        room = (folder / f"rig-tests-{run}-room").open("w")
-        fcntl.flock(room, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-    return room
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _without_group(name: str) -> str:

@@ -17,6 +17,7 @@ from rig.cli.estimate import estimate
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
+from rig.cli.label_angle import label_angle
 from rig.cli.model import model
 from rig.cli.output import guarded_output
 from rig.cli.play import play
@@ -41,7 +42,7 @@ app = typer.Typer(
 )
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, segment, label, train, train_angle, doctor):
+for command in (estimate, segment, label, label_angle, train, train_angle, doctor):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")

@@ -1,4 +1,4 @@
-"""Contact masks as labels: outlines, and the file formats that other tools read.
+"""Labels made by people and for people: contact masks as outlines, and angles drawn as lines on a page.
 
-Of `rig` it imports the sessions alone.
+Of `rig` it imports frames, sessions, pages and `rig.tactile.contact`.
 """

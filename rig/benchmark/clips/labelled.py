@@ -6,13 +6,12 @@ from pathlib import Path
 
 from drivers.errors import InputError
 from drivers.formats import read_csv_rows, shown
-from drivers.images import SUFFIXES, read_image
+from drivers.images import read_image
 from drivers.types import Image
+from rig.frames.clips import LABELS, clip_background, clip_frames
 from rig.frames.series import FrameSeries, read_frames
 
-LABELS, TIMES, GROUPS = "labels.csv", "timestamps.csv", "groups.csv"
-FRAMES, BACKGROUND = "frames", "background"
-VIDEO_ENDINGS = {".mov", ".mp4", ".avi", ".mkv", ".webm", ".m4v"}
+TIMES, GROUPS = "timestamps.csv", "groups.csv"
 NO_GROUP = "-"
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
@@ -89,29 +88,16 @@ def _label(path: Path, line: int, row: Mapping[str, str]) -> ClipLabel:
 def _clip(folder: Path, groups: Mapping[str, str]) -> LabelledClip:
     reference, labels, group = read_labels(folder / LABELS)
     times = folder / TIMES
-    series = read_frames(_frames_of(folder), times if times.exists() else None)
+    series = read_frames(clip_frames(folder), times if times.exists() else None)
     count = sum(1 for _ in series.read())
     last = max(reference, *(label.frame for label in labels))
     if not 0 <= last < count:
         raise InputError(f"{folder / LABELS}: frame {last} is labelled, the clip has frames 0 to {count - 1}")
-    image = read_image(_background_of(folder))
-    return LabelledClip(folder.name, groups.get(folder.name, group), series, image, reference, labels)
-
-
-def _frames_of(folder: Path) -> Path:
-    if (folder / FRAMES).is_dir():
-        return folder / FRAMES
-    videos = sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS)
-    if len(videos) != 1:
-        raise InputError(f"{folder}: {len(videos)} videos and no folder '{FRAMES}': keep one of them")
-    return videos[0]
-
-
-def _background_of(folder: Path) -> Path:
-    files = [path for path in folder.glob(f"{BACKGROUND}.*") if path.suffix.lower() in SUFFIXES]
-    if len(files) != 1:
-        raise InputError(f"{folder}: {len(files)} images named '{BACKGROUND}': give one without contact")
-    return files[0]
+    background = clip_background(folder)
+    if background is None:
+        raise InputError(f"{folder}: no background.png: put one there, a frame without contact")
+    named = groups.get(folder.name, group)
+    return LabelledClip(folder.name, named, series, read_image(background), reference, labels)
 
 
 def _groups(path: Path) -> dict[str, str]:

@@ -1,10 +1,6 @@
 """Pages in a real browser: desktop and phone, light and dark, nothing fetched, nothing cut or overlapping."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,11 +11,9 @@ from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
 from rig.report.sides import session_side
 from rig.report.write import write_report
+from support.browser import NEEDS_CHROMIUM, Browser
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium here: install chromium to run this test"
-)
+pytestmark = NEEDS_CHROMIUM
 
 SEEN = """(() => {
   const out = {figures: 0, cut: [], overlap: [], small: [], wide: document.documentElement.scrollWidth};
@@ -48,90 +42,10 @@ SEEN = """(() => {
 })()"""
 
 
-class Browser:
-    """Chromium without a window, driven over its debugging pipe: JSON messages, ended by a zero byte."""
-
-    def __init__(self, profile: Path) -> None:
-        to_it, self._write = os.pipe()
-        self._read, from_it = os.pipe()
-        flags = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe"]
-        command = [str(CHROMIUM), *flags, f"--user-data-dir={profile}", "about:blank"]
-        # it reads commands from 3 and writes answers to 4
-        start = (
-            f"import os; os.dup2({to_it}, 3); os.dup2({from_it}, 4); os.execv({command[0]!r}, {command!r})"
-        )
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", start],
-            pass_fds=(to_it, from_it),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        os.close(to_it)
-        os.close(from_it)
-        self._rest, self._number, self._session = b"", 0, None
-        self.events: list[dict[str, Any]] = []
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(t["targetId"] for t in targets if t["type"] == "page")
-        self._session = self.call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.call(f"{domain}.enable")
-
-    def call(self, method: str, **params: Any) -> dict[str, Any]:
-        self._number += 1
-        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
-        if self._session is not None:
-            message["sessionId"] = self._session
-        os.write(self._write, json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._next()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def open(self, page: Path, width: int, scheme: str) -> dict[str, Any]:
-        """Open a page and return what is seen of it."""
-        self.events.clear()
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=900,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-        self.call("Page.navigate", url=page.as_uri())
-        while not any(event["method"] == "Page.loadEventFired" for event in self.events):
-            self._next()
-        return json.loads(self.call("Runtime.evaluate", expression=SEEN)["result"]["value"])
-
-    def said(self) -> list[str]:
-        """Errors and lines on the console."""
-        loud = {"Log.entryAdded", "Runtime.consoleAPICalled", "Runtime.exceptionThrown"}
-        return [str(event["params"]) for event in self.events if event["method"] in loud]
-
-    def fetched(self) -> list[str]:
-        """Addresses asked for, but the page's own and what lies inside it."""
-        asked = (
-            e["params"]["request"]["url"] for e in self.events if e["method"] == "Network.requestWillBeSent"
-        )
-        return [url for url in asked if not url.startswith(("data:", "file:"))]
-
-    def close(self) -> None:
-        self._process.terminate()
-        self._process.wait(10)
-        os.close(self._write)
-        os.close(self._read)
-
-    def _next(self) -> dict[str, Any]:
-        while b"\0" not in self._rest:
-            more = os.read(self._read, 1 << 16)
-            assert more, "chromium ended"
-            self._rest += more
-        line, self._rest = self._rest.split(b"\0", 1)
-        message = json.loads(line)
-        if "method" in message:
-            self.events.append(message)
-        return message
+def seen_of(browser: Browser, page: Path, width: int, scheme: str) -> dict[str, Any]:
+    """Open a page and return what is seen of it."""
+    browser.open(page.as_uri(), width, scheme)
+    return json.loads(browser.value(SEEN))
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +93,7 @@ FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 1, "broken": 0}
 def test_a_page_opens_quietly_with_every_label_readable(
     browser: Browser, pages: dict[str, Path], kind: str, width: int, scheme: str
 ) -> None:
-    seen = browser.open(pages[kind], width, scheme)
+    seen = seen_of(browser, pages[kind], width, scheme)
     assert browser.said() == []
     assert browser.fetched() == []
     assert seen["figures"] == FIGURES[kind]

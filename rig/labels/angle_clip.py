@@ -1,0 +1,96 @@
+"""A clip to be labelled: which of its frames, and how each differs from the frame without contact."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.frames.series import FrameSeries
+from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.relative import RelativeDifference, work_size
+
+# A relative difference of this size is drawn black or white.
+DIFFERENCE_RANGE = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class FrameChoice:
+    """The frames to be labelled, by number from 0, in order. reference: the one of them whose angle is 0."""
+
+    reference: int
+    frames: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipToLabel:
+    """A choice of frames, (H, W, 3) uint8 RGB by number, and the frame without contact."""
+
+    name: str
+    choice: FrameChoice
+    background: Image
+    frames: dict[int, Image]
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of a frame."""
+        return self.background.shape[1], self.background.shape[0]
+
+
+def choose_frames(
+    series: FrameSeries, background: Image, count: int, reference: int | None = None
+) -> tuple[FrameChoice, str]:
+    """Choose frames evenly from the reference on to the last contact; return them and a note on why those.
+
+    By default the first frame with a contact is the reference. Frames in between count whether or not a
+    contact is seen in them, as labels judge that too. Raises `InputError` for a reference that is no frame.
+    """
+    readable, touching = _looked_at(series, background)
+    if reference is not None and reference not in readable:
+        raise InputError(
+            f"{series.name}: --reference {reference} is no frame that can be read: choose another"
+        )
+    first = touching[0] if reference is None and touching else reference or 0
+    last = touching[-1] if touching and touching[-1] > first else readable[-1]
+    between = [number for number in readable if first <= number <= last]
+    if len(between) < 2:
+        raise InputError(f"{series.name}: no frame follows frame {first}: choose an earlier --reference")
+    places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
+    frames = tuple(between[place] for place in places)
+    seen = (
+        f"a contact is seen in frames {touching[0]} to {touching[-1]}" if touching else "no contact is seen"
+    )
+    return FrameChoice(
+        frames[0], frames
+    ), f"{seen}; {len(frames)} frames to label, {frames[0]} to {frames[-1]}"
+
+
+def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:
+    """Read the frames of a choice. Raises `InputError` where one of them cannot be read."""
+    wanted = set(choice.frames)
+    frames = {n: f.image for n, f in enumerate(series) if n in wanted and f.image is not None}
+    if missing := sorted(wanted - set(frames)):
+        raise InputError(f"{series.name}: frame {missing[0]} cannot be read: copy the clip anew")
+    return ClipToLabel(name, choice, background, frames)
+
+
+def difference(image: Image, background: Image) -> Image:
+    """Return the relative difference from the frame without contact, (H, W, 3) uint8, grey where it is 0."""
+    light = RelativeDifference(background, (background.shape[1], background.shape[0]))
+    change = cv2.GaussianBlur(light.of(image), (0, 0), 1.0)
+    return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
+
+
+def _looked_at(series: FrameSeries, background: Image) -> tuple[list[int], Sequence[int]]:
+    """Return the frames that can be read, and those that show a contact."""
+    light = RelativeDifference(background, work_size(background.shape, 1.0))
+    gate = ContactGate()
+    readable, touching = [], []
+    for number, frame in enumerate(series):
+        if frame.image is not None:
+            readable.append(number)
+            if gate.find(light.of(light.reduced(frame.image))) is not None:
+                touching.append(number)
+    return readable, touching

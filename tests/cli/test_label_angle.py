@@ -1,0 +1,129 @@
+"""`rig label-angle`: from a clip to labels that the benchmark reads."""
+
+import json
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.benchmark.clips.labelled import read_clips
+from rig.labels.angle_clicks import LINES
+from support.angle_clips import TURN_DEG, ask, draw_all, write_clip
+from support.command_line import rig
+
+Draw = Callable[..., NDArray[np.uint8]]
+Browse = Callable[[Callable[[str], None]], None]
+
+
+@pytest.fixture
+def clip(tmp_path: Path, press: Draw, blank: NDArray[np.uint8]) -> Path:
+    return write_clip(tmp_path / "pen", press, blank)
+
+
+@pytest.fixture
+def person(monkeypatch: pytest.MonkeyPatch) -> Browse:
+    """Lets a person work on the page that the command opens, while the command waits."""
+
+    def works(task: Callable[[str], None]) -> None:
+        def browse(address: str) -> bool:
+            threading.Thread(target=task, args=(address,), daemon=True).start()
+            return True
+
+        monkeypatch.setattr("webbrowser.open", browse)
+
+    return works
+
+
+def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse) -> None:
+    def task(address: str) -> None:
+        draw_all(address, [2, 6, 9, 13], shift_px=0.5)
+        ask(address + "write", {})
+
+    person(task)
+    done = rig("label-angle", clip, "--count", 4, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"out": str(clip / "labels.csv"), "labels": 4, "frames": 4}
+    (found,) = read_clips(clip)
+    assert [label.angle_deg for label in found.labels] == pytest.approx(
+        [TURN_DEG[n] for n in (4, 7, 11)], abs=0.1
+    )
+    judged = rig("benchmark", "clips", clip, "--estimator", "pca", "--out", clip.parent / "judged", "--json")
+    assert judged.returncode in (0, 4), judged.stderr
+
+
+def test_what_was_drawn_before_a_stop_is_gone_on_with(clip: Path, person: Browse) -> None:
+    def stops(address: str) -> None:
+        draw_all(address, [2])
+        import os
+        import signal
+
+        os.kill(os.getpid(), signal.SIGINT)
+
+    person(stops)
+    first = rig("label-angle", clip, "--count", 3)
+    assert first.returncode == 3, first.stderr
+    assert (clip / LINES).exists()
+    assert not (clip / "labels.csv").exists()
+
+    def goes_on(address: str) -> None:
+        draw_all(address, [8, 13])
+        ask(address + "write", {})
+
+    person(goes_on)
+    again = rig("label-angle", clip)
+    assert again.returncode == 0, again.stderr
+    assert "going on with 4 clicks" in again.stderr
+    assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
+
+
+def test_other_frames_than_those_begun_with_are_refused(clip: Path, person: Browse) -> None:
+    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    assert rig("label-angle", clip, "--count", 2).returncode == 0
+    refused = rig("label-angle", clip, "--count", 5)
+    assert refused.returncode == 2
+    assert "was begun with 2 frames and the reference 2" in refused.stderr
+
+
+def test_labels_from_elsewhere_are_not_replaced_unasked(clip: Path, person: Browse) -> None:
+    (clip / "labels.csv").write_text("reference_frame,keyframe,angle_deg,sigma_deg\n2,6,1,1\n")
+    refused = rig("label-angle", clip)
+    assert refused.returncode == 2
+    assert "--overwrite" in refused.stderr
+    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    assert rig("label-angle", clip, "--count", 2, "--overwrite").returncode == 0
+    assert "2,13," in (clip / "labels.csv").read_text()
+
+
+def test_what_is_no_clip_is_refused(clip: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    (empty / "frames").mkdir(parents=True)
+    for path, why in [
+        (tmp_path / "nowhere", "no such folder"),
+        (clip / "background.png", "no such folder"),
+        (clip / "frames", "no folder 'frames'"),
+        (empty, "no images in it"),
+    ]:
+        done = rig("label-angle", path, "--no-browser")
+        assert done.returncode == 2, path
+        assert why in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_background_of_another_size_is_refused(clip: Path) -> None:
+    import cv2
+
+    cv2.imwrite(str(clip / "background.png"), np.zeros((100, 100, 3), np.uint8))
+    done = rig("label-angle", clip, "--no-browser")
+    assert done.returncode == 2
+    assert "the background is 100 x 100 px, the frames are 240 x 320 px" in done.stderr
+
+
+def test_without_a_background_the_first_frame_serves_and_it_is_said(clip: Path, person: Browse) -> None:
+    (clip / "background.png").unlink()
+    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    done = rig("label-angle", clip, "--count", 2)
+    assert done.returncode == 0, done.stderr
+    assert "rig benchmark clips needs a background.png" in done.stderr

@@ -1,0 +1,112 @@
+"""Lines drawn by hand as angles: what two passes say, and how sure they are."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import InputError
+from rig.benchmark.clips.labelled import read_labels
+from rig.labels.angle_lines import Line, angle_labels, labels_csv
+
+
+def line(angle_deg: float, length_px: float = 100.0, middle: tuple[float, float] = (120.0, 160.0)) -> Line:
+    """A line whose second end lies counter-clockwise of its first by an angle, as seen."""
+    x, y = (
+        length_px / 2 * part
+        for part in (math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg)))
+    )
+    return middle[0] - x, middle[1] + y, middle[0] + x, middle[1] - y
+
+
+def passes(one: dict[int, float], two: dict[int, float]) -> list[dict[int, Line]]:
+    return [{frame: line(angle) for frame, angle in each.items()} for each in (one, two)]
+
+
+def test_angles_count_from_the_reference_counter_clockwise() -> None:
+    labels = angle_labels(passes({5: 30, 9: 40, 12: 20}, {5: 31, 9: 43, 12: 21}), 5)
+    assert [label.frame for label in labels] == [5, 9, 12]
+    assert [label.angle_deg for label in labels] == pytest.approx([0, 11, -10])
+    assert labels[0].sigma_deg == 0.0
+
+
+def test_a_turn_beyond_half_a_circle_is_unwrapped() -> None:
+    turned = {frame: 170.0 + 80 * frame for frame in range(5)}
+    assert angle_labels(passes(turned, turned), 0)[-1].angle_deg == pytest.approx(320)
+
+
+def test_a_reference_in_the_middle_is_zero() -> None:
+    labels = angle_labels(passes({0: 10, 5: 20, 9: 40}, {0: 10, 5: 20, 9: 40}), 5)
+    assert [label.angle_deg for label in labels] == pytest.approx([-10, 0, 20])
+
+
+def test_sigma_is_from_what_the_passes_disagree_by() -> None:
+    apart = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 14, 2: 20}), 0)
+    together = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 10, 2: 20}), 0)
+    assert apart[1].sigma_deg == pytest.approx(2.0)
+    assert apart[2].sigma_deg == pytest.approx(math.sqrt(16 / 2) / 2)
+    assert 0.2 < together[1].sigma_deg < 1.0, "clicks alone are not exact"
+
+
+def test_the_sigma_is_of_the_mean_of_two_passes_that_err_alike() -> None:
+    import numpy as np
+
+    noise = np.random.default_rng(3).normal(0.0, 3.0, (2, 400))
+    labels = angle_labels(
+        [{0: line(0.0)} | {i + 1: line(10 + error) for i, error in enumerate(each)} for each in noise], 0
+    )[1:]
+    spread = float(np.std([label.angle_deg for label in labels]))
+    told = [label.sigma_deg for label in labels]
+    assert np.median(told) == pytest.approx(spread, rel=0.15)
+
+
+def test_frames_without_both_lines_are_left_out() -> None:
+    assert [label.frame for label in angle_labels(passes({0: 0, 1: 5, 2: 9}, {0: 0, 2: 9, 3: 4}), 0)] == [
+        0,
+        2,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "why"),
+    [
+        ({1: 5, 2: 9}, {1: 5, 2: 9}, "the reference frame 0"),
+        ({0: 5}, {0: 5}, "and one other need a line"),
+        ({0: 0, 1: 5}, {0: 0, 1: 184}, "frame 1: both passes differ by"),
+    ],
+)
+def test_what_gives_no_angles_is_refused(one: dict[int, float], two: dict[int, float], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        angle_labels(passes(one, two), 0)
+
+
+def test_a_line_that_is_too_short_is_refused() -> None:
+    short = {0: line(0), 1: line(0, length_px=5)}
+    with pytest.raises(InputError, match="frame 1: its line is shorter than 10 px"):
+        angle_labels([short, short], 0)
+
+
+@given(st.lists(st.floats(-80, 80), min_size=2, max_size=12), st.floats(-180, 180), st.floats(-180, 180))
+def test_neither_the_feature_nor_its_first_end_matters(
+    turns: list[float], one_deg: float, two_deg: float
+) -> None:
+    total = [sum(turns[: i + 1]) for i in range(len(turns))]
+    drawn = passes(
+        {i: one_deg + turn for i, turn in enumerate(total)},
+        {i: two_deg + turn for i, turn in enumerate(total)},
+    )
+    for label, turn in zip(angle_labels(drawn, 0), total, strict=True):
+        assert label.angle_deg == pytest.approx(turn - total[0], abs=1e-6)
+
+
+def test_the_benchmark_reads_what_is_written(tmp_path_factory: pytest.TempPathFactory) -> None:
+    file = tmp_path_factory.mktemp("labels") / "labels.csv"
+    labels = angle_labels(passes({5: 30, 9: 40, 12: 20}, {5: 31, 9: 43, 12: 21}), 5)
+    file.write_text(labels_csv(labels, 5))
+    reference, read, _ = read_labels(file)
+    assert reference == 5
+    assert [(label.frame, label.angle_deg) for label in read] == [(9, 11.0), (12, -10.0)]
+    assert [label.sigma_deg for label in read] == pytest.approx(
+        [label.sigma_deg for label in labels[1:]], abs=0.005
+    )

@@ -1,0 +1,203 @@
+"""The page on which lines are drawn: every click is kept, none is believed unseen."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.images import read_image
+from rig.benchmark.clips.labelled import read_clips
+from rig.frames.series import read_frames
+from rig.labels.angle_clicks import LINES, Click, LineLog, ends_in, read_drawn
+from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, difference, load_clip
+from rig.labels.angle_server import AngleServer
+from support.angle_clips import TURN_DEG, ask, draw_all, true_ends, write_clip
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+
+@pytest.fixture
+def clip(tmp_path: Path, press: Draw, blank: Image) -> Path:
+    return write_clip(tmp_path / "clip", press, blank)
+
+
+def opened(clip: Path, count: int = 4, reference: int | None = None) -> ClipToLabel:
+    series, background = read_frames(clip / "frames"), read_image(clip / "background.png")
+    return load_clip("clip", series, background, choose_frames(series, background, count, reference)[0])
+
+
+@pytest.fixture
+def server(clip: Path) -> Iterator[AngleServer]:
+    to_label = opened(clip)
+    with AngleServer(to_label, LineLog(clip / LINES, to_label)) as running:
+        yield running
+
+
+def test_frames_are_chosen_evenly_from_the_first_contact_on(clip: Path) -> None:
+    assert opened(clip).choice == FrameChoice(2, (2, 6, 9, 13))
+    assert opened(clip, 100).choice.frames == tuple(range(2, 14))
+    assert opened(clip, 3, reference=7).choice == FrameChoice(7, (7, 10, 13))
+
+
+def test_without_a_contact_all_frames_are_offered(clip: Path) -> None:
+    series = read_frames(clip / "frames")
+    choice, note = choose_frames(series, read_image(clip / "frames" / "005.png"), 3)
+    assert "no contact is seen" not in note
+    for file in (clip / "frames").iterdir():
+        cv2.imwrite(str(file), np.full((320, 240, 3), 90, np.uint8))
+    choice, note = choose_frames(series, np.full((320, 240, 3), 90, np.uint8), 3)
+    assert choice == FrameChoice(0, (0, 6, 13))
+    assert "no contact is seen" in note
+
+
+def test_a_reference_that_is_no_frame_is_refused(clip: Path) -> None:
+    with pytest.raises(InputError, match="--reference 99 is no frame"):
+        opened(clip, reference=99)
+    with pytest.raises(InputError, match="no frame follows frame 13"):
+        opened(clip, reference=13)
+
+
+def test_the_difference_is_grey_where_nothing_touches(clip: Path) -> None:
+    to_label = opened(clip)
+    seen = difference(to_label.frames[6], to_label.background)
+    assert abs(float(seen[:20].mean()) - 127.5) < 3.0
+    assert seen[100:220].std() > 3 * seen[:20].std()
+
+
+def test_the_page_and_its_pictures_are_behind_a_secret(server: AngleServer) -> None:
+    root = server.address.rsplit("/", 2)[0]
+    for path in ("/", "/frame/2.png", "/wrong/"):
+        assert ask(root + path)[0] == 404
+    assert ask(root + "/wrong/click", {})[0] == 404
+    assert ask(server.address + "frame/3.png")[0] == 404, "of frames that are not labelled nothing is shown"
+    assert ask(server.address + "../../etc/passwd")[0] == 404
+    status, page = ask(server.address)
+    assert status == 200
+    assert b"how far has it turned" in page
+    status, picture = ask(server.address + "frame/6.png")
+    decoded = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    assert (decoded[..., ::-1] == server.clip.frames[6]).all()
+    assert ask(server.address + "difference/6.png")[0] == 200
+
+
+def test_a_click_is_on_disk_before_it_is_answered(server: AngleServer, clip: Path) -> None:
+    for number, (x, y) in enumerate(true_ends(2), 1):
+        assert ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})[0] == 200
+        kept = read_drawn(clip / LINES)
+        assert kept is not None
+        assert len(kept.clicks) == number
+        assert not list(clip.glob("*.part"))
+
+
+def test_undo_takes_clicks_back_one_by_one(server: AngleServer) -> None:
+    for x in (10, 60, 20):
+        ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": 50})
+    assert ask(server.address + "undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0], [60.0, 50.0]]}
+    assert ask(server.address + "undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0]]}
+    assert ask(server.address + "undo", {})[1] == {"ends": [{}, {}], "last": None}
+    assert ask(server.address + "undo", {})[0] == 200
+
+
+def test_a_third_click_begins_the_line_anew(server: AngleServer) -> None:
+    for x in (10, 60, 20, 90):
+        _, state = ask(server.address + "click", {"drawn_in": 1, "frame": 6, "x": x, "y": 50})
+    assert state["ends"][1] == {"6": [[20.0, 50.0], [90.0, 50.0]]}
+    assert server.log.passes() == [{}, {6: (20.0, 50.0, 90.0, 50.0)}]
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"", b"[", b"[1]", b"null", b'{"drawn_in": 0}', b"{" * 600,
+        {"drawn_in": 2, "frame": 2, "x": 1, "y": 1}, {"drawn_in": 0, "frame": 3, "x": 1, "y": 1},
+        {"drawn_in": 0, "frame": 2, "x": 900, "y": 1}, {"drawn_in": 0, "frame": 2, "x": 1, "y": -50},
+        {"drawn_in": 0, "frame": 2, "x": "left", "y": 1}, b'{"drawn_in":0,"frame":2,"x":NaN,"y":1}',
+        b" " * 2000,
+    ],
+)  # fmt: skip
+def test_what_is_no_click_is_refused_and_nothing_is_kept(
+    server: AngleServer, clip: Path, sent: object
+) -> None:
+    status, answer = ask(server.address + "click", sent)
+    assert status == 400
+    assert answer["error"]
+    assert not (clip / LINES).exists()
+
+
+def test_a_line_that_is_too_short_is_refused_while_it_is_drawn(server: AngleServer) -> None:
+    ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
+    status, answer = ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 52, "y": 50})
+    assert status == 400
+    assert "click farther away" in answer["error"]
+    assert len(server.log.clicks) == 1
+
+
+def test_labels_are_written_as_the_benchmark_reads_them(server: AngleServer, clip: Path) -> None:
+    draw_all(server.address, [2, 6, 9, 13], shift_px=1.0)
+    status, answer = ask(server.address + "write", {})
+    assert (status, answer["left_out"]) == (200, 0)
+    assert server.done.wait(5)
+    (found,) = read_clips(clip)
+    assert found.reference_frame == 2
+    assert [label.frame for label in found.labels] == [6, 9, 13]
+    truth = [TURN_DEG[label.frame - 2] for label in found.labels]
+    assert [label.angle_deg for label in found.labels] == pytest.approx(truth, abs=0.01)
+    assert all(0.2 < label.sigma_deg < 2.0 for label in found.labels)
+
+
+def test_labels_are_not_written_while_lines_are_missing(server: AngleServer, clip: Path) -> None:
+    for x, y in true_ends(2):
+        ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})
+    status, answer = ask(server.address + "write", {})
+    assert status == 400
+    assert "need a line in each of both passes" in answer["error"]
+    assert not server.done.is_set()
+    assert not (clip / "labels.csv").exists()
+
+
+def test_a_full_disk_is_said_and_the_click_does_not_count(
+    server: AngleServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("rig.sessions.files.write_whole", full)
+    status, answer = ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
+    assert status == 400
+    assert "No space left" in answer["error"]
+    assert server.log.clicks == ()
+
+
+def test_lines_that_were_begun_go_on(clip: Path) -> None:
+    to_label = opened(clip)
+    log = LineLog(clip / LINES, to_label)
+    log.add(Click(0, 2, 10.0, 20.0))
+    log.add(Click(0, 2, 60.0, 20.0))
+    again = LineLog(clip / LINES, to_label, read_drawn(clip / LINES))
+    assert again.passes() == [{2: (10.0, 20.0, 60.0, 20.0)}, {}]
+    again.undo()
+    assert ends_in(again.clicks, 0) == {2: [(10.0, 20.0)]}
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"schema": 1}', "\x00", '{"schema": 1, "clicks": 5}'])
+def test_a_damaged_file_of_lines_is_named_and_never_replaced(clip: Path, text: str) -> None:
+    (clip / LINES).write_text(text)
+    with pytest.raises(InputError, match="move the file away"):
+        read_drawn(clip / LINES)
+    assert (clip / LINES).read_text() == text
+
+
+def test_lines_of_another_clip_are_refused(clip: Path) -> None:
+    to_label = opened(clip)
+    LineLog(clip / LINES, to_label).add(Click(0, 2, 10.0, 20.0))
+    content = json.loads((clip / LINES).read_text())
+    (clip / LINES).write_text(json.dumps(content | {"size_px": [320, 240]}))
+    with pytest.raises(InputError, match="of another size"):
+        LineLog(clip / LINES, to_label, read_drawn(clip / LINES))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 Press = Callable[..., Image]
+SPECKS = ((70, 120), (130, 200), (170, 130))
+"""Places of the specks that `specked` draws, px."""
 
 
 def ellipse_mask(
@@ -38,6 +40,15 @@ def drawn_press(
 ) -> Image:
     """A frame, (H, W, 3) uint8 RGB, with an ellipsoid pressed into the gel; with None nothing is."""
     return _press(angle_deg, half_axes, center, size, light, strength, noise, seed).copy()
+
+
+def specked(image: Image, strength: float) -> Image:
+    """A frame, (H, W, 3) uint8 RGB, of a gel with three dark specks; they are seen better under a contact."""
+    light = np.ones(image.shape[:2], np.float32)
+    for place in SPECKS:
+        cv2.circle(light, place, 3, 1.0 - strength, -1)
+    soft = np.asarray(cv2.GaussianBlur(light, (0, 0), 0.8), np.float32)
+    return np.clip(image * soft[..., None], 0, 255).astype(np.uint8)
 
 
 @lru_cache(maxsize=128)

@@ -19,6 +19,7 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
+from rig.tactile.slip.gel_marks import GelMarks
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
@@ -58,6 +59,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._scale = fine_scale(background.shape, size)
         fine = (self._scale * size[0], self._scale * size[1])
         self._fine_light = RelativeDifference(background, fine)
+        self._marks, self._fine_marks = GelMarks(background, size, fine), GelMarks(background, fine, fine)
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()
@@ -72,7 +74,8 @@ class SlipEstimator(FreshFrameEstimator):
         if self._last is not None and self._work is not None and np.array_equal(work, self._work):
             return self._repeated(self._last, time_ns)
         self._work = work
-        difference = np.asarray(cv2.GaussianBlur(self._light.of(work), (0, 0), NOISE_BLUR_PX), np.float32)
+        clean = self._marks.mended(self._light.of(work))
+        difference = np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
         torn = self._tearing.update(region)
         watch.lap("contact")
@@ -95,7 +98,7 @@ class SlipEstimator(FreshFrameEstimator):
         return self._answer(sample, tracked, watch)
 
     def _texture(self, image: Image) -> TextureField:
-        fine = self._fine_light.of(self._fine_light.reduced(image))
+        fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image)))
         return TextureField(fine, self._scale)
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from rig.tactile.slip.evidence import (
     FEW_ITERATIONS,
     ITERATIONS,
+    LEAST_MISFIT,
     SLOPES_FIRST,
     TEXTURE_FIRST,
     TOGETHER,
@@ -39,9 +40,11 @@ ELSEWHERE_SHARE, ELSEWHERE_MORE, FURTHEST_RAD = 1.4, 0.1, math.radians(35.0)
 # Until then it is doubt: how much less likely a motion is for each unit of evidence less, about the number
 # of points that are independent.
 INDEPENDENT = 12.0
-# Sigma of a motion that nothing speaks for, and what it never falls below. Both, and the number above,
-# were set on the development half of the labelled real clips.
-SIGMA_RAD, LEAST_SIGMA_RAD = math.radians(3.0), math.radians(0.3)
+# Sigma of what a channel says alone, over the root of what it leaves unexplained (the slopes': for a contact
+# of contrast 1, see `Keyframe`), how ill it may correlate there, and what sigma never falls below. These, and
+# the number above, were set on the development half of the labelled real clips, and raised on others.
+SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
+LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +170,25 @@ class _Witness:
     def _found(self, angle_rad: float, shift_px: complex, weighting: Weighting, iterations: int) -> Belief:
         angle_rad, shift_px = self._evidence.align(angle_rad, shift_px, weighting, iterations)
         motion = self._evidence.judged(angle_rad, shift_px)
-        sigma = SIGMA_RAD * math.exp(-motion.evidence)
         pose = self._key.pose_after(angle_rad, shift_px)
-        return Belief(pose, self._key.variance + sigma**2 + LEAST_SIGMA_RAD**2, motion)
+        return Belief(pose, _variance(self._key, motion), motion)
+
+
+def _variance(key: Key, motion: Motion) -> float:
+    """Return the variance of a motion's angle, rad^2.
+
+    A turn that changes the slopes little is told by them badly, however well they fit. What rests pulls
+    every key of a chain the same way: their errors add up, not only the squares of them.
+    """
+    told = (
+        (SLOPES_SIGMA_RAD / math.sqrt(key.frame.contrast), motion.slopes),
+        (TEXTURE_SIGMA_RAD, motion.texture),
+    )
+    known = 0.0
+    for sigma, correlation in told:
+        explained = min(max(correlation, LEAST_CORRELATION) ** 2, 1.0 - LEAST_MISFIT)
+        known += explained / ((1.0 - explained) * sigma**2)
+    return (math.sqrt(key.variance) + 1.0 / math.sqrt(known)) ** 2 + LEAST_SIGMA_RAD**2
 
 
 def _more_than(motion: Motion) -> float:

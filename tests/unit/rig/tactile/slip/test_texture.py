@@ -17,6 +17,7 @@ from rig.tactile.slip.texture import (
     make_texture_key,
     structure,
 )
+from support.drawn_sensor import specked
 
 HEIGHT, WIDTH = 160, 120
 GREY = (1.0, 1.0, 1.0)
@@ -109,6 +110,16 @@ def test_a_line_that_turns_on_a_bulge_that_rests_is_followed(way: float) -> None
     turns = [0.0] * 10 + [way * 1.5 * i for i in range(28)]
     samples = [tracker.update(picture(20.0 + t, i + 1), round(i * 4e7)) for i, t in enumerate(turns)]
     assert samples[-1].state in (State.TRACKING, State.REKEYED)
+    assert samples[-1].angle_deg is not None
+    assert samples[9].angle_deg is not None
+    assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)
+
+
+def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
+    tracker = SlipEstimator(specked(picture(None, 0), 0.25))
+    turns = [0.0] * 10 + [1.5 * i for i in range(28)]
+    images = (specked(picture(20.0 + turn, i + 1), 0.5) for i, turn in enumerate(turns))
+    samples = [tracker.update(image, round(i * 4e7)) for i, image in enumerate(images)]
     assert samples[-1].angle_deg is not None
     assert samples[9].angle_deg is not None
     assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)

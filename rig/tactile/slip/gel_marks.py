@@ -1,0 +1,79 @@
+"""Specks, scratches and cuts of the gel: seen in the background, they rest whatever an object does.
+
+Under a contact their look changes, and what changes there is crisp: it fits perfectly where it was, and says
+that nothing turned. Where the background has a mark, a frame shows what stands around it instead.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.contact.relative import DARK_OFFSET
+from rig.tactile.slip.height import Field
+
+# Widths as in `rig.tactile.slip.texture`, at its fineness, px: what is no mark but light is broader than the
+# first, what is noise narrower than the second.
+BROAD_PX, NARROW_PX = 4.0, 1.0
+# A mark changes so many times as much as what is around it (median of a square this wide, px) and as the
+# whole background: streaks of light and a codec's blocks stay below.
+TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
+# What changes by less, relative to the light, is nothing even where the rest is all alike.
+LEAST_CHANGE = 1e-3
+# A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is
+# so near, px.
+REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.0
+# With more of the background than this the gel is patterned, and there is nothing to fill from.
+MOST_SHARE = 0.05
+
+
+class GelMarks:
+    """The marks of one gel.
+
+    background: (H, W, 3) uint8 RGB. size: width and height of what is mended. fine: those at which marks
+    are looked for.
+    """
+
+    def __init__(self, background: Image, size: tuple[int, int], fine: tuple[int, int]) -> None:
+        marked = cv2.resize(found_marks(background, fine), size, interpolation=cv2.INTER_AREA) > 0
+        rim = cv2.dilate(marked.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
+        self._marked, self._rim = np.flatnonzero(marked), np.flatnonzero(rim & ~marked)
+        self._weights = _weights(self._marked, self._rim, size[0])
+
+    def mended(self, difference: Field) -> Field:
+        """Return a difference (h, w, 3) with its marks filled from around; without any, itself."""
+        if not len(self._marked):
+            return difference
+        pixels = difference.copy().reshape(-1, difference.shape[2])
+        pixels[self._marked] = self._weights @ pixels[self._rim]
+        return pixels.reshape(difference.shape)
+
+
+def found_marks(background: Image, fine: tuple[int, int]) -> Image:
+    """Return where a background has marks, (h, w), 255 or 0. fine: width and height looked at."""
+    light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
+    sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), BROAD_PX)) / (light + DARK_OFFSET)
+    sharp = cv2.GaussianBlur(sharp, (0, 0), NARROW_PX)
+    slopes = [cv2.Scharr(sharp, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
+    squares = np.sum(np.square(slopes), axis=(0, 3))
+    change = np.sqrt(np.maximum(cv2.blur(squares, (3, 3)), np.float32(0.0)))
+    overall = max(float(np.median(change)), LEAST_CHANGE)
+    levels = np.clip(change * (16.0 / overall), 0, 255).astype(np.uint8)
+    around = cv2.medianBlur(levels, AROUND_PX).astype(np.float32) * (overall / 16.0)
+    marked = (change > TIMES_AROUND * around) & (change > TIMES_OVERALL * overall)
+    reach = np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)
+    reached = np.asarray(cv2.dilate(255 * marked.astype(np.uint8), reach), np.uint8)
+    return np.zeros_like(reached) if np.count_nonzero(reached) > MOST_SHARE * reached.size else reached
+
+
+def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], width: int) -> NDArray[np.float32]:
+    """Return how much each pixel of the rim counts for each marked one, (M, R)."""
+    rows, columns = (
+        np.subtract.outer(one.astype(np.float32), other.astype(np.float32))
+        for one, other in zip(divmod(marked, width), divmod(rim, width), strict=True)
+    )
+    # Relative to the nearest, so that none is too far to count.
+    squares = rows**2 + columns**2
+    squares -= squares.min(axis=1, keepdims=True, initial=np.inf)
+    near = np.exp(-squares / (2.0 * FILL_PX**2))
+    return np.asarray(near / near.sum(axis=1, keepdims=True), np.float32)

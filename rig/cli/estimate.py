@@ -9,10 +9,7 @@ from rig.cli import common
 from rig.cli.common import JsonOption
 
 if TYPE_CHECKING:
-    from drivers.types import Image
-    from rig.frames.estimates import Estimate
-    from rig.frames.series import FrameSeries
-    from rig.tactile.estimators import EstimatorChoice
+    from rig.frames.estimation import Estimation, SeriesEstimate
 
 
 def estimate(
@@ -36,8 +33,16 @@ def estimate(
     reference_time: Annotated[
         str | None,
         typer.Option(
-            help="Time in s whose angle is zero. Default: the first frame of stable full contact (area "
-            "within 5 % over the next 5 frames and at least 80 % of its later level)."
+            help="Time in s whose angle is zero; without an angle there, the first answer from there on. "
+            "Default: the first frame of stable full contact (area within 5 % over the next 5 frames and "
+            "at least 80 % of its later level)."
+        ),
+    ] = None,
+    lift_from: Annotated[
+        str | None,
+        typer.Option(
+            help="Time in s at which the lift begins, which arms the slip alarm. Default: a session's own; "
+            "else when each contact has stopped growing (area within 5 % over 6 frames)."
         ),
     ] = None,
     estimator: Annotated[
@@ -68,119 +73,81 @@ def estimate(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Estimate how the contact turns in tactile images: a row `t_s,angle_deg,sigma_deg,state` per frame.
+    """Estimate how the contact turns in tactile images: a row per frame.
 
-    Angles are image angles, counter-clockwise positive as seen; a session's are the object's. A
-    field is empty where the estimator refuses. With --json and no --out the rows are in the JSON.
+    Columns: t_s; angle_deg and sigma_deg, from the zero; state; rate_deg_s; shift_x_px and shift_y_px, how
+    far the contact has moved since the zero, right and down; slip, 1 from the slip alarm on. Angles are image
+    angles, counter-clockwise positive as seen; a session's are the object's. A field is empty where the
+    estimator refuses or does not tell it. With --json and no --out the rows are in the JSON.
+
+    The alarm is armed by the lift: what turns while fingers still close is no slip. Where the lift's time is
+    not known, a contact that has stopped growing stands for it, and one that was gone for half a second
+    is a new grasp.
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv
+
+      rig estimate lift.avi --background first:10 --lift-from 2.4
 
       rig estimate frames/ --timestamps times.csv --reference-time 1.25
 
       rig estimate frames/ --background empty.png --estimator ellipse --json
 
     """
+    from rig.frames.estimation import Estimation
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
-    run = _Run(background, reference_time, choose_estimator(estimator, window), pixel_aspect)
+    choice = choose_estimator(estimator, window)
+    run = Estimation(choice, background, reference_time, lift_from, pixel_aspect)
     if is_session(frames):
         _session(frames, run, timestamps, fps, out, json)
     else:
         _series(frames, run, timestamps, fps, out, json)
 
 
-class _Run:
-    """One choice of estimator and background, applied to series after series."""
-
-    def __init__(
-        self,
-        background: str | None,
-        reference_time: str | None,
-        choice: "EstimatorChoice",
-        aspect: float | None,
-    ) -> None:
-        from drivers.errors import InputError
-        from rig.frames.times import parse_time
-        from rig.tactile.estimators import PUBLISHED, TOSKOV
-
-        if choice.name == TOSKOV:
-            raise InputError(
-                f"the estimator '{TOSKOV}' feels at the arm's wrist and frames do not tell that: use it in "
-                f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
-            )
-        self.background, self.choice, self.aspect = background, choice, aspect
-        self.published = choice.name.endswith(PUBLISHED)
-        self.reference = None if reference_time is None else parse_time(reference_time)
-        if reference_time is not None and self.reference is None:
-            raise InputError(f"--reference-time '{reference_time}' is not a time in s")
-        if self.published and self.reference is not None:
-            raise InputError(
-                f"{choice.name} takes its zero itself, as the script does: leave --reference-time out"
-            )
-
-    def apply(
-        self,
-        series: "FrameSeries",
-        own: "Image | None" = None,
-        sign: int = 1,
-        own_aspect: float | None = None,
-    ) -> tuple["Estimate", str]:
-        """Estimate a series, own being what its session knows of the sensor.
-
-        Returns the estimate and a note on its background.
-        """
-        from rig.frames.estimates import estimate_series, zeroed
-        from rig.frames.series import make_background
-
-        for note in series.notes:
-            common.say(note)
-        if own is not None and self.background is None:
-            background, note = own, "background: the session's own"
-        else:
-            background, note = make_background(self.background, series)
-        answers = estimate_series(series, self.choice.make(background, self.aspect or own_aspect))
-        return zeroed(answers, self.reference, self.published, 1 if self.published else sign), note
-
-
 def _series(
-    path: Path, run: _Run, timestamps: Path | None, fps: float | None, out: Path | None, json: bool
+    path: Path, run: "Estimation", timestamps: Path | None, fps: float | None, out: Path | None, json: bool
 ) -> None:
     """Estimate frames that are no session."""
     from rig.frames.estimates import rows, table
     from rig.frames.series import read_frames
 
-    result, note = run.apply(read_frames(path, timestamps, fps))
+    series = read_frames(path, timestamps, fps)
+    for note in series.notes:
+        common.say(note)
+    done = run.of_series(series)
     if out is not None:
-        _write(out, table(result))
+        _write(out, table(done.estimate))
     elif not json:
-        print(table(result), end="")
-    figures = _report(str(path), result, note, run)
+        print(table(done.estimate), end="")
+    figures = _report(str(path), done, run)
     if json:
-        samples = {"samples": rows(result)} if out is None else {"out": str(out)}
+        samples = {"samples": rows(done.estimate)} if out is None else {"out": str(out)}
         common.emit_json({**figures, **samples})
 
 
 def _session(
-    path: Path, run: _Run, timestamps: Path | None, fps: float | None, out: Path | None, json: bool
+    path: Path, run: "Estimation", timestamps: Path | None, fps: float | None, out: Path | None, json: bool
 ) -> None:
     """Estimate each lift and sensor of a session into a file of its own."""
     from drivers.errors import InputError
     from rig.frames.estimates import table
     from rig.frames.of_session import session_frames
 
-    if timestamps is not None or fps is not None:
-        raise InputError(f"{path} is a session, which has its own times: leave --timestamps and --fps out")
+    if timestamps is not None or fps is not None or run.lift is not None:
+        raise InputError(
+            f"{path} is a session, which has its own times: leave --timestamps, --fps and --lift-from out"
+        )
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
     tips, problems = session_frames(path)
     for tip in tips:
-        result, note = run.apply(tip.frames, tip.background, tip.sign, tip.aspect)
+        done = run.of_sensor(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
-        _write(file, table(result))
-        figures = _report(f"lift {tip.lift}, {tip.serial}", result, note, run)
+        _write(file, table(done.estimate))
+        figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if json:
         common.emit_json({"session": str(path), "out": str(out), "lifts": lifts})
@@ -197,26 +164,21 @@ def _write(file: Path, text: str) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
 
 
-def _report(what: str, result: "Estimate", background_note: str, run: _Run) -> dict[str, object]:
+def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, object]:
     """Say the summary on stderr and return it for JSON."""
     from dataclasses import asdict
 
-    from rig.frames.estimates import figures
-
-    found = figures(result)
-    if found.unreadable:
-        common.say(f"warning: {found.unreadable} frames could not be read; their rows say 'lost'")
-    if found.jumped:
-        common.say(
-            f"warning: the times of {found.jumped} frames jump from those around them; their rows say 'lost'"
-        )
+    found, warnings = done.figures, done.warnings
+    for warning in warnings:
+        common.say(f"warning: {warning}")
     refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
-    zero = "" if result.zero is None else f"{result.zero.text} s, "
-    common.say(background_note)
+    zero = "" if done.estimate.zero is None else f"{done.estimate.zero.text} s, "
+    slip = "" if found.slip_s is None else f"; slip at {found.slip_s:g} s"
+    common.say(done.background)
     common.say(
         f"{what}: {run.choice.name}, {found.frames} frames, {found.answered} answered, "
-        f"refused: {refused}; zero at {zero}{found.reference}; "
+        f"refused: {refused}; zero at {zero}{found.reference}{slip}; "
         f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
     )
-    settings = {"estimator": run.choice.name, "window": run.choice.window, "background": background_note}
-    return {"frames_from": what, **settings, **asdict(found)}
+    settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
+    return {"frames_from": what, **settings, **asdict(found), "warnings": warnings}

@@ -1,4 +1,4 @@
 """Anyone's tactile frames: read, timed, and what estimators and networks say of them.
 
-Imports estimators and sessions.
+Imports estimators, sessions and the slip alarm of `rig.lift`.
 """

@@ -11,14 +11,15 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.tally import StreamTimes
 from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
 from rig.tactile.contact.steadiness import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
-COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state")
+COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "shift_x_px", "shift_y_px", "slip")
 # The zero is the first frame of stable full contact: the contact's area stays, over it and the next frames,
 # as while an estimator lets it settle, and has reached this share of what it is from there on.
-STABLE_FRAMES, FULL_AREA = 6, 0.8
+FULL_AREA = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +33,18 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The answers for one series. angles_deg, sigmas_deg: from the zero, None where refused.
+    """The answers for one series, None where refused or not told.
 
-    zero: see `zeroed`.
+    angles_deg, sigmas_deg, shifts_px (x right, y down): from the zero, see `zeroed`. slips: whether the slip
+    alarm had been raised, see `rig.frames.slip_alarm`.
     """
 
     answers: tuple[Answer, ...]
     angles_deg: tuple[float | None, ...]
     sigmas_deg: tuple[float | None, ...]
+    rates_deg_s: tuple[float | None, ...]
+    shifts_px: tuple[tuple[float, float] | None, ...]
+    slips: tuple[bool | None, ...]
     zero: FrameTime | None
     zero_note: str
     unreadable: int
@@ -47,7 +52,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class EstimateFigures:
-    """What an estimate amounts to. refused: frames by state. median_ms, p99_ms: wall time per frame."""
+    """What an estimate amounts to. refused: frames by state. median_ms, p99_ms: wall time per frame.
+
+    slip_s: when the slip alarm was raised first; None where it was not.
+    """
 
     frames: int
     answered: int
@@ -56,6 +64,7 @@ class EstimateFigures:
     jumped: int
     reference_time_s: float | None
     reference: str
+    slip_s: float | None
     median_ms: float | None
     p99_ms: float | None
 
@@ -72,14 +81,26 @@ def _answer(frame: TimedFrame, estimator: TactileEstimator, in_time: bool) -> An
     return Answer(frame.time, estimator.update(frame.image, frame.time.time_ns))
 
 
+def lift_time(answers: Sequence[Answer], lift: FrameTime | None) -> int | None:
+    """Return a lift's time in ns, None where it is not known. Raises `InputError` outside the series."""
+    if lift is not None:
+        _check_within(answers, "--lift-from", lift)
+    return None if lift is None else lift.time_ns
+
+
 def zeroed(
-    answers: Sequence[Answer], reference: FrameTime | None, keep_zero: bool = False, sign: int = 1
+    answers: Sequence[Answer],
+    reference: FrameTime | None,
+    keep_zero: bool = False,
+    sign: int = 1,
+    lift_ns: int | None = None,
 ) -> Estimate:
     """Take the angles from the zero, the answer at the reference time or of the first stable contact.
 
     keep_zero leaves the estimator's own zero, as the published script has one. sign: +1, or -1 for
-    a fingertip that sees the object from behind. Where there is no angle at the reference time, the
-    first answer from there on is the zero. Raises `InputError` for a reference time outside the series.
+    a fingertip that sees the object from behind. lift_ns: when the lift began, where known. Where there is
+    no angle at the reference time, the first answer from there on is the zero. Raises `InputError` for a
+    reference time outside the series.
     """
     unreadable = sum(
         answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 and not answer.jumped
@@ -95,6 +116,9 @@ def zeroed(
         sigmas_deg=tuple(
             None if s.angle_deg is None else s.sigma_since(zero and zero.sample) for s in samples
         ),
+        rates_deg_s=tuple(None if s.rate_deg_s is None else sign * s.rate_deg_s for s in samples),
+        shifts_px=tuple(_shifted(s, zero and zero.sample) for s in samples),
+        slips=tuple(slips(samples, lift_ns)),
         zero=zero and zero.time,
         zero_note=note,
         unreadable=unreadable,
@@ -102,22 +126,12 @@ def zeroed(
 
 
 def rows(estimate: Estimate) -> list[dict[str, object]]:
-    """Return a row per frame: t_s (text as given), angle_deg, sigma_deg (None where refused), state."""
-    return [
-        {
-            "t_s": answer.time.text,
-            "angle_deg": None if angle is None else round(angle, 4),
-            "sigma_deg": _rounded(sigma),
-            "state": answer.sample.state.value,
-        }
-        for answer, angle, sigma in zip(
-            estimate.answers, estimate.angles_deg, estimate.sigmas_deg, strict=True
-        )
-    ]
+    """Return a row per frame: t_s (text as given), state, slip (0 or 1), figures; None where refused."""
+    return [_row(estimate, place) for place in range(len(estimate.answers))]
 
 
 def table(estimate: Estimate) -> str:
-    """Return the CSV text `t_s,angle_deg,sigma_deg,state`, empty fields where refused."""
+    """Return the rows as CSV text, empty fields where refused or not told."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -132,6 +146,7 @@ def figures(estimate: Estimate) -> EstimateFigures:
         for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
         if angle is None
     )
+    slip = next((a.time.text for a, s in zip(estimate.answers, estimate.slips, strict=True) if s), None)
     cost_ms = [1e3 * sum(a.sample.stage_s.values()) for a in estimate.answers if a.sample.stage_s]
     return EstimateFigures(
         frames=len(estimate.answers),
@@ -141,9 +156,33 @@ def figures(estimate: Estimate) -> EstimateFigures:
         jumped=sum(answer.jumped for answer in estimate.answers),
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
+        slip_s=None if slip is None else float(slip),
         median_ms=round(float(np.median(cost_ms)), 3) if cost_ms else None,
         p99_ms=round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
     )
+
+
+def _row(estimate: Estimate, place: int) -> dict[str, object]:
+    answer, slip = estimate.answers[place], estimate.slips[place]
+    x, y = estimate.shifts_px[place] or (None, None)
+    return {
+        "t_s": answer.time.text,
+        "angle_deg": _rounded(estimate.angles_deg[place]),
+        "sigma_deg": _rounded(estimate.sigmas_deg[place]),
+        "state": answer.sample.state.value,
+        "rate_deg_s": _rounded(estimate.rates_deg_s[place]),
+        "shift_x_px": _rounded(x),
+        "shift_y_px": _rounded(y),
+        "slip": None if slip is None else int(slip),
+    }
+
+
+def _shifted(sample: SlipSample, zero: SlipSample | None) -> tuple[float, float] | None:
+    """Return the shift since the zero; since the estimator's own reference where that has none."""
+    if sample.shift_px is None:
+        return None
+    x, y = (zero and zero.shift_px) or (0.0, 0.0)
+    return sample.shift_px[0] - x, sample.shift_px[1] - y
 
 
 def _rounded(value: float | None) -> float | None:
@@ -173,11 +212,7 @@ def _is_stable(areas: np.ndarray) -> bool:
 
 def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:
     """Return the frame nearest to the reference time, the first answer from there on where it has none."""
-    first, last = answers[0].time, answers[-1].time
-    if not first.time_ns <= reference.time_ns <= last.time_ns:
-        raise InputError(
-            f"--reference-time {reference.text}: the frames run from {first.text} to {last.text} s"
-        )
+    _check_within(answers, "--reference-time", reference)
     place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if place in answered:
@@ -187,3 +222,9 @@ def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | No
         return None, f"none: no frame was answered; {state} at --reference-time {reference.text}"
     instead = next((i for i in answered if i > place), answered[0])
     return instead, f"first answer; no angle ({state}) at --reference-time {reference.text}"
+
+
+def _check_within(answers: Sequence[Answer], option: str, time: FrameTime) -> None:
+    first, last = answers[0].time, answers[-1].time
+    if not first.time_ns <= time.time_ns <= last.time_ns:
+        raise InputError(f"{option} {time.text}: the frames run from {first.text} to {last.text} s")

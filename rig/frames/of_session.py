@@ -19,7 +19,7 @@ from rig.tactile.contact.background import mean_background
 class SessionSeries:
     """One fingertip in one lift: its sign, its frame without contact, its frames from phase A on.
 
-    aspect: width over height of its pixels on the gel, None where unknown.
+    aspect: width over height of its pixels on the gel, None where unknown. lift_ns: when the lift began.
     """
 
     lift: str
@@ -28,6 +28,7 @@ class SessionSeries:
     aspect: float | None
     background: Image
     frames: FrameSeries
+    lift_ns: int | None = None
 
 
 def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
@@ -46,7 +47,8 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
 
 
 def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:
-    grasp_ns = phase_times(recording)[Phase.GRASP]
+    phases = phase_times(recording)
+    grasp_ns = phases[Phase.GRASP]
     reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
 
     def read() -> Iterator[TimedFrame]:
@@ -55,6 +57,6 @@ def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> Se
                 time = FrameTime(seconds_text(frame.time_ns), frame.time_ns)
                 yield TimedFrame(f"frame {frame.sequence}", time, frame.image)
 
-    return SessionSeries(
-        recording.stem, serial, sign, aspect, mean_background(reference), FrameSeries(str(recording), read)
-    )
+    frames = FrameSeries(str(recording), read)
+    background = mean_background(reference)
+    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, phases[Phase.LIFT])

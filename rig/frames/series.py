@@ -99,7 +99,7 @@ def size_text(shape: tuple[int, ...]) -> str:
 
 
 def _auto(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
-    frames = _spread(series)
+    frames = spread_images(series, MAX_FRAMES)
     if spec is None and len(frames) < ENOUGH_FRAMES:
         raise InputError(f"{series.name}: {len(frames)} frames make no background: give --background IMAGE")
     note = "background: made from the frames themselves (auto)"
@@ -118,14 +118,14 @@ def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
     return mean_background(images), f"background: mean of the first {count} frames"
 
 
-def _spread(series: FrameSeries) -> list[Image]:
-    """Return frames evenly spread over a series of unknown length, 60 to 120 of a long one."""
+def spread_images(series: FrameSeries, least: int) -> list[Image]:
+    """Return frames evenly spread over a series of unknown length, `least` to twice as many of a long one."""
     kept: list[Image] = []
     step = 1
     for index, image in enumerate(series.images()):
         if index % step == 0:
             kept.append(image)
-        if len(kept) > 2 * MAX_FRAMES:
+        if len(kept) > 2 * least:
             kept, step = kept[::2], 2 * step
     return kept
 

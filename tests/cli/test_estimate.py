@@ -78,7 +78,7 @@ def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
         "--estimator", "ellipse",
     )  # fmt: skip
     assert done.error is None
-    assert done.out.splitlines()[0] == "t_s,angle_deg,sigma_deg,state"
+    assert done.out.splitlines()[0] == ("t_s,angle_deg,sigma_deg,state,rate_deg_s,shift_x_px,shift_y_px,slip")
     assert [row["t_s"] for row in done.rows] == [f"{100 + i / 60:.4f}" for i in range(20)]
     assert [row["state"] for row in done.rows][:3] == ["no_contact", "no_contact", "tracking"]
     assert [row["angle_deg"] for row in done.rows][:2] == ["", ""]
@@ -111,6 +111,51 @@ def test_without_an_angle_at_the_reference_time_the_first_answer_is_zero(lift: P
     assert done.rows[2]["angle_deg"] == "0.0"
     assert float(done.rows[-1]["angle_deg"]) == pytest.approx(20.0, abs=1.5)
     assert "first answer; no angle (no_contact) at --reference-time 0.0" in done.said
+
+
+def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> None:
+    done = estimate(lift / "frames", "--background", lift / "bare.png")
+    assert done.error is None
+    assert [row["slip"] for row in done.rows[:10]] == ["0"] * 10, "not while the contact grows or rests"
+    assert done.rows[-1]["slip"] == "1"
+    assert float(done.rows[-1]["rate_deg_s"]) == pytest.approx(120, rel=0.3), "2 degrees a frame at 60 Hz"
+    x, y = ([float(row[name]) for row in done.rows[9:]] for name in ("shift_x_px", "shift_y_px"))
+    assert max(x) - min(x) < 1.0, "it turns about its middle"
+    assert max(y) - min(y) < 1.0
+    assert (done.rows[4]["shift_x_px"], done.rows[4]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
+    assert [done.rows[0][name] for name in ("rate_deg_s", "shift_x_px", "slip")] == ["", "", "0"]
+    assert "; slip at 0.1" in done.said
+
+
+def test_an_estimator_that_tells_no_rate_raises_no_alarm(lift: Path) -> None:
+    done = estimate(lift / "frames", "--background", lift / "bare.png", "--estimator", "pca")
+    assert {(row["rate_deg_s"], row["slip"]) for row in done.rows} == {("", "")}
+
+
+def test_the_alarm_is_armed_when_the_lift_begins(lift: Path) -> None:
+    late = estimate(lift / "frames", "--background", lift / "bare.png", "--lift-from", "0.25", "--json")
+    soon = estimate(lift / "frames", "--background", lift / "bare.png", "--lift-from", "0.15", "--json")
+    assert 0.25 < json.loads(late.out)["slip_s"] < 0.3
+    assert 0.15 < json.loads(soon.out)["slip_s"] < 0.22
+
+
+def test_what_is_doubtful_is_said_and_the_table_is_written_all_the_same(lift: Path) -> None:
+    done = estimate(lift / "frames", "--background", lift / "frames" / "f9.png", "--json")
+    figures = json.loads(done.out)
+    assert done.error is None
+    assert len(figures["samples"]) == 20
+    assert any("the background seems to show a contact" in warning for warning in figures["warnings"])
+    assert "warning: the background seems to show a contact" in done.said
+    sound = estimate(lift / "frames", "--background", lift / "bare.png", "--json")
+    assert json.loads(sound.out)["warnings"] == []
+
+
+def test_a_clip_without_any_contact_is_named(blank: Image, tmp_path: Path) -> None:
+    for i in range(10):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), blank[..., ::-1])
+    done = estimate(tmp_path, "--background", "first:3")
+    assert done.error is None
+    assert "warning: no frame shows a contact" in done.said
 
 
 def test_the_background_is_made_from_the_frames_when_none_is_given(lift: Path) -> None:
@@ -158,6 +203,8 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
         (("--background", "nowhere.png"), "nowhere.png"),
         (("--reference-time", "soon"), "'soon' is not a time"),
         (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.316667"),
+        (("--background", "first:2", "--lift-from", "99"), "--lift-from 99: the frames run from 0.000000"),
+        (("--lift-from", "soon"), "--lift-from 'soon' is not a time"),
         (("--timestamps", "nowhere.csv"), "nowhere.csv"),
         (("--timestamps", "a.csv", "--fps", "30"), "give one of them"),
         (("--fps", "0"), "no frame rate"),
@@ -208,6 +255,7 @@ def test_a_session_gives_a_table_per_lift_and_sensor_of_the_objects_angle(sessio
 def test_a_session_needs_a_folder_and_has_its_own_times(session: Path) -> None:
     assert "give --out FOLDER" in (estimate(session).error or "")
     assert "has its own times" in (estimate(session, "--fps", 60, "--out", session / "x").error or "")
+    assert "--lift-from out" in (estimate(session, "--lift-from", 1, "--out", session / "x").error or "")
 
 
 def test_real_contacts_are_estimated_with_an_automatic_background(real_data: Path, tmp_path: Path) -> None:

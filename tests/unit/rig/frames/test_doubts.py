@@ -1,0 +1,86 @@
+"""Backgrounds with a contact in them and first frames from before are named, sound ones are not."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.frames.doubts import background_doubts, frame_doubts
+from rig.frames.series import FrameSeries, TimedFrame, make_background
+from rig.frames.times import FrameTime
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+
+def series(images: Sequence[Image]) -> FrameSeries:
+    frames = [
+        TimedFrame(str(i), FrameTime(f"{i / 60}", i * 16_666_667), image) for i, image in enumerate(images)
+    ]
+    return FrameSeries("drawn", lambda: iter(frames))
+
+
+@pytest.fixture
+def lift(press: Draw) -> list[Image]:
+    """Six frames without contact, then a contact that turns and leaves."""
+    free = [press(None, seed=i) for i in range(6)]
+    turning = [press(10 + 4 * i, (85, 25), seed=10 + i) for i in range(14)]
+    return [*free, *turning, *[press(None, seed=40 + i) for i in range(6)]]
+
+
+def test_a_sound_background_raises_no_doubt(lift: list[Image], blank: Image) -> None:
+    assert background_doubts("bare.png", blank, series(lift)) == []
+    background, _ = make_background("first:6", series(lift))
+    assert background_doubts("first:6", background, series(lift)) == []
+    assert background_doubts("auto", lift[10], series(lift)) == [], "auto is made from the frames themselves"
+    assert background_doubts(None, lift[10], series(lift)) == []
+
+
+@pytest.mark.parametrize("place", [6, 10, 15])
+def test_a_background_with_a_contact_in_it_is_named(lift: list[Image], place: int) -> None:
+    (doubt,) = background_doubts("bare.png", lift[place], series(lift))
+    assert "the background seems to show a contact" in doubt
+    assert "--background auto" in doubt
+
+
+def test_a_clip_that_begins_in_contact_is_named(lift: list[Image]) -> None:
+    begins = series(lift[8:])
+    background, _ = make_background("first:1", begins)
+    assert background_doubts("first:1", background, begins)
+
+
+def test_a_contact_that_begins_among_the_first_frames_is_named(lift: list[Image]) -> None:
+    background, _ = make_background("first:8", series(lift))
+    (doubt,) = background_doubts("first:8", background, series(lift))
+    assert "--background first:8 are not alike" in doubt
+
+
+def test_other_light_than_the_backgrounds_is_no_contact(lift: list[Image], press: Draw) -> None:
+    dim = press(None, seed=99, light=(0.8, 0.9, 0.85))
+    assert background_doubts("bare.png", dim, series(lift)) == []
+
+
+def test_a_first_frame_that_is_sound_raises_no_doubt(lift: list[Image]) -> None:
+    assert frame_doubts(series(lift)) == []
+    assert frame_doubts(series(lift[8:])) == [], "a contact from the first frame on is no stale frame"
+    assert frame_doubts(series(lift[:3])) == []
+
+
+def test_a_dark_first_frame_is_named(lift: list[Image]) -> None:
+    dark = (lift[0] * 0.3).astype(np.uint8)
+    (doubt,) = frame_doubts(series([dark, *lift]))
+    assert "the first frame is dark" in doubt
+    assert frame_doubts(series([(lift[0] * 0.85).astype(np.uint8), *lift])) == []
+
+
+def test_a_first_frame_from_before_is_named(lift: list[Image]) -> None:
+    (doubt,) = frame_doubts(series([lift[12], *lift]))
+    assert "something else than those after it" in doubt
+
+
+def test_a_contact_that_grows_from_the_second_frame_on_is_not_taken_for_one(
+    lift: list[Image], press: Draw
+) -> None:
+    growing = [press(15, (20 + 12 * i, 10 + 4 * i), seed=60 + i) for i in range(6)]
+    assert frame_doubts(series([lift[0], *growing])) == []

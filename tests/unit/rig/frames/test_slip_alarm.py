@@ -1,0 +1,104 @@
+"""The slip alarm over a recording: armed by the lift, never by the grasp."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from rig.frames.slip_alarm import STABLE_FRAMES, slips
+from rig.tactile.sample import SlipSample, State
+
+STEP_NS = 20_000_000
+
+
+def samples(areas: Sequence[float], angles: Sequence[float | None]) -> list[SlipSample]:
+    """Answers 20 ms apart; the rate is that of the angles."""
+    found, last = [], 0.0
+    for i, (area, angle) in enumerate(zip(areas, angles, strict=True)):
+        state = State.TRACKING if area else State.NO_CONTACT
+        rate = None if angle is None else (angle - last) / (STEP_NS * 1e-9)
+        found.append(SlipSample(i * STEP_NS, state, angle, rate_deg_s=rate, contact_area_px=area))
+        last = last if angle is None else angle
+    return found
+
+
+GRASP = [0.0, 0.0, 100.0, 200.0, 400.0, 700.0]
+"""Areas while the fingers close; the contact turns by 3 degrees meanwhile."""
+TURNED = [None, None, 0.0, 1.0, 2.0, 3.0]
+REST = 20
+SLIP = [3.0 + 0.3 * i for i in range(1, 11)]
+
+
+def a_lift() -> list[SlipSample]:
+    return samples([*GRASP, *[700.0] * (REST + len(SLIP))], [*TURNED, *[3.0] * REST, *SLIP])
+
+
+def first(slipped: Sequence[bool | None]) -> int | None:
+    return next((i for i, now in enumerate(slipped) if now), None)
+
+
+def test_a_turn_while_the_contact_grows_is_no_slip() -> None:
+    raised = first(slips(a_lift()))
+    assert raised is not None
+    assert len(GRASP) + REST < raised < len(GRASP) + REST + 4
+    assert first(slips(a_lift()[: len(GRASP) + REST])) is None
+
+
+def test_once_raised_it_stays_raised() -> None:
+    slipped = slips(a_lift())
+    assert all(slipped[first(slipped) :])
+    assert not any(slipped[: first(slipped)])
+
+
+def test_a_known_lift_arms_the_alarm_and_nothing_before_it() -> None:
+    told = a_lift()
+    begin = len(GRASP) + REST + 5
+    raised = first(slips(told, begin * STEP_NS))
+    assert raised is not None
+    assert raised > begin
+    assert first(slips(told, len(told) * STEP_NS)) is None
+    assert first(slips(told, 0)) == 3, "the grasp's own turn, for whoever says that the lift began before it"
+
+
+def test_a_contact_that_never_settles_arms_nothing() -> None:
+    areas = [100.0 * 1.08**i for i in range(30)]
+    assert first(slips(samples(areas, [0.5 * i for i in range(30)]))) is None
+
+
+def test_a_new_grasp_disarms_it_again() -> None:
+    gone = [0.0] * 30
+    again = samples(
+        [*GRASP, *[700.0] * (REST + len(SLIP)), *gone, *GRASP[2:], *[700.0] * REST],
+        [*TURNED, *[3.0] * REST, *SLIP, *[None] * 30, *[9.0, 10.0, 11.0, 12.0], *[12.0] * REST],
+    )
+    slipped = slips(again)
+    assert slipped[len(a_lift()) - 1]
+    assert not any(slipped[len(a_lift()) + 30 :])
+
+
+def test_a_short_gap_is_the_same_grasp() -> None:
+    told = a_lift()
+    gap = len(GRASP) + STABLE_FRAMES + 2
+    for i in range(gap, gap + 5):
+        told[i] = SlipSample(told[i].time_ns, State.NO_CONTACT)
+    assert first(slips(told)) == first(slips(a_lift()))
+
+
+def test_noise_at_rest_is_no_slip() -> None:
+    import numpy as np
+
+    noise = np.random.default_rng(1).normal(0.0, 0.05, 400)
+    areas = [*GRASP, *[700.0] * 400]
+    assert first(slips(samples(areas, [*TURNED, *(3.0 + noise)]))) is None
+
+
+def test_an_estimator_without_a_rate_raises_none() -> None:
+    told = [SlipSample(i * STEP_NS, State.TRACKING, float(i), contact_area_px=100.0) for i in range(30)]
+    assert slips(told) == [None] * 30
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_direction_of_a_slip_does_not_matter(sign: int) -> None:
+    told = samples([700.0] * 40, [0.0] * 20 + [sign * 0.4 * i for i in range(20)])
+    raised = first(slips(told))
+    assert raised is not None
+    assert 20 < raised < 25

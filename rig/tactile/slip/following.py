@@ -4,6 +4,7 @@ A keyframe is placed where its own frame is, as uncertain as it is there. Where 
 waited out; what may have turned meanwhile is what the last rate leaves open.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -37,6 +38,9 @@ PATIENCE_FRAMES = 12
 GIVE_UP_S, DEFERRED_FRAMES = 0.25, 2
 # Where the texture does not lead it is looked at so often.
 TEXTURE_PERIOD_S = 0.055
+# Where a frame tells its angle worse than the first, as of a smooth bulge, the object may turn at the second
+# unseen.
+BLIND_RAD, BLIND_RATE_RAD_S = math.radians(2.2), math.radians(40.0)
 AXIS, TEXTURE = "axis check", "texture"
 
 
@@ -93,6 +97,9 @@ class ContactFollower:
             watch.lap(AXIS)
         if tracked is None:
             return self._missed(seen, watch)
+        if tracked.own_rad > BLIND_RAD:
+            self._blind_rad += BLIND_RATE_RAD_S * (seen.time_ns - self._fitted_ns) / NS_PER_S
+        tracked = replace(tracked, doubt=tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2)
         self._fitted_ns, self._misses = seen.time_ns, 0
         renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
         watch.lap("keyframe")
@@ -213,7 +220,7 @@ class ContactFollower:
         self._grasp: KeyframeTracker | None = None
         self._map: LearntGradientMap | None = None
         self._settling = Settling()
-        self._patience, self._misses = 0, 0
+        self._patience, self._misses, self._blind_rad = 0, 0, 0.0
         self.point_px = self.origin_px = 0j
         self._motion.restart()
 

@@ -51,12 +51,14 @@ LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
 class Belief:
     """A pose of the contact, the variance of its angle (rad^2), and what the key in use says for it.
 
-    doubt: what other turns that fit nearly as well add to the variance, rad^2.
+    own_rad: one standard deviation of what the frame says, without its key's. doubt: what other turns that
+    fit nearly as well add to the variance, rad^2.
     """
 
     pose: ContactPose
     variance: float
     motion: Motion
+    own_rad: float
     doubt: float = 0.0
 
 
@@ -171,14 +173,16 @@ class _Witness:
         angle_rad, shift_px = self._evidence.align(angle_rad, shift_px, weighting, iterations)
         motion = self._evidence.judged(angle_rad, shift_px)
         pose = self._key.pose_after(angle_rad, shift_px)
-        return Belief(pose, _variance(self._key, motion), motion)
+        own = sigma_alone(self._key, motion)
+        # What rests pulls every key of a chain the same way: errors add up, not only the squares of them.
+        variance = (math.sqrt(self._key.variance) + own) ** 2 + LEAST_SIGMA_RAD**2
+        return Belief(pose, variance, motion, own)
 
 
-def _variance(key: Key, motion: Motion) -> float:
-    """Return the variance of a motion's angle, rad^2.
+def sigma_alone(key: Key, motion: Motion) -> float:
+    """Return one standard deviation of a motion's angle, rad.
 
-    A turn that changes the slopes little is told by them badly, however well they fit. What rests pulls
-    every key of a chain the same way: their errors add up, not only the squares of them.
+    A turn that changes the slopes little is told by them badly, however well they fit.
     """
     told = (
         (SLOPES_SIGMA_RAD / math.sqrt(key.frame.contrast), motion.slopes),
@@ -188,7 +192,7 @@ def _variance(key: Key, motion: Motion) -> float:
     for sigma, correlation in told:
         explained = min(max(correlation, LEAST_CORRELATION) ** 2, 1.0 - LEAST_MISFIT)
         known += explained / ((1.0 - explained) * sigma**2)
-    return (math.sqrt(key.variance) + 1.0 / math.sqrt(known)) ** 2 + LEAST_SIGMA_RAD**2
+    return 1.0 / math.sqrt(known)
 
 
 def _more_than(motion: Motion) -> float:
@@ -215,4 +219,4 @@ def _together(belief: Belief, found: Belief) -> Belief:
     share = belief.variance / total
     point = belief.pose.point_px + share * (found.pose.point_px - belief.pose.point_px)
     pose = ContactPose(belief.pose.angle_rad + share * gap, point)
-    return Belief(pose, belief.variance * found.variance / total, belief.motion)
+    return replace(belief, pose=pose, variance=belief.variance * found.variance / total)

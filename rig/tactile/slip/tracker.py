@@ -47,7 +47,7 @@ class Tracked:
 
     variance: of the angle, rad^2. inherited: the part of it that was there when the key was taken. doubt:
     what other turns add to it that fit nearly as well. alignment: of the slopes. motion: where the texture
-    led, what speaks for it, else None.
+    led, what speaks for it, else None. own_rad: there, one standard deviation of what this frame says alone.
     """
 
     pose: ContactPose
@@ -56,6 +56,7 @@ class Tracked:
     inherited: float
     alignment: Alignment | None = None
     motion: Motion | None = None
+    own_rad: float = 0.0
     doubt: float = 0.0
 
     @property
@@ -126,7 +127,13 @@ class KeyframeTracker:
             key = self._keys[-1]
             inherited = min(key.variance, belief.variance)
             found = Tracked(
-                belief.pose, key, belief.variance, inherited, motion=belief.motion, doubt=belief.doubt
+                belief.pose,
+                key,
+                belief.variance,
+                inherited,
+                motion=belief.motion,
+                own_rad=belief.own_rad,
+                doubt=belief.doubt,
             )
         return None if found is None else self._accept(found)
 

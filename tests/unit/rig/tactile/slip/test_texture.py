@@ -1,6 +1,8 @@
 """The texture of a contact: what is fine in it, whatever its colours, and which way it runs."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -8,8 +10,11 @@ import pytest
 
 from drivers.types import Image
 from rig.tactile.sample import State
+from rig.tactile.slip import following
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.height import Field
+from rig.tactile.slip.judge import sigma_alone
 from rig.tactile.slip.texture import (
     FEWEST_POINTS,
     TextureField,
@@ -123,3 +128,28 @@ def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
     assert samples[-1].angle_deg is not None
     assert samples[9].angle_deg is not None
     assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)
+
+
+@pytest.mark.parametrize(("blind_deg", "sigma_deg"), [(90.0, (0.0, 5.0)), (0.0, (25.0, 60.0))])
+def test_frames_that_tell_little_leave_open_what_an_object_may_turn_meanwhile(
+    blind_deg: float, sigma_deg: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(following, "BLIND_RAD", math.radians(blind_deg))
+    tracker = SlipEstimator(picture(None, 0))
+    turns = [0.0] * 10 + [1.5 * i for i in range(28)]
+    samples = [tracker.update(picture(20.0 + t, i + 1), round(i * 4e7)) for i, t in enumerate(turns)]
+    assert samples[-1].sigma_deg is not None
+    assert sigma_deg[0] < samples[-1].sigma_deg < sigma_deg[1]
+
+
+def test_slopes_that_a_turn_changes_little_and_textures_that_fit_badly_tell_less() -> None:
+    def sigma(contrast: float, slopes: float, texture: float) -> float:
+        key: Any = SimpleNamespace(frame=SimpleNamespace(contrast=contrast))
+        return sigma_alone(key, Motion(0.0, 0j, slopes, texture))
+
+    edge, egg = sigma(20.0, 0.93, 0.9), sigma(0.5, 0.93, 0.5)
+    assert edge < math.radians(1.0) < math.radians(3.0) < egg
+    assert sigma(20.0, 0.93, 0.5) > edge
+    assert sigma(20.0, 0.5, 0.9) > edge
+    assert math.isfinite(sigma(0.2, -1.0, 0.0))
+    assert sigma(20.0, 1.0, 1.0) > 0.0

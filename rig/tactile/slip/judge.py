@@ -66,7 +66,7 @@ class Judge:
     """Weighs the motions of one grasp, frame by frame."""
 
     def __init__(self) -> None:
-        self._turn = 0
+        self._turn, self._aside = 0, False
         self._elsewhere_rad: float | None = None
         self._doubts: dict[int, tuple[float, float]] = {}
 
@@ -89,6 +89,7 @@ class Judge:
         if newest is None:
             return None
         alone = None if by_slopes is None else newest.motion_to(by_slopes)
+        aside_before, self._aside = self._aside, False
         belief = self._by_newest(newest, expected, last)
         if alone is not None and belief.motion.evidence < alone.evidence + _more_than(alone):
             return None
@@ -99,6 +100,10 @@ class Judge:
                 found = older.best(belief.pose)
                 first, by_first = (older, found) if key is keys[0] else (first, by_first)
                 belief = _together(belief, found)
+        # A frame with other starts has cost enough; the one after it looks elsewhere in any case.
+        if self._aside and not aside_before:
+            return replace(belief, doubt=self._doubt())
+        self._aside = False
         return self._elsewhere(first, by_first.motion.evidence, belief)
 
     def _by_newest(self, newest: "_Witness", expected: ContactPose, last: ContactPose) -> Belief:
@@ -114,6 +119,7 @@ class Judge:
                 *(newest.tried(start, TOGETHER) for start in (last, ahead, behind)),
             )
             other = newest.best(max(others, key=lambda b: b.motion.evidence).pose)
+            self._aside = True
             found = max((found, other), key=lambda b: b.motion.evidence)
         if abs(found.pose.angle_rad - last.angle_rad) > MAX_JUMP_RAD:
             return replace(found, motion=replace(found.motion, slopes=0.0, texture=0.0))

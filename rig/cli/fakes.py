@@ -16,7 +16,7 @@ ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that '
 @fakes.command("serve")
 def serve(
     bench: Annotated[
-        str, typer.Option("--bench", help="wire, or a bench file with [fakes]: which devices, where.")
+        str, typer.Option("--bench", help="wire, or a bench file with \\[fakes]: which devices, where.")
     ] = "wire",
     host: Annotated[
         str, typer.Option("--host", help="Loopback address; another one for a second bench.")

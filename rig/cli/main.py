@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import suppress
+from typing import Annotated
 
 import typer
 
@@ -34,12 +35,33 @@ from rig.cli.trial import trial
 app = typer.Typer(
     name="rig",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
     "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        from rig.sessions.manifest import DISTRIBUTION
+
+        print(f"rig {version(DISTRIBUTION)}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    del version
+
+
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
 for command in (estimate, segment, label, label_angle, train, train_angle, doctor):

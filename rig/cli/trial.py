@@ -46,7 +46,8 @@ def trial(
         ),
     ] = None,
     max_mare: Annotated[
-        float | None, typer.Option("--max-mare", help="Exit 4 when the MARE over B and C is above, degrees.")
+        float | None,
+        typer.Option("--max-mare", min=0.0, help="Exit 4 when the MARE over B and C is above, degrees."),
     ] = None,
     no_skip: Annotated[
         bool,

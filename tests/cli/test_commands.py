@@ -93,6 +93,22 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -
         assert word in last
 
 
+def test_the_version_help_and_completion_are_where_they_are_looked_for() -> None:
+    told = rig("--version")
+    assert told.returncode == 0
+    assert told.stdout.split()[0] == "rig"
+    assert told.stdout.split()[1][0].isdigit()
+    assert rig("trial", "-h").stdout == rig("trial", "--help").stdout
+    assert "--install-completion" in rig("-h").stdout
+    assert "[fakes]" in " ".join(rig("fakes", "serve", "-h").stdout.split())
+
+
+def test_a_limit_below_zero_is_refused() -> None:
+    done = rig("trial", "--max-mare", "-1")
+    assert done.returncode == 2
+    assert "greater than or equal to 0" in done.stderr
+
+
 def test_unknown_things_are_refused_with_what_exists(tmp_path: Path) -> None:
     out = str(tmp_path / "s")
     one_line(process("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")

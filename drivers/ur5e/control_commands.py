@@ -66,6 +66,10 @@ class ControlCommands:
         self._control = control
         self._watchdog = watchdog
 
+    def tcp(self) -> Sequence[float]:
+        """The TCP that the controller has."""
+        return self._control.getTCPOffset()
+
     def set_tcp(self, flange_tcp: Sequence[float]) -> TcpSetting:
         """Set the TCP, and read it back."""
         return TcpSetting(self._control.setTcp(flange_tcp), self._control.getTCPOffset())

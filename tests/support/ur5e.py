@@ -17,6 +17,7 @@ from drivers.ur5e.arm import UR5e
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
+from fakes.wire.ur.robot import INSTALLED_COG_M, INSTALLED_KG
 from fakes.world.world import BenchLayout, World
 
 DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -35,8 +36,8 @@ def make_controller(version: str = "5.11.0") -> URController:
     return URController(world, SimulatedClock(realtime=True), host, version, release_after_s=0.5)
 
 
-def make_arm(host: str, payload_kg: float = 1.8) -> UR5e:
-    return UR5e(host, LIMITS, Pose((0.0, 0.0, TOOL_LENGTH_M)), payload_kg, (0.0, 0.0, 0.08))
+def make_arm(host: str, payload_kg: float = INSTALLED_KG) -> UR5e:
+    return UR5e(host, LIMITS, Pose((0.0, 0.0, TOOL_LENGTH_M)), payload_kg, INSTALLED_COG_M)
 
 
 def agree(question: str) -> None:

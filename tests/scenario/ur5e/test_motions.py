@@ -10,6 +10,7 @@ import pytest
 from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
+    OperatorStopError,
     OutOfLimitsError,
 )
 from drivers.types import Pose
@@ -17,7 +18,8 @@ from drivers.ur5e.arm import UR5e
 from drivers.ur5e.dashboard import Dashboard
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from support.ur5e import HOME, make_arm, make_controller, stands
+from fakes.wire.ur.frames import from_ur
+from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
@@ -44,7 +46,6 @@ def test_a_motion_on_either_version(version: str) -> None:
 
 def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
     assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=1e-9)
-    assert controller.robot.bank.get("payload") == 1.8
     assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
 
@@ -169,3 +170,39 @@ def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
     assert 0 <= time.monotonic_ns() - arm.state().time_ns < 200_000_000
     assert arm.counters()["samples"] > 0
     assert arm.clock_offset_s() < 0.0
+
+
+def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
+    controller: URController,
+) -> None:
+    installed = controller.robot.body.payload_kg
+    arm = make_arm(controller.host, payload_kg=1.8)
+    arm.connect()
+    assert controller.robot.body.payload_kg == installed
+    with pytest.raises(DeviceError, match=r"2\.500 kg instead of 1\.800 kg"):
+        arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
+
+    def refuse(question: str) -> None:
+        raise OperatorStopError(question)
+
+    with pytest.raises(OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*shall it be set"):
+        arm.recover(refuse)
+    assert controller.robot.body.payload_kg == installed
+    assert "3" not in controller.snapshot()["commands"], "no motion was sent"
+    arm.recover(agree)
+    assert controller.robot.body.payload_kg == 1.8
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.recover(lambda question: pytest.fail(question))
+    arm.disconnect()
+
+
+def test_a_tcp_of_another_installation_is_asked_about(controller: URController) -> None:
+    ours = controller.robot.body.tool
+    controller.robot.set_tool(from_ur((0.0, 0.0, 0.20, 0.0, 0.0, 0.0)))
+    arm = make_arm(controller.host)
+    arm.connect()
+    asked: list[str] = []
+    arm.recover(asked.append)
+    assert "TCP (0, 0, 0.2, 0, 0, 0) instead of (0, 0, 0.28, 0, 0, 0)" in asked[0]
+    assert controller.robot.body.tool == pytest.approx(ours)
+    arm.disconnect()

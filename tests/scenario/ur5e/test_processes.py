@@ -53,7 +53,7 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
         "from drivers.types import Pose\n"
         "from drivers.ur5e.arm import UR5e\n"
         "from fakes.devices.arm import LIMITS\n"
-        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 1.8, (0, 0, 0.08))\n"
+        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))\n"
         "arm.connect()\n"
         "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
         "print(arm._link._listener._process.pid, arm._link.control._process._process.pid, flush=True)\n"

@@ -62,7 +62,8 @@ class ArmState:
 
     `base_T_tcp` is the tool centre point in the base frame, `joints_rad` the six joint angles,
     `wrench` force (N) and torque (N m) at the TCP in base axes, `time_ns` the monotonic time at
-    which the controller sampled it.
+    which the controller sampled it. `speed_fraction`: at which share of their speed motions run (the
+    speed slider on the pendant), None where nothing tells.
     """
 
     time_ns: int
@@ -70,6 +71,7 @@ class ArmState:
     joints_rad: Vector6
     wrench: Vector6
     mode: ArmMode
+    speed_fraction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

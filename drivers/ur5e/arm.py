@@ -19,7 +19,7 @@ from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_numbe
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
-from drivers.ur5e.probe import Version, probe_controller
+from drivers.ur5e.probe import Version, probe_controller, read_speed_fraction
 from drivers.ur5e.setup import ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
@@ -115,6 +115,7 @@ class UR5e(Arm):
             joints_rad=sample.joints_rad,
             wrench=sample.wrench,
             mode=arm_mode(sample),
+            speed_fraction=sample.speed_fraction,
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> ArmMotion:  # noqa: N803
@@ -189,6 +190,10 @@ class UR5e(Arm):
             confirm("The arm's control program was ended. Shall it be started again? Nothing will move.")
         self._take_over(link)
         self._tool.agree(link, confirm)
+
+    def speed_fraction(self) -> float:
+        """Where the speed slider on the pendant stands, 0 to 1; also before `connect`."""
+        return read_speed_fraction(self._host, PROBE_S)
 
     def zero_force_sensor(self) -> None:
         """Take the present force as zero; only out of contact, and only when the arm stands still.

@@ -206,3 +206,16 @@ def test_a_tcp_of_another_installation_is_asked_about(controller: URController) 
     assert "TCP (0, 0, 0.2, 0, 0, 0) instead of (0, 0, 0.28, 0, 0, 0)" in asked[0]
     assert controller.robot.body.tool == pytest.approx(ours)
     arm.disconnect()
+
+
+def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controller: URController) -> None:
+    arm = make_arm(controller.host)
+    assert arm.speed_fraction() == 1.0
+    controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.4})
+    assert arm.speed_fraction() == 0.4
+    assert "3" not in controller.snapshot()["commands"]
+    arm.connect()
+    assert arm.state().speed_fraction == 0.4
+    controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.7})
+    until(lambda: arm.state().speed_fraction == 0.7)
+    arm.disconnect()

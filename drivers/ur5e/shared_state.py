@@ -5,6 +5,7 @@ the newest, then counts. Reading costs no lock, no message, and never waits for 
 may be stopped in the middle of a sample for as long as the system likes.
 """
 
+import contextlib
 import mmap
 import os
 import struct
@@ -17,7 +18,9 @@ from drivers.types import Vector3
 # another process could read a count that never was.
 _COUNT = struct.Struct("@Q")
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
-_SIZE = _COUNT.size + 2 * _SAMPLE.size
+_LOOKED = _COUNT.size + 2 * _SAMPLE.size
+"""Place of the last look, a whole word."""
+_SIZE = _LOOKED + _COUNT.size
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -80,6 +83,15 @@ class SharedState:
             *(sample.samples, sample.gaps),
         )
         _COUNT.pack_into(self._memory, 0, count + 1)
+
+    def look(self, time_ns: int) -> None:
+        """Say that the program that drives the arm looks at it now, monotonic time."""
+        with contextlib.suppress(ValueError):  # closed
+            _COUNT.pack_into(self._memory, _LOOKED, time_ns)
+
+    def looked_ns(self) -> int:
+        """When it looked last; 0 before the first time."""
+        return int(_COUNT.unpack_from(self._memory, _LOOKED)[0])
 
     def read(self) -> StateSample | None:
         """The newest sample; None before the first and after `close`."""

@@ -52,7 +52,8 @@ class Robot:
         self.inputs: dict[str, Value] = {name: zero(kind) for name, kind in INPUTS.items()}
         self.io = IoBoard(self.bank)
         self.commands: Counter[int] = Counter()
-        self.time_ns = 0
+        self.time_ns = self.heard_ns = 0
+        """Of the newest cycle; of what clients send now, which is later where cycles are caught up."""
         self.force = ForceSensor(world)
         self._world = world
         self._wrench: Vector6 = STILL
@@ -150,7 +151,7 @@ class Robot:
         """Take a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
-            self._runtime.note_written(name, self.time_ns)
+            self._runtime.note_written(name, max(self.time_ns, self.heard_ns))
             if "_register" in name:
                 self.bank.set(name, value)
         self.io.apply(values, self.inputs)

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -67,6 +68,76 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
     rig.stdout.close()
     until(lambda: not any(map(exists, children)))
     until(lambda: not controller.snapshot()["program_running"])
+    assert stands(controller)
+
+
+MOVING = """
+import sys, time
+from drivers.types import Pose
+from drivers.ur5e.arm import UR5e
+from fakes.devices.arm import LIMITS
+arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))
+arm.connect()
+motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
+if sys.argv[2] == "hangs":
+    time.sleep(60)
+try:
+    motion.wait(10.0)
+except Exception as error:
+    print(error, flush=True)
+arm.disconnect()
+"""
+
+
+def moving(controller: URController, how: str) -> "subprocess.Popen[str]":
+    """A program that moves the arm down at the speed of an approach."""
+    return subprocess.Popen(
+        [sys.executable, "-c", MOVING, controller.host, how],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def height_m(controller: URController) -> float:
+    return controller.snapshot()["tcp_m"][2]
+
+
+def test_a_stopped_program_leaves_no_motion_going(controller: URController) -> None:
+    with moving(controller, "looks") as rig:
+        try:
+            assert rig.stdout is not None
+            until(lambda: height_m(controller) < HOME.position_m[2] - 0.05, 30.0)
+            rig.send_signal(signal.SIGSTOP)
+            there = height_m(controller)
+            time.sleep(0.5)
+            ended = height_m(controller)
+            assert there - ended <= 0.020
+            assert stands(controller)
+            assert height_m(controller) == ended
+            rig.send_signal(signal.SIGCONT)
+            said = rig.stdout.read()
+            assert "did not look at it for" in said
+        finally:
+            rig.kill()
+
+
+def test_a_program_that_hangs_leaves_no_motion_going(controller: URController) -> None:
+    with moving(controller, "hangs") as rig:
+        try:
+            until(lambda: height_m(controller) < HOME.position_m[2] - 0.001, 30.0)
+            time.sleep(0.5)
+            assert HOME.position_m[2] - height_m(controller) <= 0.020
+            assert stands(controller)
+        finally:
+            rig.kill()
+
+
+def test_a_controller_that_hears_nothing_stops(controller: URController, arm: UR5e) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
+    until(lambda: motion.done() or motion.progress() > 0.25)
+    there = height_m(controller)
+    arm._link.control._process.kill()  # type: ignore[union-attr]
+    time.sleep(0.5)
+    assert there - height_m(controller) <= 0.030
     assert stands(controller)
 
 

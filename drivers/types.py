@@ -83,6 +83,8 @@ class ArmLimits:
     max_speed_m_s: float
     max_acceleration_m_s2: float
     max_payload_kg: float
+    max_contact_force_n: float = 20.0
+    """By which the force at the tool may change on the way down."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from drivers.bench import Bench
 from drivers.errors import GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.types import GripperLimits, HandState, Holding, Pose
+from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 
@@ -130,5 +131,9 @@ def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) 
 
 
 def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion at the steps' acceleration; return it."""
-    return bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+    """Start a straight motion at the steps' acceleration; return it. On its way down it is guarded."""
+    before = bench.arm.state()
+    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+    if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
+        return motion
+    return guarded(bench, motion, before)

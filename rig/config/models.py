@@ -36,6 +36,7 @@ class ArmLimitsConfig(BenchSection):
     max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
     max_acceleration_m_s2: float = Field(default=1.5, gt=0, le=2.5)
     max_payload_kg: float = Field(default=5.0, gt=0, le=5.0)
+    max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
     joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
 
@@ -47,6 +48,7 @@ class ArmLimitsConfig(BenchSection):
             self.max_speed_m_s,
             self.max_acceleration_m_s2,
             self.max_payload_kg,
+            self.max_contact_force_n,
         )
 
     def joint_limits_rad(self) -> tuple[Vector6, Vector6]:

@@ -17,6 +17,7 @@ LIMITS = {
     "max_speed_m_s": "the highest speed of the tool, as 0.5",
     "max_acceleration_m_s2": "the highest acceleration of the tool, as 1.5",
     "max_payload_kg": "the heaviest payload, as 5.0",
+    "max_contact_force_n": "by how much the force may change on the way down, as 20.0",
 }
 """Keys of [arm.limits], and what to write. Joints have the arm's own range without a word."""
 

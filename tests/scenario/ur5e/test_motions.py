@@ -3,11 +3,15 @@
 import socket
 import threading
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from drivers.clock import SystemClock
 from drivers.errors import (
+    ContactForceError,
     DeviceError,
     DeviceTimeoutError,
     OperatorStopError,
@@ -19,6 +23,7 @@ from drivers.ur5e.dashboard import Dashboard
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.frames import from_ur
+from protocols.steps import move
 from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
 
@@ -219,3 +224,13 @@ def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controll
     controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.7})
     until(lambda: arm.state().speed_fraction == 0.7)
     arm.disconnect()
+
+
+def test_a_way_down_that_meets_the_table_is_stopped_there(controller: URController, arm: UR5e) -> None:
+    table_m = 0.2
+    controller.robot.force._floor_m = table_m
+    bench: Any = SimpleNamespace(arm=arm, clock=SystemClock())
+    with pytest.raises(ContactForceError, match="met something on its way down"):
+        move(bench, HOME.translated(z_m=-0.15), 0.25).wait(5.0)
+    assert stands(controller)
+    assert table_m - 0.020 < controller.snapshot()["tcp_m"][2] < table_m

@@ -75,6 +75,15 @@ class ArmState:
 
 
 @dataclass(frozen=True, slots=True)
+class Box:
+    """A box along the axes of the base, m, from its lowest to its highest corner."""
+
+    name: str
+    min_m: Vector3
+    max_m: Vector3
+
+
+@dataclass(frozen=True, slots=True)
 class ArmLimits:
     """What the arm refuses to exceed: checked before a command is sent."""
 
@@ -85,6 +94,8 @@ class ArmLimits:
     max_payload_kg: float
     max_contact_force_n: float = 20.0
     """By which the force at the tool may change on the way down."""
+    keep_out: tuple[Box, ...] = ()
+    """Where the tool centre point must not go, the hand around it reckoned in."""
 
 
 @dataclass(frozen=True, slots=True)

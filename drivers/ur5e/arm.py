@@ -13,6 +13,7 @@ from collections.abc import Callable
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
+from drivers.keep_out import check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
@@ -127,6 +128,7 @@ class UR5e(Arm):
         link, stops = self._require_link(), self._stops
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         sample = self.moving_sample()
+        check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
         self._require_remote_control()
         if not link.has_control:
             self._take_over(link)

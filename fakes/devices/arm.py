@@ -11,6 +11,7 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
+from drivers.keep_out import check_way
 from drivers.motion import PolledMotion
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
@@ -95,6 +96,7 @@ class FakeArm(Arm):
         self._check_joints(self._reach(base_T_tcp))
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
+        check_way(self._limits, (start, base_T_tcp))
         self._check_running()
         profile = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, profile)

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
-from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
+from drivers.types import ArmLimits, Box, GripperLimits, Pose, Vector6
 from rig.config.fields import (
     BenchSection,
+    Coordinate,
     FileName,
     Finger,
     Host,
@@ -26,6 +27,9 @@ from rig.config.fields import (
     RotationVector,
 )
 from rig.config.in_use import CalibrationsInUse
+
+FAR_M = 10.0
+"""Farther than any bench reaches."""
 
 
 class ArmLimitsConfig(BenchSection):
@@ -97,6 +101,8 @@ class GripperConfig(BenchSection):
     device: str | None = None
     preset: Literal["tcp", "tcp-2014", "rtu"] | None = None
     fingers: tuple[Finger, Finger]
+    below_tcp_m: float = Field(default=0.015, ge=0, le=0.2)
+    half_width_m: float = Field(default=0.10, ge=0, le=0.3)
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 
@@ -142,9 +148,18 @@ class CameraConfig(BenchSection):
 
 
 class TableConfig(BenchSection):
-    """Where the operator places objects."""
+    """Where the operator places objects, and how high the table's top is."""
 
     position_m: Point
+    top_m: Coordinate | None = None
+
+
+class KeepOutConfig(BenchSection):
+    """A box that neither hand nor fingers may enter."""
+
+    name: str = Field(min_length=1)
+    min_m: Point
+    max_m: Point
 
 
 class FakesConfig(BenchSection):
@@ -177,6 +192,7 @@ class BenchConfig(BenchSection):
     tactile: tuple[TactileConfig, TactileConfig]
     camera: CameraConfig
     table: TableConfig
+    keep_out: tuple[KeepOutConfig, ...] = ()
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
     calibrations: CalibrationsInUse = CalibrationsInUse()
@@ -210,6 +226,26 @@ class BenchConfig(BenchSection):
         """Width over height of each fingertip's pixels by serial, measured or of this file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
+
+    def arm_limits(self) -> ArmLimits:
+        """The arm's limits, with what the hand is kept out of: the table, and the file's boxes.
+
+        Each box is grown by the hand around the tool centre point: fingertips below, as much to every
+        side as the hand is wide, and the hand above as far as the flange.
+        """
+        boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
+        if self.table.top_m is not None:
+            boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, self.table.top_m)))
+        side, below, above = self.gripper.half_width_m, self.gripper.below_tcp_m, self.arm.tcp_m[2]
+        grown = tuple(
+            Box(
+                box.name,
+                (box.min_m[0] - side, box.min_m[1] - side, box.min_m[2] - above),
+                (box.max_m[0] + side, box.max_m[1] + side, box.max_m[2] + below),
+            )
+            for box in boxes
+        )
+        return replace(self.arm.limits.arm_limits(), keep_out=grown)
 
     def gripper_limits(self) -> GripperLimits:
         """The gripper's range, with its measured openings where there are any."""

@@ -33,6 +33,8 @@ def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
     for key, write in ON_THE_FLANGE.items():
         if key not in arm.model_fields_set:
             yield ("arm", key), f"is required of a real arm, on whose controller it is set: write {write}"
+    if config.table.top_m is None:
+        yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
     if "limits" not in arm.model_fields_set:
         yield ("arm", "limits"), f"is required of a real arm: write [arm.limits] with {', '.join(LIMITS)}"
         return

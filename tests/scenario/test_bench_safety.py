@@ -50,7 +50,7 @@ def as_real(text: str, config: BenchConfig) -> str:
     without = re.sub(r"\[fakes\]\n(?:.+\n)*", "", text)
     written = "".join(f"{key} = {json.dumps(value)}\n" for key, value in arm.items())
     written += "".join(f"limits.{key} = {json.dumps(value)}\n" for key, value in limits.items())
-    return without.replace("[arm]\n", f"[arm]\n{written}")
+    return without.replace("[arm]\n", f"[arm]\n{written}").replace("[table]\n", "[table]\ntop_m = 0.02\n")
 
 
 @pytest.fixture

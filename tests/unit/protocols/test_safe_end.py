@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DeviceError, OutOfLimitsError
-from drivers.types import Holding
+from drivers.types import Box, Holding
 from fakes.devices.arm import FakeArm
 from protocols.observer import Phase
 from protocols.slip_trial import run_lift
@@ -131,6 +131,22 @@ def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_o
     before = (lift.pose, lift.counts)
     lift.plan = replace(lift.plan, width_m=0.118)
     with pytest.raises(OutOfLimitsError, match=r"118\.0 mm wide is too wide.*open 120\.0 mm"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert (lift.pose, lift.counts) == before
+
+
+@pytest.mark.parametrize("z_m", [0.10, 0.20])
+def test_a_plan_that_leads_into_a_box_is_refused_before_anything_moves(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, z_m: float
+) -> None:
+    lift = lift_of()
+    x, y, _ = lift.plan.base_T_grasp.position_m
+    box = Box("lamp", (x - 0.05, y - 0.05, z_m), (x + 0.05, y + 0.05, z_m + 0.02))
+    lift.plan = replace(lift.plan, lift_height_m=0.2)
+    limits = replace(lift.bench.arm.limits, keep_out=(box,))
+    monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
+    before = (lift.pose, lift.counts)
+    with pytest.raises(OutOfLimitsError, match="into 'lamp'"):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert (lift.pose, lift.counts) == before
 

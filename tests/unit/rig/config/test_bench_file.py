@@ -101,6 +101,20 @@ def test_a_real_bench_without_limits_is_told_all_of_them() -> None:
     assert all(key in message for key in LIMITS)
 
 
+def test_a_real_bench_says_how_high_its_table_is() -> None:
+    kept = "\n".join(line for line in REAL.splitlines() if not line.startswith("top_m ="))
+    assert "table.top_m: is required of a real bench" in refusal(kept)
+
+
+def test_what_the_hand_is_kept_out_of_is_grown_by_the_hand() -> None:
+    text = REAL + '[[keep_out]]\nname = "stand"\nmin_m = [0.4, -0.7, 0.0]\nmax_m = [0.5, -0.6, 0.4]\n'
+    stand, table = parse_bench(text, "b.toml").arm_limits().keep_out
+    assert stand.name == "stand"
+    assert stand.min_m == pytest.approx((0.3, -0.8, -0.28))
+    assert stand.max_m == pytest.approx((0.6, -0.5, 0.415))
+    assert table.max_m[2] == pytest.approx(0.035)
+
+
 def test_the_line_is_the_keys_own() -> None:
     head, _, tail = REAL.rpartition("rate_hz = 60")
     second = f"{head}rate_hz = 59{tail}"

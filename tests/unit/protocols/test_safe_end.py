@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DeviceError, OutOfLimitsError
-from drivers.types import Box, Holding
+from drivers.types import ArmMode, ArmState, Box, Holding
 from fakes.devices.arm import FakeArm
 from protocols.observer import Phase
 from protocols.slip_trial import run_lift
@@ -123,6 +123,41 @@ def test_a_stop_of_the_safety_system_is_seen_while_the_lift_waits_for_something_
     monkeypatch.setattr(FakeArm, "_protective_stop", stopped)
     assert "protective stop" in lift.run()
     assert lift.bench.clock.now_ns() - pressed_ns[0] < 100_000_000  # three pictures of the camera
+    assert lift.held
+
+
+def test_an_emergency_stop_in_the_hold_phase_is_noticed_within_two_pictures(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    state = FakeArm.state
+    pressed_ns: list[int] = []
+    noticed_ns: list[int] = []
+
+    def seen(arm: FakeArm) -> ArmState:
+        now_ns = lift.bench.clock.now_ns()
+        holding = lift.observer.phase_now is Phase.HOLD
+        if holding and not pressed_ns:
+            pressed_ns.append(now_ns + 3_000_000)  # just after the arm was looked at
+        pressed = pressed_ns and now_ns >= pressed_ns[0]
+        return replace(state(arm), mode=ArmMode.EMERGENCY_STOP) if pressed else state(arm)
+
+    def stop(arm: FakeArm) -> None:
+        noticed_ns.append(lift.bench.clock.now_ns())
+
+    running = FakeArm._check_running
+
+    def may_move(arm: FakeArm) -> None:
+        if pressed_ns:
+            raise DeviceError("arm: emergency stop")
+        running(arm)
+
+    monkeypatch.setattr(FakeArm, "state", seen)
+    monkeypatch.setattr(FakeArm, "stop", stop)
+    monkeypatch.setattr(FakeArm, "_check_running", may_move)
+    with pytest.raises(DeviceError, match="emergency"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert noticed_ns[0] - pressed_ns[0] < 70_000_000
     assert lift.held
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from drivers.bench import Bench, Hand
-from drivers.errors import InputError
+from drivers.errors import DeviceError, InputError
 from drivers.realtime import realtime
 from drivers.types import HandState, Holding
 from protocols.operator import Operator
@@ -137,7 +137,7 @@ class StandingBench(BenchSource):
         sys.setswitchinterval(SWITCH_S)
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
-            self._person.confirm(f"{_speed_slider(bench.arm.speed_fraction())}{self._introduction}")
+            self._person.confirm(f"{_speed_slider(bench)}{self._introduction}")
         self._bench = bench
         return bench
 
@@ -169,8 +169,12 @@ class StandingBench(BenchSource):
         self._connection.close()
 
 
-def _speed_slider(fraction: float | None) -> str:
+def _speed_slider(bench: Bench) -> str:
     """What a plan says first of its speeds: the arm's own slider scales all of them."""
+    try:
+        fraction = bench.arm.speed_fraction()
+    except DeviceError as error:
+        return f"The pendant's speed slider could not be read ({error}).\n"
     if fraction is None:
         return ""
     return f"The pendant's speed slider stands at {fraction:.0%}: motions run at that share of their speed.\n"

@@ -35,6 +35,7 @@ FAR_M = 10.0
 class ArmLimitsConfig(BenchSection):
     """Limits of the arm, checked before a command is sent. The defaults are the simulated cell's."""
 
+    later = frozenset({"max_contact_force_n"})
     workspace_min_m: Point = (0.15, -0.35, 0.01)
     workspace_max_m: Point = (0.75, 0.35, 0.60)
     max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
@@ -94,6 +95,7 @@ class GripperLimitsConfig(BenchSection):
 class GripperConfig(BenchSection):
     """The gripper: its driver, how it is reached, and the two fingers that grasp."""
 
+    later = frozenset({"below_tcp_m", "half_width_m"})
     driver: Literal["fake", "robotiq_3f"]
     transport: Literal["tcp", "rtu"] = "tcp"
     host: Host | None = None
@@ -150,6 +152,7 @@ class CameraConfig(BenchSection):
 class TableConfig(BenchSection):
     """Where the operator places objects, and how high the table's top is."""
 
+    later = frozenset({"top_m"})
     position_m: Point
     top_m: Coordinate | None = None
 
@@ -186,6 +189,7 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
+    later = frozenset({"keep_out"})
     name: FileName
     arm: ArmConfig
     gripper: GripperConfig

@@ -3,9 +3,7 @@
 What truly happened is asked of the world. `rig benchmark safety` does this at random moments of every phase.
 """
 
-import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -20,8 +18,8 @@ import pytest
 from fakes.wire.net.side_channel import Control
 from rig.bench.fakes_process import hosted_fakes
 from rig.config import BenchConfig
-from rig.config.required import LIMITS, ON_THE_FLANGE
 from rig.config.write import write_bench
+from support.benches import as_real
 
 pytestmark = pytest.mark.real_time
 GRASP_M, ABOVE_M = 0.06, 0.16
@@ -43,16 +41,6 @@ class Served:
         return self.world()["tool_m"][2]
 
 
-def as_real(text: str, config: BenchConfig) -> str:
-    """A served bench file as one of real hardware: without [fakes], with all that is required of it."""
-    arm = config.arm.model_dump(include=set(ON_THE_FLANGE))
-    limits = config.arm.limits.model_dump(include=set(LIMITS))
-    without = re.sub(r"\[fakes\]\n(?:.+\n)*", "", text)
-    written = "".join(f"{key} = {json.dumps(value)}\n" for key, value in arm.items())
-    written += "".join(f"limits.{key} = {json.dumps(value)}\n" for key, value in limits.items())
-    return without.replace("[arm]\n", f"[arm]\n{written}").replace("[table]\n", "[table]\ntop_m = 0.02\n")
-
-
 @pytest.fixture
 def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
     with hosted_fakes(unhurried_bench, None) as (config, _):
@@ -60,7 +48,7 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
         assert config.fakes.control is not None
         simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
         write_bench(simulated, config)
-        real.write_text(as_real(simulated.read_text(), config))
+        write_bench(real, as_real(config))
         yield Served(Control(config.fakes.control), simulated, real)
 
 

@@ -27,6 +27,7 @@ from rig.calibrate.from_tables import tcp_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
+from support.benches import as_real
 
 
 def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:
@@ -103,7 +104,7 @@ def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> Non
     values["arm"]["host"] = values["gripper"]["host"] = "192.0.2.1"
     values["camera"]["address"] = "/dev/video9"
     path = tmp_path / "bench.toml"
-    write_bench(path, BenchConfig.model_validate({**values, "name": "real", "fakes": None}))
+    write_bench(path, as_real(BenchConfig.model_validate({**values, "name": "real"})))
     with pytest.raises(OperatorStopError):
         collect_tip(station(tmp_path, bench=str(path), agreed=False), 4)
 

@@ -31,12 +31,12 @@ class MoveStart(NamedTuple):
 class Operation(NamedTuple):
     """Number of the newest operation on the controller, and whether it goes on.
 
-    silence_s: how long nobody had looked at the arm when it was stopped for that; 0 where it was not.
+    halted: why it was stopped on its way, where `drivers.ur5e.heartbeat` stopped it.
     """
 
     number: int
     running: bool
-    silence_s: float = 0.0
+    halted: str = ""
 
 
 class Watchdog:
@@ -106,7 +106,7 @@ class ControlCommands:
     def operation(self) -> Operation:
         """How far the newest motion is."""
         status = self._control.getAsyncOperationProgressEx()
-        return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.silence_s)
+        return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.halted)
 
     def stop_linear(self, deceleration_m_s2: float) -> None:
         """Begin to brake along the path."""

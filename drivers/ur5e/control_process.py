@@ -26,6 +26,7 @@ from drivers.clock import SystemClock, to_ns
 from drivers.realtime import ask_for_realtime
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.heartbeat import Heartbeat
+from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0
@@ -97,7 +98,7 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
         return
     faulthandler.cancel_dump_traceback_later()
     connection.sendall(json.dumps({"number": 0, "value": "ready"}).encode() + b"\n")
-    watchdog, heartbeat = Watchdog(control), Heartbeat(control, state)
+    watchdog, heartbeat = Watchdog(control), Heartbeat(control, state, Program(parent_pid))
     serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat)
     sys.stdout.flush()
     os._exit(0)  # the interface's destructor takes half a second and has nothing left to do

@@ -73,12 +73,9 @@ class ArmMotion(PolledMotion):
         if self._ended_ns is None:
             if self._on_its_way(sample):
                 return False
-            number, running, silence_s = self._arm.operation()
-            if silence_s:
-                raise DeviceError(
-                    f"arm: stopped on its way, because its program did not look at it for {silence_s:.2f} s; "
-                    "the program was stopped, or the computer is too busy to move an arm"
-                )
+            number, running, halted = self._arm.operation()
+            if halted:
+                raise DeviceError(f"arm: stopped on its way: {halted}")
             if number == self._before:
                 return self._never_began(sample)
             if running:

@@ -23,6 +23,7 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.wire.fault_cases import CASES, FaultCase
+from rig.benchmark.wire.true_track import read_track, standstill
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
@@ -159,12 +160,7 @@ class FaultyBench(StandingBench):
 
     def _still_since(self, since_ns: int) -> int:
         """When the tool first stood still after `since_ns`, by the simulated world."""
-        status = self._control.call("world")
-        for began, ended in status["tool_motions_ns"]:
-            began_ns, ended_ns = began + status["start_ns"], ended + status["start_ns"]
-            if began_ns <= since_ns < ended_ns:
-                return ended_ns
-        return since_ns
+        return standstill(read_track(self._control.call, since_ns), since_ns).time_ns
 
 
 def run_faults(

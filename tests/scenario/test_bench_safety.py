@@ -17,9 +17,9 @@ import pytest
 
 from fakes.wire.net.side_channel import Control
 from rig.bench.fakes_process import hosted_fakes
+from rig.benchmark.wire.real_bench import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
-from support.benches import as_real
 
 pytestmark = pytest.mark.real_time
 GRASP_M, ABOVE_M = 0.06, 0.16

@@ -16,6 +16,7 @@ from fakes.gel.sensor import GelSensor
 from fakes.world.pivot import tip_m
 from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
+from rig.benchmark.wire.real_bench import as_real
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
@@ -27,7 +28,6 @@ from rig.calibrate.from_tables import tcp_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
-from support.benches import as_real
 
 
 def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:

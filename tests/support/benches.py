@@ -16,9 +16,3 @@ def lighter(name: str = "fake") -> BenchConfig:
     camera = bench.camera.model_copy(update=small)
     arm = bench.arm if bench.in_process else bench.arm.model_copy(update={"frequency_hz": 125.0})
     return bench.model_copy(update={"tactile": slower, "camera": camera, "arm": arm})
-
-
-def as_real(bench: BenchConfig) -> BenchConfig:
-    """Return a bench behind wires as one that counts as real: nobody says that it is simulated."""
-    table = bench.table.model_copy(update={"top_m": 0.02})
-    return bench.model_copy(update={"fakes": None, "table": table})

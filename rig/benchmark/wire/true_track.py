@@ -10,8 +10,8 @@ from drivers.clock import NS_PER_S, to_ns
 from drivers.types import Vector3
 
 STILL_M_S = 0.001
-REST_NS = to_ns(0.02)
-"""A tool that is slower than this for so long has come to a standstill."""
+REST_NS = to_ns(0.003)
+"""A tool that is slower than this for so long has come to a standstill: a safe end moves it on at once."""
 ABOVE_M = 0.003
 """An object let go higher than this above its place falls."""
 

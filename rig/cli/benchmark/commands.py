@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
 from rig.cli.benchmark.estimators import estimators
+from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
@@ -36,6 +37,7 @@ benchmark = typer.Typer(
 
 benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
+benchmark.command("safety")(safety)
 benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)

@@ -80,12 +80,13 @@ class Heartbeat:
         if self._program.is_stopped():
             return "its program was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger)"
         self._waited_ns += self._program.waited_ns(since_check_ns)
-        for_s, waited_s = silent_ns / NS_PER_S, self._waited_ns / NS_PER_S
-        if silent_ns - self._waited_ns > limit_ns:
-            return f"its program hangs: it did not look at the arm for {for_s:.2f} s"
-        if silent_ns > to_ns(LONGEST_S):
-            return (
-                "the computer is too busy to move an arm: its program did not look at it for "
-                f"{for_s:.2f} s, of which it waited {waited_s:.2f} s for a core; end what else runs"
-            )
-        return ""
+        if silent_ns - self._waited_ns <= limit_ns and silent_ns <= to_ns(LONGEST_S):
+            return ""
+        silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
+        if self._waited_ns < silent_ns / 2:
+            return f"{silence}: it hangs"
+        waited_s = self._waited_ns / NS_PER_S
+        return (
+            f"{silence}, of which it waited {waited_s:.2f} s for a core: the computer is too busy to move an "
+            "arm; end what else runs"
+        )

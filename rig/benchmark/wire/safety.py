@@ -10,7 +10,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
@@ -27,24 +29,29 @@ from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from rig.sessions.codec import Codec, json_line
 from rig.sessions.files import append_line
-from rig.sessions.rows import read_rows, read_usable_lifts
+from rig.sessions.records import finished
+from rig.sessions.rows import read_lifts, read_rows, read_usable_lifts
 
 OBJECT = "t1"
 RUNS = "runs.jsonl"
 STOPPED_S = 1.5
 """How long a stopped program stays stopped before it goes on."""
 END_S = 90.0
+TRIES = 3
 SETTLE_S = 0.5
 """After the end of the program: what a killed one left going ends too."""
+
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyRun:
     """What came of a run.
 
-    still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift finished before is whole on disk.
-    ended: the program's exit code, negative for a signal, and said: its last line. ready: whether the
-    bench could be put in order; else why not.
+    still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift
+    finished before is whole on disk. ended: the program's exit code, negative for a signal, and said: its
+    last line. ready: why the bench could not be put in order, where that is so.
     """
 
     number: int
@@ -90,14 +97,28 @@ def run_safety(
     if left:
         with own_state(folder / "state"), started_fakes(bench or load_bench("wire")) as config:
             place = _Place(folder, config)
-            place.finish_a_lift()
+            _tried(place.finish_a_lift)
             for planned in left:
-                run = place.run(planned)
+                run = _tried(partial(place.run, planned))
                 append_line(folder / RUNS, json_line(run))
                 runs.append(run)
                 progress(run)
     numbers = {planned.number for planned in plan}
     return sorted((run for run in runs if run.number in numbers), key=lambda run: run.number)
+
+
+def _tried(do: Callable[[], Result]) -> Result:
+    """Do it, and again where the trial ended before anything happened to it: a busy computer's fault.
+
+    Raises `DeviceError` where it does so each time.
+    """
+    for left in reversed(range(TRIES)):
+        try:
+            return do()
+        except DeviceError:
+            if not left:
+                raise
+    raise AssertionError
 
 
 class _Place:
@@ -114,16 +135,16 @@ class _Place:
         """Make the session that every run goes on with: one lift of two is done."""
         shutil.rmtree(self._one, ignore_errors=True)
         with self._program(self._one) as program:
-            results = self._one / "lifts.jsonl"
-            while not (results.is_file() and results.read_bytes().endswith(b"\n")):
+            while not finished(read_lifts(self._one)):
                 program.check()
                 time.sleep(0.1)
             program.send(signal.SIGINT)
             program.wait(END_S)
-        self._put_in_order()
 
     def run(self, planned: PlannedRun) -> SafetyRun:
         """Start the second lift, let it happen, and judge."""
+        if reason := self._put_in_order():
+            raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
         shutil.rmtree(self._session, ignore_errors=True)
         shutil.copytree(self._one, self._session)
         event = planned.event

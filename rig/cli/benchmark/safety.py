@@ -73,9 +73,8 @@ def _line(run: "SafetyRun") -> str:
         *([] if run.ended_well else [f"ended with {run.ended}: {run.said}"]),
         *([f"not in order: {run.ready}"] if run.ready else []),
     ]
-    return (
-        f"{run.event}, {run.stage}: stood after {run.still_s:.2f} s, {run.way_mm:.1f} mm {'; '.join(wrong)}"
-    )
+    stood = f"stood after {run.still_s:.2f} s, {run.way_mm:.1f} mm"
+    return "; ".join([f"{run.event}, {run.stage}: {stood}", *wrong])
 
 
 def _print_table(runs: "list[SafetyRun]") -> None:

@@ -99,7 +99,7 @@ def test_a_motion_is_stopped_once_when_nobody_looks_and_never_while_somebody_doe
     assert (watched.control.stops, watched.heartbeat.halted) == (0, "")
     watched.wait(1.5 * LIMIT_S)
     assert watched.control.stops == 1
-    assert "hangs" in watched.heartbeat.halted
+    assert "it hangs" in watched.heartbeat.halted
     watched.heartbeat.begin(SPEED_M_S)
     assert watched.heartbeat.halted == ""
     watched.control.running = False  # arrived unseen: there is nothing to stop

@@ -71,11 +71,13 @@ class TrialProgram:
         self._process.send_signal(number)
 
     def wait(self, limit_s: float) -> None:
-        """Wait for its end. Raises `DeviceError` where it does not come."""
+        """Wait for its end; where it does not come, end it, and have it said."""
         try:
             self._process.wait(limit_s)
-        except subprocess.TimeoutExpired as error:
-            raise DeviceError(f"safety: the trial did not end within {limit_s:.0f} s") from error
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._reader.join(READ_S)
+            self._lines.append(f"did not end within {limit_s:.0f} s")
 
     def said(self) -> str:
         """Its last line on stderr, once it has ended; from where a traceback begins, if there is one."""

@@ -138,7 +138,7 @@ def test_no_password_of_a_camera_is_kept_and_the_session_goes_on(tmp_path: Path)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk to write to")
-def test_a_log_that_cannot_be_written_ends_nothing_and_says_so_once(
+def test_a_log_that_cannot_be_written_says_so_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     log = SessionLog("/dev/full")

@@ -7,6 +7,7 @@ from typer.core import TyperGroup
 
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
+from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.safety import safety
@@ -35,6 +36,7 @@ benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
 benchmark.command("faults")(faults)
 benchmark.command("safety")(safety)
+benchmark.command("endurance")(endurance)
 benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)

@@ -60,12 +60,12 @@ CODEC: Codec[FaultRow] = Codec(FaultRow)
 def plan_campaign(seed: int, count: int) -> list[Planned]:
     """Draw faults and moments: each fault in each stage as often, a third of them with another device's."""
     rng = random.Random(seed)  # noqa: S311 - moments, no secrets
-    cells: list[tuple[FaultCase, Stage]] = []
-    while len(cells) < count:
-        more = [(case, stage) for case in CASES for stage in Stage]
-        rng.shuffle(more)
-        cells += more
-    return [(_maybe_two(case, rng), random_moment(stage, rng)) for case, stage in cells[:count]]
+    plan: list[Planned] = []
+    while len(plan) < count:
+        cells = [(case, stage) for case in CASES for stage in Stage]
+        rng.shuffle(cells)
+        plan += [(_maybe_two(case, rng), random_moment(stage, rng)) for case, stage in cells]
+    return plan[:count]
 
 
 def _maybe_two(case: FaultCase, rng: random.Random) -> FaultCase:

@@ -196,10 +196,8 @@ def judge_endurance(minutes: list[Minute], period_ms: float) -> list[Measured]:
     late_ms = max(minute.p99_ms for minute in minutes)
     return [
         at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
-        at_most("capture to angle, worst minute's 99th percentile, ms", late_ms, period_ms),
-        at_most(
-            "angle of a still contact: farthest from its first minute, deg", _wander(minutes), WANDER_DEG
-        ),
+        at_most("capture to angle, 99th percentile, ms", late_ms, period_ms),
+        at_most("farthest angle from the first minute, deg", _wander(minutes), WANDER_DEG),
         at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
         at_most("growth of memory since the first minute, MB", last.memory_mb - first.memory_mb, GROWN_MB),
         at_most("threads more than in the first minute", last.threads - first.threads, 0),

@@ -20,7 +20,7 @@ from drivers.errors import (
 from drivers.types import Pose
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.dashboard import Dashboard
-from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
+from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.frames import from_ur
 from protocols.steps import move
@@ -141,9 +141,9 @@ def test_what_cannot_be_reached_is_refused_and_the_program_survives(
 
 
 def test_joints_are_kept_in_their_limits(controller: URController) -> None:
-    tool, narrow = Pose((0.0, 0.0, TOOL_LENGTH_M)), (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    narrow = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
     limits = ((-0.1, -0.1, -0.1, -0.1, -0.1, -0.1), narrow)
-    arm = UR5e(controller.host, LIMITS, tool, 1.8, (0.0, 0.0, 0.08), joint_limits_rad=limits)
+    arm = make_arm(controller.host, joint_limits_rad=limits)
     arm.connect()
     with pytest.raises(OutOfLimitsError, match="joint 1"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import ContactForceError
+from drivers.errors import ContactForceError, DeviceTimeoutError
 from fakes.devices.arm import FakeArm
+from fakes.devices.gripper import FakeGripper
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M
 
@@ -46,3 +47,22 @@ def test_the_limit_is_the_bench_files(lift_of: Callable[[], Any], monkeypatch: p
 def test_an_object_that_is_set_down_is_nothing_met(lift_of: Callable[..., Any]) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"
+
+
+def test_a_gripper_that_is_lost_on_the_way_down_stops_it(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
+    told = FakeGripper.state
+
+    def state(gripper: FakeGripper) -> Any:
+        if lift.bench.arm.state().base_T_tcp.position_m[2] < half_m:
+            raise DeviceTimeoutError("gripper: lost")
+        return told(gripper)
+
+    monkeypatch.setattr(FakeGripper, "state", state)
+    with pytest.raises(DeviceTimeoutError, match="gripper: lost"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    stands_m = lift.bench.arm.state().base_T_tcp.position_m[2]
+    assert half_m - 0.012 < stands_m < half_m

@@ -34,6 +34,10 @@ class ProtectiveStopError(DeviceError):
     """The arm stopped itself; a person has to look before it moves again."""
 
 
+class ContactForceError(DeviceError):
+    """The arm met something on its way down, and was stopped."""
+
+
 class GripperFaultError(DeviceError):
     """The gripper reports a fault code.
 

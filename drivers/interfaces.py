@@ -73,6 +73,13 @@ class Arm(Diagnosable, Protocol):
         """Stop as fast as the arm can, from any thread, at any time, without an error."""
         ...
 
+    def speed_fraction(self) -> float | None:
+        """At which share of their speed motions would run, as `ArmState` has it; also before `connect`.
+
+        The arm is looked at, no more. Raises `DeviceError` where it cannot be reached.
+        """
+        return None
+
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, once a person who has looked at the arm agrees; nothing moves.
 

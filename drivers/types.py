@@ -62,7 +62,8 @@ class ArmState:
 
     `base_T_tcp` is the tool centre point in the base frame, `joints_rad` the six joint angles,
     `wrench` force (N) and torque (N m) at the TCP in base axes, `time_ns` the monotonic time at
-    which the controller sampled it.
+    which the controller sampled it. `speed_fraction`: at which share of their speed motions run (the
+    speed slider on the pendant), None where nothing tells.
     """
 
     time_ns: int
@@ -70,6 +71,16 @@ class ArmState:
     joints_rad: Vector6
     wrench: Vector6
     mode: ArmMode
+    speed_fraction: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box along the axes of the base, m, from its lowest to its highest corner."""
+
+    name: str
+    min_m: Vector3
+    max_m: Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +92,10 @@ class ArmLimits:
     max_speed_m_s: float
     max_acceleration_m_s2: float
     max_payload_kg: float
+    max_contact_force_n: float = 20.0
+    """By which the force at the tool may change on the way down."""
+    keep_out: tuple[Box, ...] = ()
+    """Where the tool centre point must not go, the hand around it reckoned in."""
 
 
 @dataclass(frozen=True, slots=True)

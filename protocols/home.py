@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import OutOfLimitsError
+from drivers.keep_out import check_way
 from drivers.types import Pose
 from protocols.steps import CLEARANCE_M, MOTION_TIMEOUT_S, TRAVEL_SPEED_M_S, move
 
@@ -35,6 +36,7 @@ def go_home(bench: Bench) -> None:
     top = max(pose.position_m[2] for pose in (here, home, bench.base_T_table.translated(z_m=CLEARANCE_M)))
     way = (_at_height(here, top), _at_height(home, top), home)
     _require_within(bench, way)
+    check_way(bench.arm.limits, (here, *way))
     for pose in way:
         if not _is_there(here, pose):
             move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)

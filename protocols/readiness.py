@@ -28,17 +28,17 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
     the bench; the activation is asked for because the fingers sweep their range; the way home is part
     of the plan that was agreed to (`protocols.home`).
     """
-    bench.arm.recover(operator.look)
     free_hand(bench, operator, after_fault)
     _activate(bench, operator)
     go_home(bench)
 
 
 def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """See that the hand is free; otherwise ask, then set down what it holds, or let go of it, and rise.
+    """See that the arm can move and the hand is free; otherwise ask, then set down or let go, and rise.
 
     Raises `OperatorStopError` unless agreed, with nothing moved.
     """
+    bench.arm.recover(operator.look)
     hand = look_at_hand(bench)
     if hand.holding is not Holding.FREE:
         _let_go(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drivers.bench import Bench
+from drivers.keep_out import check_way
 from drivers.types import Pose
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
@@ -48,6 +49,8 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver) -> None:
     Raises the device's error after the safe end, with a note on how it ended; the observer has seen
     everything until then.
     """
+    rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
+    check_way(bench.arm.limits, (plan.base_T_grasp, rise))
     with safe_end(bench):
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump = start_watching(bench, observer, REFERENCE_S)

@@ -5,7 +5,9 @@ from dataclasses import replace
 from drivers.bench import Bench
 from drivers.errors import GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
+from drivers.keep_out import check_way
 from drivers.types import GripperLimits, HandState, Holding, Pose
+from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 
@@ -37,10 +39,14 @@ def require_room(limits: GripperLimits, width_m: float) -> None:
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> None:  # noqa: N803
     """Rise if the hand is low, open the fingers a little wider than the object, and come down around it.
 
-    what: is grasped. Raises `OutOfLimitsError` before anything moves where the fingers do not open so wide.
+    what: is grasped. Raises `OutOfLimitsError` before anything moves where the fingers do not open so wide,
+    or the way leads where the bench file keeps the hand out.
     """
     require_room(bench.gripper.limits, width_m)
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
+    here = bench.arm.state().base_T_tcp
+    risen = here.translated(z_m=max(0.0, above.position_m[2] - here.position_m[2]))
+    check_way(bench.arm.limits, (here, risen, above, base_T_grasp))
     _rise_to(bench, above.position_m[2])
     open_around(bench, width_m)
     bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
@@ -130,5 +136,9 @@ def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) 
 
 
 def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion at the steps' acceleration; return it."""
-    return bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+    """Start a straight motion at the steps' acceleration; return it. On its way down it is guarded."""
+    before = bench.arm.state()
+    motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
+    if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:
+        return motion
+    return guarded(bench, motion, before)

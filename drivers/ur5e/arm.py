@@ -2,7 +2,8 @@
 
 The client library runs in two processes of its own (`drivers.ur5e.link`), because it blocks the
 interpreter while it connects and crashes when its connection is lost. Nothing here moves the arm
-but `move_linear`; `connect` uploads the control program and sets TCP and payload.
+but `move_linear`; `connect` uploads the control program. TCP and payload are set there where the
+controller has the same; a difference is asked about by `recover` before it is overwritten.
 """
 
 import contextlib
@@ -12,16 +13,18 @@ from collections.abc import Callable
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
+from drivers.keep_out import check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
-from drivers.ur5e.probe import Version, probe_controller
-from drivers.ur5e.setup import Tool, ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
+from drivers.ur5e.probe import Version, probe_controller, read_speed_fraction
+from drivers.ur5e.setup import ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
+from drivers.ur5e.tool import Tool, ToolSetting
 
 STOP_DECELERATION_M_S2 = 10.0
 PROBE_S = 1.5
@@ -51,9 +54,10 @@ class UR5e(Arm):
     ) -> None:
         """Raises `InputError` for a payload beyond the limit, or values that are not numbers."""
         self._host, self._limits = host, limits
-        self._tool = Tool(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
+        tool = Tool(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
         self._joint_limits = joint_limits_rad or JOINT_RANGE_RAD
         self._clock: Clock = clock or SystemClock()
+        self._tool = ToolSetting(tool, self._clock)
         self._rate_hz = frequency_hz
         self._link: ArmLink | None = None
         self._dashboard: Dashboard | None = None
@@ -65,7 +69,7 @@ class UR5e(Arm):
             raise InputError(
                 f"arm: payload {payload_kg} kg is outside 0 to {limits.max_payload_kg} kg; see the bench file"
             )
-        if not all(map(math.isfinite, (*self._tool.flange_tcp, *payload_cog_m, frequency_hz))):
+        if not all(map(math.isfinite, (*tool.flange_tcp, *payload_cog_m, frequency_hz))):
             raise InputError("arm: TCP, payload and rate have to be numbers; see the bench file")
 
     @property
@@ -76,7 +80,8 @@ class UR5e(Arm):
     def connect(self) -> None:
         """Reach the arm without moving it.
 
-        Succeeds in a protective stop, so that `recover` can follow. Raises `DeviceTimeoutError`
+        Succeeds in a protective stop, and where the controller has another TCP or payload, so that
+        `recover` can follow. Raises `DeviceTimeoutError`
         when nobody answers, `DeviceError` when remote control is off, the arm is not powered, or
         another program is moving it.
         """
@@ -111,6 +116,7 @@ class UR5e(Arm):
             joints_rad=sample.joints_rad,
             wrench=sample.wrench,
             mode=arm_mode(sample),
+            speed_fraction=sample.speed_fraction,
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> ArmMotion:  # noqa: N803
@@ -122,9 +128,11 @@ class UR5e(Arm):
         link, stops = self._require_link(), self._stops
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         sample = self.moving_sample()
+        check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
         self._require_remote_control()
         if not link.has_control:
             self._take_over(link)
+        self._tool.require()
         pose = to_ur(base_T_tcp)
         joints = link.control.joints_for(pose, sample.joints_rad)
         if not joints and (reason := ended(link, self._clock)):
@@ -166,10 +174,10 @@ class UR5e(Arm):
             wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop, or start the ended control program again; nothing moves.
+        """Release a protective stop, start the ended control program again, set the tool; nothing moves.
 
         confirm: puts a question to a person who has looked at the arm, and raises unless they
-        agree. TCP and payload are set and checked anew. The force sensor keeps its zero: the hand
+        agree. TCP and payload are compared, set and checked anew. The force sensor keeps its zero: the hand
         may hold something. Raises `DeviceError` when the arm cannot be made to run.
         """
         link = self._require_link()
@@ -179,10 +187,15 @@ class UR5e(Arm):
             link.end_control()
             release(link, self._require_dashboard(), self._clock)
         elif program_reason(sample) is None and link.has_control:
-            return
+            return self._tool.agree(link, confirm)
         elif stop_reason(sample) is None:
             confirm("The arm's control program was ended. Shall it be started again? Nothing will move.")
         self._take_over(link)
+        self._tool.agree(link, confirm)
+
+    def speed_fraction(self) -> float:
+        """Where the speed slider on the pendant stands, 0 to 1; also before `connect`."""
+        return read_speed_fraction(self._host, PROBE_S)
 
     def zero_force_sensor(self) -> None:
         """Take the present force as zero; only out of contact, and only when the arm stands still.
@@ -228,7 +241,11 @@ class UR5e(Arm):
         return self._dashboard
 
     def _take_over(self, link: ArmLink) -> None:
-        take_over(link, self._require_dashboard(), self._tool, self._clock)
+        """Start the control program; set the tool unless somebody has to be asked first."""
+        if arm_mode(link.sample()) is ArmMode.PROTECTIVE_STOP:
+            return
+        take_over(link, self._require_dashboard(), self._clock)
+        self._tool.compare(link)
 
     def _let_go(self) -> None:
         link, dashboard, self._link, self._dashboard = self._link, self._dashboard, None, None

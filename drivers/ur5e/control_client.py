@@ -52,6 +52,10 @@ class ControlClient:
         self._process.end()
         self._channel.close()
 
+    def tcp(self) -> Sequence[float]:
+        """The TCP that the controller has: x y z in m, rotation vector in rad."""
+        return self._ask(ControlCommands.tcp)
+
     def set_tcp(self, flange_tcp: Vector6) -> TcpSetting:
         """Set the TCP, and read it back."""
         return TcpSetting(*self._ask(ControlCommands.set_tcp, flange_tcp))

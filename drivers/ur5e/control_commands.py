@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from drivers.clock import SystemClock, to_ns
+from drivers.ur5e.heartbeat import Heartbeat
 
-KICK_S = 0.05
-WATCHDOG_HZ = 2.0
+KICK_S = 0.02
+WATCHDOG_HZ = 12.5
 
 
 class TcpSetting(NamedTuple):
@@ -28,10 +29,14 @@ class MoveStart(NamedTuple):
 
 
 class Operation(NamedTuple):
-    """Number of the newest operation on the controller, and whether it goes on."""
+    """Number of the newest operation on the controller, and whether it goes on.
+
+    halted: why it was stopped on its way, where `drivers.ur5e.heartbeat` stopped it.
+    """
 
     number: int
     running: bool
+    halted: str = ""
 
 
 class Watchdog:
@@ -43,7 +48,7 @@ class Watchdog:
         self._next_ns: int | None = None
 
     def start(self) -> bool:
-        """Start it: from now on the program ends when nothing is written for half a second."""
+        """Start it: from now on the program ends when nothing is written for 80 ms."""
         started = self._control.setWatchdog(WATCHDOG_HZ)
         self._next_ns = self._clock.now_ns() if started else None
         return started
@@ -62,9 +67,14 @@ class ControlCommands:
     Poses are x y z in m and a rotation vector in rad. False: the controller did not do it.
     """
 
-    def __init__(self, control: Any, watchdog: Watchdog) -> None:
+    def __init__(self, control: Any, watchdog: Watchdog, heartbeat: Heartbeat) -> None:
         self._control = control
         self._watchdog = watchdog
+        self._heartbeat = heartbeat
+
+    def tcp(self) -> Sequence[float]:
+        """The TCP that the controller has."""
+        return self._control.getTCPOffset()
 
     def set_tcp(self, flange_tcp: Sequence[float]) -> TcpSetting:
         """Set the TCP, and read it back."""
@@ -90,15 +100,17 @@ class ControlCommands:
     def move_linear(self, pose: Sequence[float], speed_m_s: float, acceleration_m_s2: float) -> MoveStart:
         """Start a straight motion."""
         before = self._control.getAsyncOperationProgressEx().operationId()
+        self._heartbeat.begin(speed_m_s)
         return MoveStart(self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before)
 
     def operation(self) -> Operation:
         """How far the newest motion is."""
         status = self._control.getAsyncOperationProgressEx()
-        return Operation(status.operationId(), status.isAsyncOperationRunning())
+        return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.halted)
 
     def stop_linear(self, deceleration_m_s2: float) -> None:
         """Begin to brake along the path."""
+        self._heartbeat.end()
         self._control.stopL(deceleration_m_s2, True)
 
     def zero_force_sensor(self) -> bool:

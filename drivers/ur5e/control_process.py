@@ -9,7 +9,8 @@ state gets old, before the interface would notice.
 Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}, each answer
 {"number": n, "value": ...} or {"number": n, "error": text}; the first one, 0, says that it is ready.
 While nothing is asked it keeps the controller's watchdog quiet: should this process end, the program on
-the controller stops the arm within `WATCHDOG_HZ`'s period. Should its parent end, it stops the arm itself.
+the controller stops the arm within `WATCHDOG_HZ`'s period. Should its parent end, or not look at the arm
+while it moves (`drivers.ur5e.heartbeat`), it stops the arm itself.
 """
 
 import faulthandler
@@ -24,24 +25,30 @@ from typing import Any
 from drivers.clock import SystemClock, to_ns
 from drivers.realtime import ask_for_realtime
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
+from drivers.ur5e.heartbeat import Heartbeat
+from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0
 STATE_LIMIT_S = 0.6
 """Age of the arm's state at which this process gives up; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
+TICK_S = 0.005
 STOP_S = 1.0
 STOP_DECELERATION_M_S2 = 10.0
 STATE_LOST, PARENT_LOST = 3, 4
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
-def serve(connection: socket.socket, commands: ControlCommands, watchdog: Watchdog) -> None:
+def serve(
+    connection: socket.socket, commands: ControlCommands, watchdog: Watchdog, heartbeat: Heartbeat
+) -> None:
     """Answer until the other side hangs up; then nobody watches any more what moves, so it stops."""
     lines = connection.makefile("rb")
     while True:
         watchdog.kick()
-        if not select.select([connection], [], [], WATCH_S)[0]:
+        heartbeat.check()
+        if not select.select([connection], [], [], TICK_S)[0]:
             continue
         line = lines.readline()
         if not line:
@@ -79,7 +86,8 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
     """Connect, say so, and serve."""
     ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
-    threading.Thread(target=watch, args=(SharedState(state_fd), parent_pid), daemon=True).start()
+    state = SharedState(state_fd)
+    threading.Thread(target=watch, args=(state, parent_pid), daemon=True).start()
     connection = socket.socket(fileno=socket_fd)
     try:
         from rtde_control import RTDEControlInterface
@@ -90,8 +98,8 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
         return
     faulthandler.cancel_dump_traceback_later()
     connection.sendall(json.dumps({"number": 0, "value": "ready"}).encode() + b"\n")
-    watchdog = Watchdog(control)
-    serve(connection, ControlCommands(control, watchdog), watchdog)
+    watchdog, heartbeat = Watchdog(control), Heartbeat(control, state, Program(parent_pid))
+    serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat)
     sys.stdout.flush()
     os._exit(0)  # the interface's destructor takes half a second and has nothing left to do
 

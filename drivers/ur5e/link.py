@@ -47,7 +47,11 @@ class ArmLink:
         self._state.close()
 
     def sample(self) -> StateSample:
-        """Newest sample. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens."""
+        """Newest sample; who asks for it is seen to work (`drivers.ur5e.heartbeat`).
+
+        Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens.
+        """
+        self._state.look(self._clock.now_ns())
         sample = self._state.read()
         age_s = self.age_s(sample) if sample else float("inf")
         if sample is not None and age_s < STALE_S:

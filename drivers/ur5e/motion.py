@@ -73,7 +73,9 @@ class ArmMotion(PolledMotion):
         if self._ended_ns is None:
             if self._on_its_way(sample):
                 return False
-            number, running = self._arm.operation()
+            number, running, halted = self._arm.operation()
+            if halted:
+                raise DeviceError(f"arm: stopped on its way: {halted}")
             if number == self._before:
                 return self._never_began(sample)
             if running:

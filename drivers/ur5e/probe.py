@@ -49,12 +49,7 @@ def probe_controller(host: str, timeout_s: float) -> Version:
     """
     deadline = Deadline.after(timeout_s)
     with connect(host, RTDE_PORT, deadline) as connection:
-        accepted = _ask(connection, _VERSION, struct.pack(">H", PROTOCOL_VERSION), deadline)
-        if accepted != b"\x01":
-            raise DeviceError(
-                f"arm: {host} refuses version {PROTOCOL_VERSION} of the real-time data exchange; "
-                "update the controller's software"
-            )
+        _agree_on_protocol(connection, deadline)
         version = parse_version(_ask(connection, _CONTROLLER, b"", deadline))
         _check_time_advances(connection, deadline)
     if version[0] != SERIES:
@@ -65,25 +60,52 @@ def probe_controller(host: str, timeout_s: float) -> Version:
     return version
 
 
-def _check_time_advances(connection: socket.socket, deadline: Deadline) -> None:
-    """Read time stamps until they advance: a frozen controller goes on sending old ones."""
-    kinds = _ask(connection, _OUTPUTS, struct.pack(">d", _TRIAL_HZ) + b"timestamp", deadline)
+def read_speed_fraction(host: str, timeout_s: float) -> float:
+    """Where the pendant's speed slider stands, 0 to 1; the arm is looked at, no more.
+
+    Raises as `probe_controller` does.
+    """
+    deadline = Deadline.after(timeout_s)
+    with connect(host, RTDE_PORT, deadline) as connection:
+        _agree_on_protocol(connection, deadline)
+        _stream(connection, "target_speed_fraction", deadline)
+        (fraction,) = struct.unpack(">d", _newest(connection, deadline))
+    return float(fraction)
+
+
+def _agree_on_protocol(connection: socket.socket, deadline: Deadline) -> None:
+    accepted = _ask(connection, _VERSION, struct.pack(">H", PROTOCOL_VERSION), deadline)
+    if accepted != b"\x01":
+        raise DeviceError(
+            f"arm: its controller refuses version {PROTOCOL_VERSION} of the real-time data exchange; "
+            "update the controller's software"
+        )
+
+
+def _stream(connection: socket.socket, variable: str, deadline: Deadline) -> None:
+    """Have the controller send a floating-point variable over and over."""
+    kinds = _ask(connection, _OUTPUTS, struct.pack(">d", _TRIAL_HZ) + variable.encode(), deadline)
     if kinds[1:] != b"DOUBLE":
         raise DeviceError(
-            f"arm: the controller refuses to send its time ({kinds[1:].decode(errors='replace')}); "
+            f"arm: the controller refuses to send its {variable} ({kinds[1:].decode(errors='replace')}); "
             "see that no other client or fieldbus keeps it busy, restart it"
         )
     if _ask(connection, _START, b"", deadline) != b"\x01":
         raise DeviceError("arm: the controller refuses to start sending its state; restart it")
-    first = _timestamp(connection, deadline)
-    while _timestamp(connection, deadline) == first:
+
+
+def _check_time_advances(connection: socket.socket, deadline: Deadline) -> None:
+    """Read time stamps until they advance: a frozen controller goes on sending old ones."""
+    _stream(connection, "timestamp", deadline)
+    first = _newest(connection, deadline)
+    while _newest(connection, deadline) == first:
         if not deadline.left_s():
             raise DeviceTimeoutError(
                 "arm: the controller's time stands still, so its state is unknown; restart it"
             )
 
 
-def _timestamp(connection: socket.socket, deadline: Deadline) -> bytes:
+def _newest(connection: socket.socket, deadline: Deadline) -> bytes:
     kind, payload = b"", b""
     while kind != _DATA:
         kind, payload = read_package(lambda most: receive(connection, most, deadline, "state"))

@@ -2,47 +2,33 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.types import ArmMode, Vector3, Vector6
 from drivers.ur5e.dashboard import RELEASED, Dashboard
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import is_still
-from drivers.ur5e.status import PLAYING, arm_mode, program_reason, refused, stop_reason
+from drivers.ur5e.status import PLAYING, program_reason, refused, stop_reason
 
 RELEASE_LIMIT_S = 8.0
 """A protective stop can be released 5 s after it began (dashboard manual)."""
 RELEASE_PAUSE_S = 0.5
 NORMAL_LIMIT_S = 3.0
 END_LIMIT_S = 1.0
-PAYLOAD_LIMIT_S = 0.5
 ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
 REASON_LIMIT_S = 0.1
 """How far the state that tells why may be behind the answer to a command."""
 _POLL_S = 0.004
 
 
-@dataclass(frozen=True, slots=True)
-class Tool:
-    """What hangs on the flange: TCP (x y z in m, rotation vector in rad), mass, centre of gravity."""
-
-    flange_tcp: Vector6
-    payload_kg: float
-    payload_cog_m: Vector3
-
-
-def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> None:
-    """Start the control program and set up the tool, unless the arm is in protective stop.
+def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
+    """Start the control program and its watchdog; the tool is left as the controller has it.
 
     A program that runs while the arm stands still is ended first: the control interface would wait
     for its end without asking for it. Raises `DeviceError` when the arm is not ready, or another
     program moves it.
     """
     sample = link.sample()
-    if arm_mode(sample) is ArmMode.PROTECTIVE_STOP:
-        return
     if reason := stop_reason(sample):
         raise reason
     if sample.runtime_state == PLAYING:
@@ -51,7 +37,6 @@ def take_over(link: ArmLink, dashboard: Dashboard, tool: Tool, clock: Clock) -> 
         dashboard.ask("stop")
         wait_for_arm(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
-    _set_tool(link, tool, clock)
     if not link.control.start_watchdog():
         raise refusal(link, "setWatchdog", clock)
 
@@ -108,20 +93,3 @@ def wait_for_arm(
     """Wait until the arm does `what`, which `met` sees. Raises `DeviceTimeoutError` after `limit_s`."""
     if not wait_until(clock, met, limit_s, pause_s):
         raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
-
-
-def _set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
-    """Set TCP and payload, and see that the controller has them."""
-    taken, there = link.control.set_tcp(tool.flange_tcp)
-    if not taken:
-        raise refusal(link, "setTcp", clock)
-    if any(abs(a - b) > 1e-4 for a, b in zip(tool.flange_tcp, there, strict=True)):
-        raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
-    if not link.control.set_payload(tool.payload_kg, tool.payload_cog_m):
-        raise refusal(link, "setPayload", clock)
-    if not math.isnan(link.sample().payload_kg):
-
-        def weighed() -> bool:
-            return abs(link.sample().payload_kg - tool.payload_kg) < 1e-3
-
-        wait_for_arm(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg", clock)

@@ -5,17 +5,22 @@ the newest, then counts. Reading costs no lock, no message, and never waits for 
 may be stopped in the middle of a sample for as long as the system likes.
 """
 
+import contextlib
 import mmap
 import os
 import struct
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.types import Vector3
+
 # Native, so that it is written as one word: a standard format is written byte by byte, and
 # another process could read a count that never was.
 _COUNT = struct.Struct("@Q")
-_SAMPLE = struct.Struct("<d2q6d6d6d6dd4i2Q")
-_SIZE = _COUNT.size + 2 * _SAMPLE.size
+_SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
+_LOOKED = _COUNT.size + 2 * _SAMPLE.size
+"""Place of the last look, a whole word."""
+_SIZE = _LOOKED + _COUNT.size
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -27,7 +32,8 @@ class StateSample:
     timestamp_s: the controller's own time. received_ns: monotonic time at which this timestamp was
     first seen; sampled_ns: the timestamp on the monotonic clock, by the fastest delivery so far.
     pose: x y z in m and rotation vector in rad of the TCP in the base; speed likewise per second;
-    wrench in N and N m in base axes. payload_kg is nan where the controller does not tell.
+    wrench in N and N m in base axes. payload_kg and payload_cog_m (from the flange) are nan where the
+    controller does not tell. speed_fraction: where the pendant's speed slider stands, 0 to 1.
     samples and gaps count packages seen and missed.
     """
 
@@ -39,6 +45,8 @@ class StateSample:
     speed: Six
     wrench: Six
     payload_kg: float
+    payload_cog_m: Vector3
+    speed_fraction: float
     robot_mode: int
     safety_bits: int
     status_bits: int
@@ -69,11 +77,21 @@ class SharedState:
             self._memory,
             _place(count + 1),
             *(sample.timestamp_s, sample.received_ns, sample.sampled_ns),
-            *(*sample.joints_rad, *sample.pose, *sample.speed, *sample.wrench, sample.payload_kg),
+            *(*sample.joints_rad, *sample.pose, *sample.speed, *sample.wrench),
+            *(sample.payload_kg, *sample.payload_cog_m, sample.speed_fraction),
             *(sample.robot_mode, sample.safety_bits, sample.status_bits, sample.runtime_state),
             *(sample.samples, sample.gaps),
         )
         _COUNT.pack_into(self._memory, 0, count + 1)
+
+    def look(self, time_ns: int) -> None:
+        """Say that the program that drives the arm looks at it now, monotonic time."""
+        with contextlib.suppress(ValueError):  # closed
+            _COUNT.pack_into(self._memory, _LOOKED, time_ns)
+
+    def looked_ns(self) -> int:
+        """When it looked last; 0 before the first time."""
+        return int(_COUNT.unpack_from(self._memory, _LOOKED)[0])
 
     def read(self) -> StateSample | None:
         """The newest sample; None before the first and after `close`."""
@@ -95,4 +113,8 @@ def _place(count: int) -> int:
 def _sample(values: tuple[Any, ...]) -> StateSample:
     timestamp_s, received_ns, sampled_ns, *rest = values
     joints, pose, speed, wrench = (tuple(rest[i : i + 6]) for i in range(0, 24, 6))
-    return StateSample(timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, *rest[24:])
+    payload_kg, *rest = rest[24:]
+    cog = (rest[0], rest[1], rest[2])
+    return StateSample(
+        timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, payload_kg, cog, *rest[3:]
+    )

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.realtime import ask_for_realtime
+from drivers.types import Vector3
 from drivers.ur5e.shared_state import SharedState, StateSample
 
 START_LIMIT_S = 5.0
@@ -32,6 +33,7 @@ VARIABLES = (
     "safety_status_bits",
     "robot_status_bits",
     "runtime_state",
+    "target_speed_fraction",
 )
 
 
@@ -77,6 +79,8 @@ def listen(receive: Any, state: SharedState, parent_pid: int, rate_hz: float, wi
                 sampled_ns,
                 *(tuple(values) for values in _vectors(receive)),  # type: ignore[arg-type]
                 payload_kg=receive.getPayload() if with_payload else math.nan,
+                payload_cog_m=_payload_cog(receive) if with_payload else (math.nan, math.nan, math.nan),
+                speed_fraction=receive.getTargetSpeedFraction(),
                 robot_mode=receive.getRobotMode(),
                 safety_bits=receive.getSafetyStatusBits(),
                 status_bits=receive.getRobotStatus(),
@@ -85,6 +89,11 @@ def listen(receive: Any, state: SharedState, parent_pid: int, rate_hz: float, wi
                 gaps=gaps,
             )
         )
+
+
+def _payload_cog(receive: Any) -> Vector3:
+    x, y, z = receive.getPayloadCog()
+    return x, y, z
 
 
 def _vectors(receive: Any) -> tuple[list[float], ...]:
@@ -100,7 +109,7 @@ def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload
     """Connect, listen, and end; the exit code says how."""
     ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
-    variables = [*VARIABLES, "payload"] if with_payload else list(VARIABLES)
+    variables = [*VARIABLES, "payload", "payload_cog"] if with_payload else list(VARIABLES)
     try:
         from rtde_receive import RTDEReceiveInterface
 

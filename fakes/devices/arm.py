@@ -11,11 +11,12 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
+from drivers.keep_out import check_way
 from drivers.motion import PolledMotion
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
 from fakes.world import kinematics
-from fakes.world.force_torque import FlangeSensor, carried_wrench
+from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
 from fakes.world.motion import ToolPath, distance
 from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
@@ -95,6 +96,7 @@ class FakeArm(Arm):
         self._check_joints(self._reach(base_T_tcp))
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
+        check_way(self._limits, (start, base_T_tcp))
         self._check_running()
         profile = TrapezoidProfile(now, distance(start, base_T_tcp), speed_m_s, acceleration_m_s2)
         self._world.tool = ToolPath.between(start, base_T_tcp, profile)
@@ -173,6 +175,7 @@ class FakeArm(Arm):
 
     def _feel(self, time_ns: int) -> Vector6:
         """Force and torque at the TCP, base axes, as its sensor shows them."""
-        return self._sensor.shown(
-            self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns), time_ns
-        )
+        tool = self._world.tool.position_at(time_ns)
+        a, b, c, d, e, f = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
+        push_n = table_push_n(self._world.layout.floor_z_m, tool[2])
+        return self._sensor.shown((a, b, c + push_n, d, e, f), time_ns)

@@ -14,6 +14,8 @@ from drivers.types import Vector6
 from fakes.world.world import World
 
 NOTHING: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FLOOR_STIFFNESS_N_M = 10_000.0
+"""Of fingers that stand on the table (ours)."""
 SUPPORT_FRICTION = 0.3
 """Of an object's end that is dragged over the table."""
 BIAS_N, BIAS_NM = 1.0, 0.05
@@ -26,6 +28,11 @@ each reading and of the drift, and the smallest step, are our judgement, well wi
 _DRIFT_PERIODS_S = (8.0, 40.0)
 _CYCLE_NS = 2_000_000
 _NOISE_CYCLES = 9973
+
+
+def table_push_n(floor_z_m: float, tcp_z_m: float) -> float:
+    """Force with which the table pushes up fingertips that press on it; 0 above it."""
+    return max(floor_z_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
 
 
 def carried_wrench(world: World, time_ns: int) -> Vector6:

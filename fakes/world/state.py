@@ -25,6 +25,8 @@ class BenchLayout:
     opening_per_count_m: float = 0.155 / 249.0
     closed_counts: int = 255
     """The most that the fingers may be sent to."""
+    floor_z_m: float = 0.0
+    """Height of the tool at which the fingertips stand on the table."""
 
 
 @dataclass(frozen=True, slots=True)

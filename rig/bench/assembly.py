@@ -22,7 +22,7 @@ from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.operator import Operator
 from rig.bench.operators import SimulatedOperator
-from rig.config import ArmConfig, BenchConfig, CameraConfig, TactileConfig
+from rig.config import BenchConfig, CameraConfig, TactileConfig
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 
@@ -69,8 +69,8 @@ def build_bench(
 
 def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:
     """Make the arm of a simulated bench, with the limits of its bench file."""
-    limits = config.arm.limits
-    return FakeArm(world, clock, faults, limits.arm_limits(), limits.joint_limits_rad())
+    joints = config.arm.limits.joint_limits_rad()
+    return FakeArm(world, clock, faults, config.arm_limits(), joints)
 
 
 def home_pose(config: BenchConfig) -> Pose:
@@ -98,7 +98,7 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
         name=config.name,
         simulated=config.simulated,
         clock=clock,
-        arm=_arm(config.arm, clock),
+        arm=_arm(config, clock),
         gripper=_gripper(config, clock),
         fingertips=tuple(Fingertip(_digit(t, clock), t.finger, t.sign) for t in config.tactile),
         camera=_camera(config.camera, clock),
@@ -109,12 +109,13 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
     )
 
 
-def _arm(arm: ArmConfig, clock: SystemClock) -> Arm:
+def _arm(config: BenchConfig, clock: SystemClock) -> Arm:
     from drivers.ur5e.arm import UR5e
 
+    arm = config.arm
     return UR5e(
         host=arm.host or "",
-        limits=arm.limits.arm_limits(),
+        limits=config.arm_limits(),
         flange_T_tcp=arm.flange_T_tcp(),
         payload_kg=arm.payload_kg,
         payload_cog_m=arm.payload_cog_m,

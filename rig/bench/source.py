@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from drivers.bench import Bench, Hand
-from drivers.errors import InputError
+from drivers.errors import DeviceError, InputError
 from drivers.realtime import realtime
 from drivers.types import HandState, Holding
 from protocols.operator import Operator
@@ -133,14 +133,13 @@ class StandingBench(BenchSource):
         return self._person if self._simulated is None else self._simulated(seed)
 
     def _open(self) -> Bench:
-        config = self._config
-        if config.fakes is None:
-            self._person.confirm(self._introduction)
-        else:
-            config = self._reach_fakes(config)
+        config = self._config if self._config.fakes is None else self._reach_fakes(self._config)
         sys.setswitchinterval(SWITCH_S)
-        self._bench = build_real_bench(config, self._remembered_hand(config))
-        return self._bench
+        bench = build_real_bench(config, self._remembered_hand(config))
+        if config.fakes is None:
+            self._person.confirm(f"{_speed_slider(bench)}{self._introduction}")
+        self._bench = bench
+        return bench
 
     def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
         from rig.bench.fakes_process import simulated_operator, started_fakes
@@ -168,6 +167,17 @@ class StandingBench(BenchSource):
     def _let_go(self) -> None:
         self._connected = False
         self._connection.close()
+
+
+def _speed_slider(bench: Bench) -> str:
+    """What a plan says first of its speeds: the arm's own slider scales all of them."""
+    try:
+        fraction = bench.arm.speed_fraction()
+    except DeviceError as error:
+        return f"The pendant's speed slider could not be read ({error}).\n"
+    if fraction is None:
+        return ""
+    return f"The pendant's speed slider stands at {fraction:.0%}: motions run at that share of their speed.\n"
 
 
 @contextmanager

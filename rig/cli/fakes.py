@@ -117,5 +117,4 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
         emit_json(state)
         return
     for key, value in state.items():
-        if key != "tool_motions_ns":
-            print(f"{key}: {value}")
+        print(f"{key}: {value}")

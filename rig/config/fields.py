@@ -2,9 +2,16 @@
 
 import math
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame. No bench is larger, so a value given in mm is caught."""
@@ -60,3 +67,11 @@ class Strict(BaseModel):
 
 class BenchSection(Strict):
     """A table (section) of a bench file."""
+
+    later: ClassVar[frozenset[str]] = frozenset()
+    """Keys that the first sessions did not have: a stored copy holds those that are not at their default."""
+
+    @model_serializer(mode="wrap")
+    def _stored(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        at_default = {key for key in self.later if getattr(self, key) == type(self).model_fields[key].default}
+        return {key: value for key, value in serialize(self).items() if key not in at_default}

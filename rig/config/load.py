@@ -14,6 +14,7 @@ from drivers.formats.toml_text import MOST_BYTES
 from rig.config.checks import inconsistencies
 from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
+from rig.config.required import missing_keys
 from rig.config.unused import unused_keys
 
 BENCHES = Path(__file__).parent.parent / "benches"
@@ -44,7 +45,7 @@ def parse_bench(text: str, name: str) -> BenchConfig:
         config = BenchConfig.model_validate_json(document, strict=True)
     except ValidationError as error:
         raise InputError(f"{name}: {validation_text(error, text)}") from error
-    wrong = [*inconsistencies(config), *unused_keys(config)]
+    wrong = [*inconsistencies(config), *missing_keys(config), *unused_keys(config)]
     if wrong:
         raise InputError(f"{name}: {_text(wrong, text)}")
     return config

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
-from drivers.types import ArmLimits, GripperLimits, Pose, Vector6
+from drivers.types import ArmLimits, Box, GripperLimits, Pose, Vector6
 from rig.config.fields import (
     BenchSection,
+    Coordinate,
     FileName,
     Finger,
     Host,
@@ -27,15 +28,20 @@ from rig.config.fields import (
 )
 from rig.config.in_use import CalibrationsInUse
 
+FAR_M = 10.0
+"""Farther than any bench reaches."""
+
 
 class ArmLimitsConfig(BenchSection):
     """Limits of the arm, checked before a command is sent. The defaults are the simulated cell's."""
 
+    later = frozenset({"max_contact_force_n"})
     workspace_min_m: Point = (0.15, -0.35, 0.01)
     workspace_max_m: Point = (0.75, 0.35, 0.60)
     max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
     max_acceleration_m_s2: float = Field(default=1.5, gt=0, le=2.5)
     max_payload_kg: float = Field(default=5.0, gt=0, le=5.0)
+    max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
     joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
 
@@ -47,6 +53,7 @@ class ArmLimitsConfig(BenchSection):
             self.max_speed_m_s,
             self.max_acceleration_m_s2,
             self.max_payload_kg,
+            self.max_contact_force_n,
         )
 
     def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
@@ -88,6 +95,7 @@ class GripperLimitsConfig(BenchSection):
 class GripperConfig(BenchSection):
     """The gripper: its driver, how it is reached, and the two fingers that grasp."""
 
+    later = frozenset({"below_tcp_m", "half_width_m"})
     driver: Literal["fake", "robotiq_3f"]
     transport: Literal["tcp", "rtu"] = "tcp"
     host: Host | None = None
@@ -95,6 +103,8 @@ class GripperConfig(BenchSection):
     device: str | None = None
     preset: Literal["tcp", "tcp-2014", "rtu"] | None = None
     fingers: tuple[Finger, Finger]
+    below_tcp_m: float = Field(default=0.015, ge=0, le=0.2)
+    half_width_m: float = Field(default=0.10, ge=0, le=0.3)
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 
@@ -140,9 +150,19 @@ class CameraConfig(BenchSection):
 
 
 class TableConfig(BenchSection):
-    """Where the operator places objects."""
+    """Where the operator places objects, and how high the table's top is."""
 
+    later = frozenset({"top_m"})
     position_m: Point
+    top_m: Coordinate | None = None
+
+
+class KeepOutConfig(BenchSection):
+    """A box that neither hand nor fingers may enter."""
+
+    name: str = Field(min_length=1)
+    min_m: Point
+    max_m: Point
 
 
 class FakesConfig(BenchSection):
@@ -169,12 +189,14 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
+    later = frozenset({"keep_out"})
     name: FileName
     arm: ArmConfig
     gripper: GripperConfig
     tactile: tuple[TactileConfig, TactileConfig]
     camera: CameraConfig
     table: TableConfig
+    keep_out: tuple[KeepOutConfig, ...] = ()
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
     calibrations: CalibrationsInUse = CalibrationsInUse()
@@ -208,6 +230,26 @@ class BenchConfig(BenchSection):
         """Width over height of each fingertip's pixels by serial, measured or of this file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
+
+    def arm_limits(self) -> ArmLimits:
+        """The arm's limits, with what the hand is kept out of: the table, and the file's boxes.
+
+        Each box is grown by the hand around the tool centre point: fingertips below, as much to every
+        side as the hand is wide, and the hand above as far as the flange.
+        """
+        boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
+        if self.table.top_m is not None:
+            boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, self.table.top_m)))
+        side, below, above = self.gripper.half_width_m, self.gripper.below_tcp_m, self.arm.tcp_m[2]
+        grown = tuple(
+            Box(
+                box.name,
+                (box.min_m[0] - side, box.min_m[1] - side, box.min_m[2] - above),
+                (box.max_m[0] + side, box.max_m[1] + side, box.max_m[2] + below),
+            )
+            for box in boxes
+        )
+        return replace(self.arm.limits.arm_limits(), keep_out=grown)
 
     def gripper_limits(self) -> GripperLimits:
         """The gripper's range, with its measured openings where there are any."""

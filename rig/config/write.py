@@ -6,12 +6,20 @@ from typing import Any
 
 from drivers.errors import InputError
 from rig.config.models import BenchConfig
+from rig.config.required import LIMITS, ON_THE_FLANGE
 
 
 def bench_text(config: BenchConfig) -> str:
-    """Return a bench as the TOML that reads back as the same bench: every key that is not at its default."""
+    """Return a bench as the TOML that reads back as the same bench: every key that is not at its default.
+
+    Of a real bench also those at their default that its file has to say.
+    """
     # calibrations are not written into a bench file but found beside it
     values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations"})
+    if not config.simulated:
+        limits = {key: getattr(config.arm.limits, key) for key in LIMITS}
+        values["arm"] |= {key: getattr(config.arm, key) for key in ON_THE_FLANGE}
+        values["arm"]["limits"] = limits | values["arm"].get("limits", {})
     plain = {key: value for key, value in values.items() if not isinstance(value, dict | list)}
     parts = [_keys(plain)]
     for key, value in values.items():

@@ -114,9 +114,9 @@ def attempt_lift(
     head = _head(task, plan, seed, settings.bench.simulated)
     shown = LiveObserver(measurement, live, head) if live.listeners else None
     with closing(shown) if shown else nullcontext():
-        error, bench_s, latency = _carry_out(benches, task, seed, plan, shown or measurement)
-    fault = None if error is None else fault_text(error)
-    row = _row(head, measurement, fault, round(bench_s, 6))
+        course = _carry_out(benches, task, seed, plan, shown or measurement)
+    fault = None if course.error is None else fault_text(course.error)
+    row = _row(head, measurement, fault, course)
     if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
         benches.displaced()
     recorder.close()
@@ -125,20 +125,19 @@ def attempt_lift(
         attempt=task.attempt,
         wall_s=time.perf_counter() - began,
         stages=stage_times(measurement),
-        capture_to_angle=latency or None,
+        capture_to_angle=course.latency or None,
     )
     return Attempt(row, timing, fault, {task.recording: stream.getvalue()}, _warning(row))
 
 
-def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, bench_s: float) -> LiftRow:
+def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, course: "_Course") -> LiftRow:
     """Evaluate a lift that reached its end, angles into its recording; else say what ended it."""
+    seen = {"bench_s": round(course.bench_s, 6), "speed_fraction": course.speed_fraction}
     if fault is not None:
-        return FailedLift(
-            **vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=bench_s
-        )
+        return FailedLift(**vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, **seen)
     figures, series = lift_result(measurement)
     measurement.record_results(series)
-    return FinishedLift(**vars(head), **vars(figures), accepted=True, bench_s=bench_s)
+    return FinishedLift(**vars(head), **vars(figures), accepted=True, **seen)
 
 
 def _warning(row: LiftRow) -> str | None:
@@ -162,28 +161,39 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
     return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects, shifts, distance)
 
 
-def _carry_out(
-    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, observer: LiftObserver
-) -> tuple[DeviceError | CalibrationError | None, float, dict[str, LatencyTimes]]:
-    """Return the fault, if any, how long it took by the bench's clock, s, and how late angles came.
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """How a lift went: its fault, if any, how long it took by the bench's clock, how late angles came.
 
     A simulated clock stands still while angles are worked out, so there nothing is late.
     """
+
+    error: DeviceError | CalibrationError | None
+    bench_s: float
+    latency: dict[str, LatencyTimes]
+    speed_fraction: float | None
+
+
+def _carry_out(
+    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, observer: LiftObserver
+) -> _Course:
     clock: Clock | None = None
     timed: LatencyProbe | None = None
     began_ns = 0
+    speed_fraction: float | None = None
     fault: DeviceError | CalibrationError | None = None
     try:
         with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
             clock, began_ns = bench.clock, bench.clock.now_ns()
             make_ready(bench, operator, benches.after_fault)
+            speed_fraction = bench.arm.state().speed_fraction
             operator.place(plan.object_id, plan.object_name)
             timed = LatencyProbe(observer, clock) if isinstance(clock, SystemClock) else None
             run_lift(bench, plan, timed or observer)
     except (DeviceError, CalibrationError) as error:
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
-    return fault, bench_s, timed.times() if timed else {}
+    return _Course(fault, bench_s, timed.times() if timed else {}, speed_fraction)
 
 
 def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> LiftHead:

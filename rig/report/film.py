@@ -64,11 +64,23 @@ def write_film(
     Raises `InputError` for an ending that no codec is known for, `SessionError` for a recording
     that cannot be read, `RecordingError` when the film cannot be written.
     """
+    require_film_name(out)
+    return save_film(out, _pictures(_read(folder, manifest, lift), speed / fps), fps)
+
+
+def require_film_name(out: Path) -> None:
+    """Raise `InputError` for an ending that no codec is known for, or a folder that is not there."""
     if out.suffix.lower() not in CODECS:
         raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
-    pictures = _pictures(_read(folder, manifest, lift), speed / fps)
+
+
+def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
+    """Write pictures of one size (height x width x 3, RGB) as a film, whole or not at all.
+
+    Raises `RecordingError` when it cannot be written.
+    """
     first = next(pictures)
     codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
     aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")

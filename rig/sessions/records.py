@@ -121,10 +121,14 @@ class LiftFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedLift(LiftHead, LiftFigures):
-    """A lift that counts. bench_s: how long it took by the bench's clock."""
+    """A lift that counts. bench_s: how long it took by the bench's clock.
+
+    speed_fraction: at which share of their speed motions ran (the speed slider), None where not known.
+    """
 
     accepted: Literal[True]
     bench_s: float
+    speed_fraction: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +139,7 @@ class FailedLift(LiftHead):
     outcome: Literal[LiftOutcome.FAULT]
     fault: str
     bench_s: float
+    speed_fraction: float | None = None
 
 
 LiftRow = FinishedLift | FailedLift

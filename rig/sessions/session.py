@@ -3,7 +3,9 @@
 import fcntl
 import logging
 import os
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +20,25 @@ from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
 
 Row = TypeVar("Row")
+
+
+class SessionLog(logging.FileHandler):
+    """A log that ends nothing: where it cannot be written, as on a full disk, that is said once."""
+
+    _lost = False
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
+        """Say that the log goes no further."""
+        if not self._lost:
+            self._lost = True
+            text = f"{self.baseFilename}: cannot be written ({sys.exc_info()[1]}); the log ends here"
+            with suppress(OSError, ValueError):
+                print(text, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Let go of the file, whatever is left to be written to it."""
+        with suppress(OSError):
+            super().close()
 
 
 class Session(Generic[Row]):
@@ -35,7 +56,7 @@ class Session(Generic[Row]):
         drop_torn_line(self._results)
         drop_torn_line(folder / TIMING)
         self.rows = read_rows(self._results, codec)
-        self._log = logging.FileHandler(folder / LOG)
+        self._log = SessionLog(folder / LOG)
         self._log.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         logger = logging.getLogger("rig")
         logger.setLevel(logging.INFO)

@@ -100,10 +100,11 @@ def test_a_film_on_a_full_disk_is_an_error_and_leaves_the_one_before(
         "import resource, sys; from rig.cli.main import main; "
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); main()"
     )
+    # -B: what Python compiles would be cut off by the limit as well, and found so by the next program
     trial = shutil.copytree(STORED / "stored_trial", tmp_path / "trial")
     arguments = ["play", str(trial), "--lift", "1", "--fps", "5", "--out", str(film)]
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
+        [sys.executable, "-B", "-c", code, *arguments],
         capture_output=True, text=True, errors="replace", timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 1

@@ -77,6 +77,8 @@ def test_what_was_typed_before_the_question_is_no_answer_to_it(at_terminal: AtTe
     assert "answered" not in terminal.text()
     terminal.type("maybe\n")
     terminal.wait_for("neither", 5.0)
+    terminal.read_for(0.5)
+    terminal.wait_for("Shall the fingers open? [y/N]:", 5.0)
     terminal.type("\n")
     terminal.wait_for("answered False", 5.0)
 

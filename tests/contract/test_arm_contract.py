@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.bench import Bench
+from drivers.clock import wait_until
 from drivers.errors import DeviceTimeoutError, NotConnectedError, OutOfLimitsError
 from drivers.types import ArmMode
 
@@ -30,7 +31,13 @@ def test_state_is_fresh_and_running(bench: Bench) -> None:
 def test_stop_ends_a_motion_on_its_way(bench: Bench) -> None:
     start = bench.arm.state().base_T_tcp
     motion = bench.arm.move_linear(start.translated(z_m=-0.2), 0.1, 1.0)
-    bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)
+    # a motion goes on only while somebody looks at the arm
+    assert wait_until(
+        bench.clock,
+        lambda: bench.arm.state().base_T_tcp.position_m[2] < start.position_m[2] - 0.03,
+        5.0,
+        0.01,
+    )
     bench.arm.stop()
     there = bench.arm.state().base_T_tcp.position_m[2]
     bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)

@@ -4,7 +4,6 @@ What truly happened is asked of the world. `rig benchmark safety` does this at r
 """
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -18,6 +17,7 @@ import pytest
 
 from fakes.wire.net.side_channel import Control
 from rig.bench.fakes_process import hosted_fakes
+from rig.benchmark.wire.real_bench import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 
@@ -48,7 +48,7 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
         assert config.fakes.control is not None
         simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
         write_bench(simulated, config)
-        real.write_text(re.sub(r"\[fakes\]\n(?:.+\n)*", "", simulated.read_text()))
+        write_bench(real, as_real(config))
         yield Served(Control(config.fakes.control), simulated, real)
 
 

@@ -16,6 +16,7 @@ from fakes.gel.sensor import GelSensor
 from fakes.world.pivot import tip_m
 from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
+from rig.benchmark.wire.real_bench import as_real
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
@@ -103,7 +104,7 @@ def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> Non
     values["arm"]["host"] = values["gripper"]["host"] = "192.0.2.1"
     values["camera"]["address"] = "/dev/video9"
     path = tmp_path / "bench.toml"
-    write_bench(path, BenchConfig.model_validate({**values, "name": "real", "fakes": None}))
+    write_bench(path, as_real(BenchConfig.model_validate({**values, "name": "real"})))
     with pytest.raises(OperatorStopError):
         collect_tip(station(tmp_path, bench=str(path), agreed=False), 4)
 

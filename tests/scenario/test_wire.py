@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import run_faults
+from rig.benchmark.wire.faults import MID_LIFT, run_faults
 from rig.benchmark.wire.lift import measure_wire
 from rig.config import BenchConfig
 from rig.experiments.replay import run_replay
@@ -52,7 +52,7 @@ def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
 ) -> None:
     for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
-    cases = tuple(case for case in CASES if case.name in SOME)
+    cases = [(case, MID_LIFT) for case in CASES if case.name in SOME]
     results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
     assert [result.case.name for result in results] == list(SOME)
     for result in results:

@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import (
     DeviceError,
 )
-from drivers.types import Pose
+from drivers.types import Pose, Vector6
 from drivers.ur5e.arm import UR5e
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
+from fakes.wire.ur.robot import INSTALLED_COG_M, INSTALLED_KG
 from fakes.world.world import BenchLayout, World
 
 DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -35,8 +36,23 @@ def make_controller(version: str = "5.11.0") -> URController:
     return URController(world, SimulatedClock(realtime=True), host, version, release_after_s=0.5)
 
 
-def make_arm(host: str, payload_kg: float = 1.8) -> UR5e:
-    return UR5e(host, LIMITS, Pose((0.0, 0.0, TOOL_LENGTH_M)), payload_kg, (0.0, 0.0, 0.08))
+_made: list[UR5e] = []
+
+
+def make_arm(
+    host: str,
+    payload_kg: float = INSTALLED_KG,
+    joint_limits_rad: tuple[Vector6, Vector6] | None = None,
+) -> UR5e:
+    tool = Pose((0.0, 0.0, TOOL_LENGTH_M))
+    _made.append(UR5e(host, LIMITS, tool, payload_kg, INSTALLED_COG_M, joint_limits_rad))
+    return _made[-1]
+
+
+def let_go_of_arms() -> None:
+    """Disconnect every arm that was made: what a test left connected is found by no later one."""
+    while _made:
+        _made.pop().disconnect()
 
 
 def agree(question: str) -> None:

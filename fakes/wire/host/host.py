@@ -14,8 +14,8 @@ from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.mirror import snapshot_of
-from fakes.wire.host.motion_log import MotionLog
 from fakes.wire.host.render import Renderer
+from fakes.wire.host.track import Track
 from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net.arguments import whole_number
 from fakes.wire.net.background import VitalThread
@@ -92,7 +92,7 @@ class FakesHost:
         self._plan, self._wire, self._host = plan, wire, host
         self._clock = SharedClock(time.monotonic_ns())
         self._world = World(plan.layout, seed)
-        self._motion = MotionLog()
+        self._track = Track()
         self._devices: dict[str, Device] = {}
         self._served: dict[str, Any] = {}
         self._running = ExitStack()
@@ -158,7 +158,8 @@ class FakesHost:
         def run() -> None:
             while not self._stopping.wait(TICK_S):
                 snapshot = snapshot_of(self._world, self._clock.now_ns())
-                self._motion.see(snapshot.state.time_ns, snapshot.tool.position_m)
+                state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
+                self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
                 renderer.feed(snapshot)
 
         ticker = VitalThread(run, "world of the fakes")
@@ -171,7 +172,7 @@ class FakesHost:
     def _commands(self) -> dict[str, Any]:
         return {
             "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
-            "status": self._status, "identity": self._identity,
+            "status": self._status, "identity": self._identity, "track": self._since,
         }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
@@ -208,6 +209,12 @@ class FakesHost:
             raise InputError(f"there is no device '{device}': use one of {known}")
         return names
 
+    def _since(self, since_ns: int) -> dict[str, Any]:
+        """How the tool and the fingers truly moved since a time of this computer's monotonic clock."""
+        start_ns = self._clock.start_ns
+        samples = self._track.since(since_ns - start_ns)
+        return {"samples": [(time_ns + start_ns, *rest) for time_ns, *rest in samples]}
+
     def _status(self) -> dict[str, Any]:
         """The world and all devices."""
         return {**self._state(), "devices": {name: dict(d.snapshot()) for name, d in self._devices.items()}}
@@ -220,8 +227,7 @@ class FakesHost:
             "start_ns": self._clock.start_ns,
             "now_ns": now,
             "tool_m": self._world.tool.position_at(now),
-            "tool_moving": self._motion.moving,
-            "tool_motions_ns": list(self._motion.intervals),
+            "tool_moving": self._track.moving,
             "finger_counts": self._world.fingers.position_at(now),
             "object": model.id if model else None,
             "held": state.held,

@@ -144,6 +144,7 @@ class URController:
             wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
             ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
             with self._lock:
+                self.robot.heard_ns = self._clock.now_ns()
                 for key, _ in ready:
                     self._attend(key.data)
                 self._catch_up()

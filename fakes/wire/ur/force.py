@@ -4,10 +4,9 @@ import math
 
 from drivers.types import Vector6
 from fakes.wire.ur.frames import Frame
-from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
 from fakes.world.world import World
 
-FLOOR_STIFFNESS_N_M = 10_000.0
 _LOOK_EVERY = 4
 """The load changes slowly: the world is asked once in four cycles."""
 
@@ -16,11 +15,10 @@ class ForceSensor:
     """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload that was set.
 
     The sensor has an offset until it is zeroed; `unzeroed` is its newest reading with that offset.
-    floor_z_m: the height at which the TCP meets something hard.
     """
 
-    def __init__(self, world: World, floor_z_m: float = 0.0) -> None:
-        self._world, self._floor_m = world, floor_z_m
+    def __init__(self, world: World) -> None:
+        self._world, self._floor_m = world, world.layout.floor_z_m
         self._sensor = FlangeSensor(world.seed)
         self._zero = self._slow = NOTHING
         self._cycle = 0
@@ -35,7 +33,7 @@ class ForceSensor:
         depth = self._floor_m - tcp[2]
         self.contact_cycles = self.contact_cycles + 1 if depth >= 0.0 else 0
         a, b, c, d, e, f = self._slow
-        push = max(depth, 0.0) * FLOOR_STIFFNESS_N_M
+        push = table_push_n(self._floor_m, tcp[2])
         self.unzeroed = self._sensor.shown((a, b, c + push, d, e, f), time_ns)
         return _less(self.unzeroed, self._zero)
 

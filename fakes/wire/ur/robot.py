@@ -29,13 +29,15 @@ STEADY_CYCLES = 250
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 FARTHEST_TCP_M = 10.0
 PHYSICAL_TOOL = tool(TOOL_LENGTH_M)
+INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
+"""Mass and centre of gravity of the hand in the controller's installation: what it starts with."""
 
 
 class Robot:
     """Everything behind the sockets. It moves the world's tool; the tool itself cannot be changed.
 
     Whatever TCP a client sets, the hand that grasps is `PHYSICAL_TOOL`, which is also the TCP the
-    controller starts with.
+    controller starts with, beside that hand's payload.
     """
 
     def __init__(self, world: World, version: Version, release_after_s: float = 5.0) -> None:
@@ -50,12 +52,14 @@ class Robot:
         self.inputs: dict[str, Value] = {name: zero(kind) for name, kind in INPUTS.items()}
         self.io = IoBoard(self.bank)
         self.commands: Counter[int] = Counter()
-        self.time_ns = 0
+        self.time_ns = self.heard_ns = 0
+        """Of the newest cycle; of what clients send now, which is later where cycles are caught up."""
         self.force = ForceSensor(world)
         self._world = world
         self._wrench: Vector6 = STILL
         self._runtime = Runtime()
         publish_constants(self.bank)
+        self.load(INSTALLED_KG, INSTALLED_COG_M)
         publish_on_demand(self)
         self._publish_pose()
 
@@ -147,7 +151,7 @@ class Robot:
         """Take a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
-            self._runtime.note_written(name, self.time_ns)
+            self._runtime.note_written(name, max(self.time_ns, self.heard_ns))
             if "_register" in name:
                 self.bank.set(name, value)
         self.io.apply(values, self.inputs)

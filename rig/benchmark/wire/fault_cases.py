@@ -9,18 +9,18 @@ from typing import Any
 class FaultCase:
     """What goes wrong. injected: (device, kind, arguments) in order.
 
-    named: a word that the outcome has to contain. mended_after: how many attempts fail before somebody
+    named: words of which the outcome has to contain one. mended_after: how many attempts fail before somebody
     looks after it (a cable, a switch); a protective stop is left for the rig to recover from.
     """
 
     name: str
     injected: tuple[tuple[str, str, Mapping[str, Any]], ...]
-    named: str
+    named: tuple[str, ...]
     mended_after: int = 1
 
 
 def _case(name: str, device: str, kind: str, named: str, **arguments: Any) -> FaultCase:
-    return FaultCase(name, ((device, kind, arguments),), named)
+    return FaultCase(name, ((device, kind, arguments),), (named,))
 
 
 CASES = (
@@ -33,13 +33,13 @@ CASES = (
     FaultCase(
         "arm: remote control off, then reconnect",
         (("arm", "remote_control_off", {}), ("arm", "socket_dropped", {})),
-        "arm",
+        ("arm",),
         mended_after=2,
     ),
     FaultCase(
         "arm: recipe refused at reconnect",
         (("arm", "recipe_refused", {}), ("arm", "socket_dropped", {})),
-        "arm",
+        ("arm",),
         mended_after=2,
     ),
     _case("gripper: silent", "gripper", "silent", "gripper"),
@@ -56,3 +56,10 @@ CASES = (
     _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
     _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
 )
+
+
+def both(one: FaultCase, other: FaultCase) -> FaultCase:
+    """Two at once; the outcome has to name one of them."""
+    mended_after = max(one.mended_after, other.mended_after)
+    name = f"{one.name} + {other.name}"
+    return FaultCase(name, one.injected + other.injected, one.named + other.named, mended_after)

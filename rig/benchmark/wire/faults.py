@@ -7,7 +7,7 @@ rig claims is held against the simulated world: where its tool truly moved, and 
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,17 +23,19 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.wire.fault_cases import CASES, FaultCase
+from rig.benchmark.wire.moments import Moment, Stage, wait_for
+from rig.benchmark.wire.true_track import dropped, read_track, standstill
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.sessions.records import FinishedLift, LiftRow, finished
-from rig.sessions.rows import read_lifts
+from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.rows import read_usable_lifts
 from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
-RISEN_M = 0.008
-"""The fault comes when the object has been lifted this far: phase B."""
-POLL_S = 0.01
+MID_LIFT = Moment(Stage.LIFT, 0.4)
+LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
+"""From here on a lift may be over before a device is missed."""
 
 
 @dataclass(slots=True)
@@ -41,11 +43,15 @@ class FaultResult:
     """What came of a case.
 
     Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
-    after it, when the simulated tool then stood still. faults: outcomes of failed attempts.
-    given_up: the next lift did not run within three attempts. recovered: it ran.
+    after it, when the simulated tool then stood still. stage: of the lift at the fault. dropped: whether
+    the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run within three
+    attempts. recovered: it ran.
     """
 
     case: FaultCase
+    moment: Moment = MID_LIFT
+    stage: Stage | None = None
+    dropped: bool = False
     injected_ns: int = 0
     detected_ns: int = 0
     still_ns: int = 0
@@ -65,9 +71,13 @@ class FaultResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the fault was seen, named, made safe in time, and recovered from."""
-        named = any(self.case.named.lower() in fault.lower() for fault in self.faults)
-        return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S and self.recovered
+        """Whether the fault was seen, named, made safe in time, and recovered from, and nothing fell."""
+        if self.dropped or not self.recovered:
+            return False
+        if not self.faults:
+            return self.stage in LATE
+        named = any(word.lower() in fault.lower() for fault in self.faults for word in self.case.named)
+        return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S
 
 
 class TimedArm(Arm):
@@ -117,13 +127,14 @@ class FaultyBench(StandingBench):
     def __init__(self, config: BenchConfig, results: list[FaultResult]) -> None:
         super().__init__(config, ConsoleOperator(lambda _: True), "")
         self._control = fakes_control(config)
+        self._grasp_m = config.table.position_m[2]
         self._results = results
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Give the bench, mended where the time has come, with the fault on its way."""
         result = self._results[int(lift.rpartition("/")[2]) - 1]
-        if len(result.faults) >= result.case.mended_after:
+        if attempt == 0 or len(result.faults) >= result.case.mended_after:
             self._control.call("fault", device="all", kind="clear")
         with super().for_lift(seed, lift, attempt) as (bench, operator):
             if result.injected_ns:
@@ -138,47 +149,40 @@ class FaultyBench(StandingBench):
             finally:
                 over.set()
                 injector.join()
-                result.still_ns = self._still_since(result.detected_ns)
+                self._judge(result)
 
     def _note_stop(self, result: FaultResult, now_ns: int) -> None:
         if result.injected_ns and not result.detected_ns:
             result.detected_ns = now_ns
 
     def _inject(self, result: FaultResult, over: threading.Event) -> None:
-        """Wait until the object hangs in the fingers, well on its way up, then let it go wrong."""
-        held_at: float | None = None
-        while not over.wait(POLL_S):
-            status = self._control.call("world")
-            height = status["tool_m"][2]
-            held_at = (height if held_at is None else held_at) if status["held"] else None
-            if held_at is not None and height - held_at > RISEN_M:
-                result.injected_ns = time.monotonic_ns()
-                for device, kind, arguments in result.case.injected:
-                    self._control.call("fault", device=device, kind=kind, **arguments)
-                return
+        """Wait for the moment, then let it go wrong."""
+        stage = wait_for(result.moment, self._grasp_m, lambda: self._control.call("world"), over.is_set)
+        if stage is not None:
+            result.stage, result.injected_ns = stage, time.monotonic_ns()
+            for device, kind, arguments in result.case.injected:
+                self._control.call("fault", device=device, kind=kind, **arguments)
 
-    def _still_since(self, since_ns: int) -> int:
-        """When the tool first stood still after `since_ns`, by the simulated world."""
-        status = self._control.call("world")
-        for began, ended in status["tool_motions_ns"]:
-            began_ns, ended_ns = began + status["start_ns"], ended + status["start_ns"]
-            if began_ns <= since_ns < ended_ns:
-                return ended_ns
-        return since_ns
+    def _judge(self, result: FaultResult) -> None:
+        """See by the simulated world when the tool stood still after the rig's stop, and what fell."""
+        if result.injected_ns:
+            track = read_track(self._control.call, result.injected_ns)
+            result.still_ns = standstill(track, result.detected_ns or result.injected_ns).time_ns
+            result.dropped = result.dropped or dropped(track, self._grasp_m)
 
 
 def run_faults(
     folder: Path,
-    cases: tuple[FaultCase, ...] = CASES,
+    cases: Sequence[tuple[FaultCase, Moment]] = tuple((case, MID_LIFT) for case in CASES),
     progress: Callable[[FaultResult], None] = lambda result: None,
     bench: BenchConfig | None = None,
 ) -> list[FaultResult]:
-    """Run the cases as a trial of as many lifts, kept in `folder`; return what came of each.
+    """Run cases, each at its moment, as a trial of as many lifts, kept in `folder`; return what came of each.
 
     bench: the bench behind wires, by default `wire`.
-    Raises `DeviceError` unless each case's lift is on disk in the end.
+    Raises `DeviceError` unless each case's lift is whole on disk in the end.
     """
-    results = [FaultResult(case) for case in cases]
+    results = [FaultResult(case, moment) for case, moment in cases]
     attempts: list[FaultResult] = []
 
     def note(done: int, total: int, row: LiftRow) -> None:
@@ -197,9 +201,9 @@ def run_faults(
         settings = TrialSettings(config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         _run_to_the_end(run, attempts)
-    kept = finished(read_lifts(folder))
+    kept = read_usable_lifts(folder, checked=True).lifts
     if len(kept) != len(cases):
-        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are on disk in {folder}")
+        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are whole on disk in {folder}")
     return results
 
 

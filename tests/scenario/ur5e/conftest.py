@@ -6,7 +6,7 @@ import pytest
 
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
-from support.ur5e import make_arm, make_controller
+from support.ur5e import let_go_of_arms, make_arm, make_controller
 
 
 @pytest.fixture
@@ -14,6 +14,7 @@ def controller() -> Iterator[URController]:
     controller = make_controller()
     controller.start()
     yield controller
+    let_go_of_arms()
     controller.stop()
 
 

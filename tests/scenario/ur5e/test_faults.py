@@ -1,7 +1,5 @@
 """The UR5e's driver in protective stops and in every fault, at connect and in mid-motion."""
 
-import time
-
 import pytest
 
 from drivers.errors import (
@@ -14,6 +12,7 @@ from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
 from support.ur5e import HOME, agree, first_error, make_arm, stands
+from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time
@@ -64,7 +63,7 @@ def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
     controller: URController, arm: UR5e, kind: str, arguments: dict[str, bool], said: str
 ) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.1, 1.0)
-    time.sleep(0.2)
+    until(lambda: motion.progress() > 0.05)
     controller.inject(kind, **arguments)
     error, _ = first_error(motion.done)
     assert said in str(error)

@@ -3,21 +3,28 @@
 import socket
 import threading
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from drivers.clock import SystemClock
 from drivers.errors import (
+    ContactForceError,
     DeviceError,
     DeviceTimeoutError,
+    OperatorStopError,
     OutOfLimitsError,
 )
 from drivers.types import Pose
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.dashboard import Dashboard
-from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
+from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from support.ur5e import HOME, make_arm, make_controller, stands
+from fakes.wire.ur.frames import from_ur
+from protocols.steps import move
+from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
@@ -44,7 +51,6 @@ def test_a_motion_on_either_version(version: str) -> None:
 
 def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
     assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=1e-9)
-    assert controller.robot.bank.get("payload") == 1.8
     assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
 
@@ -135,9 +141,9 @@ def test_what_cannot_be_reached_is_refused_and_the_program_survives(
 
 
 def test_joints_are_kept_in_their_limits(controller: URController) -> None:
-    tool, narrow = Pose((0.0, 0.0, TOOL_LENGTH_M)), (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    narrow = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
     limits = ((-0.1, -0.1, -0.1, -0.1, -0.1, -0.1), narrow)
-    arm = UR5e(controller.host, LIMITS, tool, 1.8, (0.0, 0.0, 0.08), joint_limits_rad=limits)
+    arm = make_arm(controller.host, joint_limits_rad=limits)
     arm.connect()
     with pytest.raises(OutOfLimitsError, match="joint 1"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
@@ -169,3 +175,62 @@ def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
     assert 0 <= time.monotonic_ns() - arm.state().time_ns < 200_000_000
     assert arm.counters()["samples"] > 0
     assert arm.clock_offset_s() < 0.0
+
+
+def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
+    controller: URController,
+) -> None:
+    installed = controller.robot.body.payload_kg
+    arm = make_arm(controller.host, payload_kg=1.8)
+    arm.connect()
+    assert controller.robot.body.payload_kg == installed
+    with pytest.raises(DeviceError, match=r"2\.500 kg instead of 1\.800 kg"):
+        arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
+
+    def refuse(question: str) -> None:
+        raise OperatorStopError(question)
+
+    with pytest.raises(OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*shall it be set"):
+        arm.recover(refuse)
+    assert controller.robot.body.payload_kg == installed
+    assert "3" not in controller.snapshot()["commands"], "no motion was sent"
+    arm.recover(agree)
+    assert controller.robot.body.payload_kg == 1.8
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.recover(lambda question: pytest.fail(question))
+    arm.disconnect()
+
+
+def test_a_tcp_of_another_installation_is_asked_about(controller: URController) -> None:
+    ours = controller.robot.body.tool
+    controller.robot.set_tool(from_ur((0.0, 0.0, 0.20, 0.0, 0.0, 0.0)))
+    arm = make_arm(controller.host)
+    arm.connect()
+    asked: list[str] = []
+    arm.recover(asked.append)
+    assert "TCP (0, 0, 0.2, 0, 0, 0) instead of (0, 0, 0.28, 0, 0, 0)" in asked[0]
+    assert controller.robot.body.tool == pytest.approx(ours)
+    arm.disconnect()
+
+
+def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controller: URController) -> None:
+    arm = make_arm(controller.host)
+    assert arm.speed_fraction() == 1.0
+    controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.4})
+    assert arm.speed_fraction() == 0.4
+    assert "3" not in controller.snapshot()["commands"]
+    arm.connect()
+    assert arm.state().speed_fraction == 0.4
+    controller.robot.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.7})
+    until(lambda: arm.state().speed_fraction == 0.7)
+    arm.disconnect()
+
+
+def test_a_way_down_that_meets_the_table_is_stopped_there(controller: URController, arm: UR5e) -> None:
+    table_m = 0.2
+    controller.robot.force._floor_m = table_m
+    bench: Any = SimpleNamespace(arm=arm, clock=SystemClock())
+    with pytest.raises(ContactForceError, match="met something on its way down"):
+        move(bench, HOME.translated(z_m=-0.15), 0.25).wait(5.0)
+    assert stands(controller)
+    assert table_m - 0.020 < controller.snapshot()["tcp_m"][2] < table_m

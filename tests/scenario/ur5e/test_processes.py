@@ -1,8 +1,10 @@
 """The UR5e's processes: a crash of one, the end of the rig, and a rig without their library."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -53,7 +55,7 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
         "from drivers.types import Pose\n"
         "from drivers.ur5e.arm import UR5e\n"
         "from fakes.devices.arm import LIMITS\n"
-        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 1.8, (0, 0, 0.08))\n"
+        "arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))\n"
         "arm.connect()\n"
         "arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.25), 0.05, 1.0)\n"
         "print(arm._link._listener._process.pid, arm._link.control._process._process.pid, flush=True)\n"
@@ -67,6 +69,102 @@ def test_when_the_rig_dies_its_processes_go_and_the_arm_stops(controller: URCont
     rig.stdout.close()
     until(lambda: not any(map(exists, children)))
     until(lambda: not controller.snapshot()["program_running"])
+    assert stands(controller)
+
+
+MOVING = """
+import os, subprocess, sys, time
+
+def busy(for_s):
+    # this program gets a core only where nobody else wants it, and somebody does
+    spin = f"import time\\nend = time.monotonic() + {for_s}\\nwhile time.monotonic() < end: pass"
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    subprocess.Popen([sys.executable, "-I", "-S", "-c", spin], preexec_fn=lambda: os.sched_setscheduler(
+        0, os.SCHED_OTHER, os.sched_param(0)))
+
+from drivers.types import Pose
+from drivers.ur5e.arm import UR5e
+from fakes.devices.arm import LIMITS
+arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))
+arm.connect()
+motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
+if sys.argv[2] == "hangs":
+    time.sleep(60)
+if sys.argv[2].startswith("busy"):
+    busy(float(sys.argv[2][5:]))
+try:
+    motion.wait(10.0)
+except Exception as error:
+    print(error, flush=True)
+arm.disconnect()
+"""
+
+
+def moving(controller: URController, how: str) -> "subprocess.Popen[str]":
+    """A program that moves the arm down at the speed of an approach."""
+    return subprocess.Popen(
+        [sys.executable, "-c", MOVING, controller.host, how],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def height_m(controller: URController) -> float:
+    return controller.snapshot()["tcp_m"][2]
+
+
+def test_a_stopped_program_leaves_no_motion_going(controller: URController) -> None:
+    with moving(controller, "looks") as rig:
+        try:
+            assert rig.stdout is not None
+            until(lambda: height_m(controller) < HOME.position_m[2] - 0.05, 30.0)
+            rig.send_signal(signal.SIGSTOP)
+            there = height_m(controller)
+            time.sleep(0.5)
+            ended = height_m(controller)
+            assert there - ended <= 0.020
+            assert stands(controller)
+            assert height_m(controller) == ended
+            rig.send_signal(signal.SIGCONT)
+            said = rig.stdout.read()
+            assert "stopped by a signal" in said
+        finally:
+            rig.kill()
+
+
+def test_a_program_that_hangs_leaves_no_motion_going(controller: URController) -> None:
+    with moving(controller, "hangs") as rig:
+        try:
+            until(lambda: height_m(controller) < HOME.position_m[2] - 0.001, 30.0)
+            time.sleep(0.5)
+            assert HOME.position_m[2] - height_m(controller) <= 0.020
+            assert stands(controller)
+        finally:
+            rig.kill()
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
+@pytest.mark.parametrize(("busy_s", "said"), [(0.2, ""), (2.0, "too busy to move an arm")])
+def test_a_motion_outlasts_a_busy_moment_and_no_more(
+    controller: URController, busy_s: float, said: str
+) -> None:
+    with moving(controller, f"busy {busy_s}") as rig:
+        try:
+            assert rig.stdout is not None
+            assert said in rig.stdout.read()
+            arrived = HOME.position_m[2] - height_m(controller) > 0.199
+            assert arrived == (not said)
+        finally:
+            rig.kill()
+
+
+def test_a_controller_that_hears_nothing_stops(controller: URController, arm: UR5e) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.20), 0.25, 1.0)
+    until(lambda: motion.done() or motion.progress() > 0.25)
+    there = height_m(controller)
+    arm._link.control._process.kill()  # type: ignore[union-attr]
+    time.sleep(0.5)
+    assert there - height_m(controller) <= 0.030
     assert stands(controller)
 
 

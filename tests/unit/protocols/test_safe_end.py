@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DeviceError, OutOfLimitsError
-from drivers.types import Holding
+from drivers.types import ArmMode, ArmState, Box, Holding
 from fakes.devices.arm import FakeArm
 from protocols.observer import Phase
 from protocols.slip_trial import run_lift
@@ -126,11 +126,62 @@ def test_a_stop_of_the_safety_system_is_seen_while_the_lift_waits_for_something_
     assert lift.held
 
 
+def test_an_emergency_stop_in_the_hold_phase_is_noticed_within_two_pictures(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    state = FakeArm.state
+    pressed_ns: list[int] = []
+    noticed_ns: list[int] = []
+
+    def seen(arm: FakeArm) -> ArmState:
+        now_ns = lift.bench.clock.now_ns()
+        holding = lift.observer.phase_now is Phase.HOLD
+        if holding and not pressed_ns:
+            pressed_ns.append(now_ns + 3_000_000)  # just after the arm was looked at
+        pressed = pressed_ns and now_ns >= pressed_ns[0]
+        return replace(state(arm), mode=ArmMode.EMERGENCY_STOP) if pressed else state(arm)
+
+    def stop(arm: FakeArm) -> None:
+        noticed_ns.append(lift.bench.clock.now_ns())
+
+    running = FakeArm._check_running
+
+    def may_move(arm: FakeArm) -> None:
+        if pressed_ns:
+            raise DeviceError("arm: emergency stop")
+        running(arm)
+
+    monkeypatch.setattr(FakeArm, "state", seen)
+    monkeypatch.setattr(FakeArm, "stop", stop)
+    monkeypatch.setattr(FakeArm, "_check_running", may_move)
+    with pytest.raises(DeviceError, match="emergency"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert noticed_ns[0] - pressed_ns[0] < 70_000_000
+    assert lift.held
+
+
 def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_of: LiftOf) -> None:
     lift = lift_of()
     before = (lift.pose, lift.counts)
     lift.plan = replace(lift.plan, width_m=0.118)
     with pytest.raises(OutOfLimitsError, match=r"118\.0 mm wide is too wide.*open 120\.0 mm"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert (lift.pose, lift.counts) == before
+
+
+@pytest.mark.parametrize("z_m", [0.10, 0.20])
+def test_a_plan_that_leads_into_a_box_is_refused_before_anything_moves(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, z_m: float
+) -> None:
+    lift = lift_of()
+    x, y, _ = lift.plan.base_T_grasp.position_m
+    box = Box("lamp", (x - 0.05, y - 0.05, z_m), (x + 0.05, y + 0.05, z_m + 0.02))
+    lift.plan = replace(lift.plan, lift_height_m=0.2)
+    limits = replace(lift.bench.arm.limits, keep_out=(box,))
+    monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
+    before = (lift.pose, lift.counts)
+    with pytest.raises(OutOfLimitsError, match="into 'lamp'"):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert (lift.pose, lift.counts) == before
 

@@ -5,6 +5,7 @@ The seeded loops run some 125,000 cases in all; `CASES` counts them.
 
 import contextlib
 import json
+import os
 import random
 import socket
 import struct
@@ -24,7 +25,10 @@ from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.control_process import answer
 from drivers.ur5e.dashboard import refuse_local_control, serial_number
+from drivers.ur5e.heartbeat import Heartbeat
 from drivers.ur5e.probe import parse_version, read_package
+from drivers.ur5e.program import Program
+from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.commands import COMMANDS
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
@@ -224,7 +228,8 @@ CALLS = (
 def test_answers_of_the_process_that_commands() -> None:
     """Whatever the library raises, and however the line is cut, a call has its own answer or an error."""
     rng = random.Random(6)
-    commands = ControlCommands(Interface(rng), Watchdog(None))
+    interface, state = Interface(rng), SharedState()
+    commands = ControlCommands(interface, Watchdog(None), Heartbeat(interface, state, Program(os.getppid())))
     here, there = socket.socketpair()
     channel = Channel(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
     asked = there.makefile("rb")
@@ -246,6 +251,7 @@ def test_answers_of_the_process_that_commands() -> None:
     assert 0 < failed < CASES["answer"]
     here.close()
     there.close()
+    state.close()
 
 
 class Interrupted(SystemClock):

@@ -19,7 +19,22 @@ LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)
 
 def sample(safety: int = 1, mode: int = 7, runtime: int = 2, number: int = 0) -> StateSample:
     return StateSample(
-        1.0 * number, number, number, SIX, SIX, SIX, SIX, 1.5, mode, safety, 3, runtime, number, 0
+        1.0 * number,
+        number,
+        number,
+        SIX,
+        SIX,
+        SIX,
+        SIX,
+        1.5,
+        (0.0, 0.0, 0.08),
+        1.0,
+        mode,
+        safety,
+        3,
+        runtime,
+        number,
+        0,
     )
 
 

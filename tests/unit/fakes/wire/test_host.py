@@ -20,7 +20,7 @@ from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
 from fakes.wire.host.mirror import MirroredWorld, snapshot_of
-from fakes.wire.host.motion_log import MotionLog
+from fakes.wire.host.track import Track
 from fakes.wire.net.background import VitalThread
 from fakes.wire.net.loopback import require_free, taken_ports
 from fakes.wire.net.side_channel import Control, ControlServer
@@ -179,13 +179,16 @@ def test_a_side_channel_where_nobody_answers_is_a_device_error() -> None:
         fakes_control(load_bench("wire"))
 
 
-def test_motions_are_logged_from_begin_to_standstill() -> None:
-    log = MotionLog()
+def test_a_track_tells_of_motions_from_begin_to_standstill_and_of_nothing_else() -> None:
+    track, step_ns = Track(), 4_000_000
     for step in range(300):
         x = 0.0005 * min(max(step - 50, 0), 100)
-        log.see(step * 4_000_000, (x, 0.0, 0.0))
-    assert [list(interval) for interval in log.intervals] == [[50 * 4_000_000, 150 * 4_000_000]]
-    assert not log.moving
+        track.see(step * step_ns, (x, 0.0, 0.0), 6.0, held=step >= 200)
+        assert track.moving == (50 < step <= 150)
+    steps = [sample[0] // step_ns for sample in track.since(0)]
+    assert steps == [0, *range(50, 151), 199, 200, 299]
+    assert [sample[5] for sample in track.since(0)][-3:] == [False, True, True]
+    assert [sample[0] // step_ns for sample in track.since(149 * step_ns + 1)] == [149, 150, 199, 200, 299]
 
 
 def test_only_free_loopback_addresses_are_served() -> None:

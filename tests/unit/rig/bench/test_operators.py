@@ -2,8 +2,10 @@
 
 import pytest
 
+from drivers.bench import Bench
 from drivers.errors import InputError, OperatorStopError
 from drivers.types import ArmMode
+from drivers.ur5e.arm import UR5e
 from protocols.grasps import load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
@@ -18,7 +20,7 @@ from rig.tactile.estimators import choose_estimator
 
 
 def real_bench() -> BenchConfig:
-    """The simulated bench's file with real drivers named; none is ever built here."""
+    """The simulated bench's file with real drivers named; none is ever connected here."""
     config = load_bench("fake").model_dump()
     config["arm"]["driver"], config["gripper"]["driver"] = "ur5e", "robotiq_3f"
     config["camera"]["driver"], config["camera"]["address"] = "camera", "/dev/video0"
@@ -47,7 +49,11 @@ def test_an_object_wider_than_the_hand_opens_is_refused_before_anybody_is_asked(
         describe_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
 
 
-def test_without_agreement_nothing_is_even_connected() -> None:
+def test_without_agreement_nothing_is_connected_and_the_plan_says_where_the_slider_stands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
+    monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))
     with (
@@ -56,7 +62,9 @@ def test_without_agreement_nothing_is_even_connected() -> None:
         benches.for_lift(0, "t1/1"),
     ):
         pass
-    assert asked == ["The arm will move. Begin?"]
+    slider, begin = asked[0].split("\n")
+    assert "speed slider stands at 40%" in slider
+    assert begin == "The arm will move. Begin?"
 
 
 def test_a_simulated_bench_asks_nobody() -> None:

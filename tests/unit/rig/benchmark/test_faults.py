@@ -1,12 +1,31 @@
 """A fault that the rig does not recover from fails its case, and the next cases still run."""
 
+from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from drivers.errors import DeviceError
+from drivers.clock import to_ns
+from drivers.errors import DeviceError, InputError
+from drivers.types import Frame
+from rig.benchmark.wire.campaign import (
+    FILE,
+    FaultRow,
+    _pictures,
+    campaign_rows,
+    judge_campaign,
+    plan_campaign,
+    row_of,
+    run_campaign,
+    worst,
+)
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import FaultResult, _run_to_the_end
+from rig.benchmark.wire.moments import Stage
+from rig.sessions.codec import json_line
+from rig.sessions.files import append_line
 
 
 def trial_that_fails(at: list[int], attempts: list[FaultResult]) -> Callable[[bool], None]:
@@ -40,3 +59,74 @@ def test_the_cases_are_named_once_and_cover_every_device() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
     assert {name.partition(":")[0] for name in names} == {"arm", "gripper", "fingertip", "camera"}
+
+
+def test_a_campaign_has_each_fault_in_each_stage_and_many_with_another() -> None:
+    plan = plan_campaign(0, 1000)
+    assert len(plan) == 1000
+    firsts = Counter((case.name.split(" + ")[0], moment.stage) for case, moment in plan)
+    assert set(firsts) == {(case.name, stage) for case in CASES for stage in Stage}
+    assert max(firsts.values()) - min(firsts.values()) <= 1
+    two = [case for case, _ in plan if " + " in case.name]
+    assert 250 < len(two) < 420
+    for case in two:
+        one, other = (name.partition(":")[0] for name in case.name.split(" + "))
+        assert one != other
+        assert len(case.injected) >= 2
+    assert plan_campaign(0, 30) == plan[:30]
+
+
+def row(**changes: object) -> FaultRow:
+    found = FaultResult(CASES[0], stage=Stage.LIFT, faults=["arm: protective stop"], recovered=True)
+    found.injected_ns, found.detected_ns, found.still_ns = to_ns(1.0), to_ns(1.2), to_ns(1.3)
+    for name, value in changes.items():
+        setattr(found, name, value)
+    return row_of(1, found)
+
+
+def test_a_fault_passes_only_when_it_is_seen_named_safe_and_recovered_from() -> None:
+    good = row()
+    assert (good.seen_s, good.still_s, good.passed) == (pytest.approx(0.2), pytest.approx(0.3), True)
+    assert not row(faults=["DeviceError: gripper"]).passed
+    assert not row(still_ns=to_ns(2.5)).passed
+    assert not row(recovered=False).passed
+    assert not row(dropped=True).passed
+    unseen = {"faults": [], "detected_ns": 0}
+    assert not row(**unseen).passed
+    assert row(**unseen, stage=Stage.RELEASE).passed
+    missed = {
+        limit.name for limit in judge_campaign([good, row(dropped=True, recovered=False)]) if not limit.met
+    }
+    assert len(missed) == 3
+    assert all(limit.met for limit in judge_campaign([good]))
+
+
+def test_faults_that_were_kept_are_not_run_again(tmp_path: Path) -> None:
+    plan = plan_campaign(0, 1)
+    append_line(tmp_path / FILE, json_line(row()))
+    with pytest.raises(InputError, match="--resume"):
+        run_campaign(tmp_path, plan)
+    assert run_campaign(tmp_path, plan, resume=True) == [row()]
+
+
+def test_the_worst_case_is_the_one_that_failed_or_stood_last() -> None:
+    slow, failed = row(still_ns=to_ns(1.9)), row(recovered=False)
+    assert worst([row(), slow]) == slow
+    assert worst([slow, failed]) == failed
+    assert worst([row(faults=[], detected_ns=0)]) is None
+
+
+def test_a_film_shows_all_sources_side_by_side() -> None:
+    def stream(width: int, height: int) -> list[Frame]:
+        image = np.full((height, width, 3), 90, np.uint8)
+        return [Frame(image, to_ns(i / 30), "serial", i) for i in range(30)]
+
+    pictures = list(_pictures([stream(24, 32), stream(24, 32), stream(64, 48)], "SIMULATED"))
+    assert 27 <= len(pictures) <= 30
+    assert {picture.shape for picture in pictures} == {(360, 270 + 270 + 480, 3)}
+
+
+def test_the_table_has_a_row_for_each_fault() -> None:
+    table = campaign_rows([row(), row(faults=[], detected_ns=0, stage=Stage.RELEASE)])
+    assert len(table) == len(CASES)
+    assert table[0][1:] == ["2", "0", "0.20", "0.20", "0.30", "1", "0", "2 of 2", "2 of 2"]

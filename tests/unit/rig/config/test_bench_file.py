@@ -11,6 +11,7 @@ from drivers.errors import InputError
 from rig.config import BENCHES, load_bench
 from rig.config.lines import line_of
 from rig.config.load import new_bench_file, parse_bench
+from rig.config.required import LIMITS, ON_THE_FLANGE
 
 REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
 
@@ -80,6 +81,38 @@ def test_impossible_values_and_unknown_keys_are_refused(old: str, new: str, said
     message = refusal(REAL.replace(old, new, 1))
     assert said in message
     assert message.startswith("b.toml: line ")
+
+
+@pytest.mark.parametrize("key", [*ON_THE_FLANGE, *LIMITS])
+def test_a_real_bench_says_what_is_set_on_the_controller_and_what_limits_it(key: str) -> None:
+    kept = "\n".join(line for line in REAL.splitlines() if not line.startswith(f"{key} ="))
+    where = "arm.limits" if key in LIMITS else "arm"
+    message = refusal(kept)
+    assert f"{where}.{key}: is required of a real arm" in message
+    assert f"line {line_with(kept, f'[{where}]')}: " in message
+    assert {**ON_THE_FLANGE, **LIMITS}[key] in message
+
+
+def test_a_real_bench_without_limits_is_told_all_of_them() -> None:
+    head, _, rest = REAL.partition("[arm.limits]")
+    _, _, tail = rest.partition("[gripper]")
+    message = refusal(f"{head}[gripper]{tail}")
+    assert "arm.limits: is required of a real arm" in message
+    assert all(key in message for key in LIMITS)
+
+
+def test_a_real_bench_says_how_high_its_table_is() -> None:
+    kept = "\n".join(line for line in REAL.splitlines() if not line.startswith("top_m ="))
+    assert "table.top_m: is required of a real bench" in refusal(kept)
+
+
+def test_what_the_hand_is_kept_out_of_is_grown_by_the_hand() -> None:
+    text = REAL + '[[keep_out]]\nname = "stand"\nmin_m = [0.4, -0.7, 0.0]\nmax_m = [0.5, -0.6, 0.4]\n'
+    stand, table = parse_bench(text, "b.toml").arm_limits().keep_out
+    assert stand.name == "stand"
+    assert stand.min_m == pytest.approx((0.3, -0.8, -0.28))
+    assert stand.max_m == pytest.approx((0.6, -0.5, 0.415))
+    assert table.max_m[2] == pytest.approx(0.035)
 
 
 def test_the_line_is_the_keys_own() -> None:

@@ -1,6 +1,7 @@
 """The session folder: what is finished stays, whatever happens."""
 
 import json
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from rig.sessions.layout import MANIFEST
 from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
 from rig.sessions.records import LIFTS, FinishedLift, LiftRow
 from rig.sessions.rows import read_lifts
-from rig.sessions.session import Session, open_session
+from rig.sessions.session import Session, SessionLog, open_session
 from rig.sessions.timing import LiftTiming
 
 MakeRow = Callable[..., FinishedLift]
@@ -134,3 +135,16 @@ def test_no_password_of_a_camera_is_kept_and_the_session_goes_on(tmp_path: Path)
     assert "me:***@192.0.2.7" in (tmp_path / "s" / MANIFEST).read_text()
     open_session(tmp_path / "s", manifest, LIFTS, resume=True).close()
     assert bench.camera.address == secret
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk to write to")
+def test_a_log_that_cannot_be_written_says_so_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = SessionLog("/dev/full")
+    for _ in range(3):
+        log.emit(logging.LogRecord("rig", logging.INFO, "", 0, "something", None, None))
+    log.close()
+    _, error = capsys.readouterr()
+    assert error.count("\n") == 1
+    assert "/dev/full: cannot be written" in error

@@ -1,0 +1,92 @@
+"""A motion goes on only as long as the program that began it looks at the arm.
+
+A program that is stopped (SIGSTOP, Ctrl-Z), hangs or swaps would otherwise leave a motion to run to its
+end: the process that commands lives on and keeps the controller's watchdog quiet. Each look at the arm's
+state in the loop that works is a beat; no thread beats beside it.
+
+A beat that comes late is not one that never comes. Where the program is stopped the motion ends at once.
+Where it could have looked and did not, the arm stands within `MOST_WAY_M`. The time in which it wanted to
+look and got no core does not count, for a computer is busy for a moment now and then; but in no case does a
+motion go on unwatched for longer than `LONGEST_S`.
+"""
+
+from typing import Any
+
+from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.ur5e.program import Program
+from drivers.ur5e.shared_state import SharedState
+
+MOST_WAY_M = 0.020
+"""How far the arm may go on after the last beat of a program that hangs."""
+BRAKE_M_S2 = 10.0
+REACTION_S = 0.010
+"""From the decision to stop to the first slower cycle, and from a beat to its look (ours, rounded up)."""
+LEAST_S, LONGEST_S = 0.03, 0.35
+"""Less than this a computer cannot keep; more than this no motion goes on unwatched, however slow."""
+LATE_NS = to_ns(0.015)
+"""From here on the program is looked at: one that works looks each 8 ms, or each frame."""
+
+
+def silence_limit_s(speed_m_s: float) -> float:
+    """How long a program may have the time to look and not do it, so that the arm stands in its way, s."""
+    left_m = MOST_WAY_M - speed_m_s**2 / (2 * BRAKE_M_S2)
+    return min(LONGEST_S, max(LEAST_S, left_m / speed_m_s - REACTION_S))
+
+
+class Heartbeat:
+    """Stops a motion of ur-rtde's `control` when the program does not look at it any more."""
+
+    def __init__(
+        self, control: Any, state: SharedState, program: Program, clock: Clock | None = None
+    ) -> None:
+        self._control, self._state, self._program = control, state, program
+        self._clock: Clock = clock or SystemClock()
+        self._limit_ns: int | None = None
+        self._began_ns = self._checked_ns = self._waited_ns = 0
+        self.halted = ""
+        """Why the newest motion was stopped, where this stopped it."""
+
+    def begin(self, speed_m_s: float) -> None:
+        """Watch a motion that begins now."""
+        self._limit_ns, self.halted = to_ns(silence_limit_s(speed_m_s)), ""
+        self._began_ns = self._checked_ns = self._clock.now_ns()
+        self._waited_ns = 0
+
+    def end(self) -> None:
+        """The motion is over, or told to stop."""
+        self._limit_ns = None
+
+    def check(self) -> None:
+        """Stop the motion where nobody looks any more."""
+        if self._limit_ns is None:
+            return
+        now_ns = self._clock.now_ns()
+        silent_ns = now_ns - max(self._began_ns, self._state.looked_ns())
+        why = self._wrong(silent_ns, now_ns - self._checked_ns, self._limit_ns)
+        self._checked_ns = now_ns
+        if not why:
+            return
+        if self._control.getAsyncOperationProgressEx().isAsyncOperationRunning():
+            self._control.stopL(BRAKE_M_S2, True)
+            self.halted = why
+        self.end()
+
+    def _wrong(self, silent_ns: int, since_check_ns: int, limit_ns: int) -> str:
+        """Say what is wrong with the program; nothing while it works, or gets to work again in time."""
+        if silent_ns <= LATE_NS:
+            self._waited_ns = 0
+            self._program.forget()
+            return ""
+        if self._program.is_stopped():
+            return "its program was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger)"
+        self._waited_ns += self._program.waited_ns(since_check_ns)
+        if silent_ns - self._waited_ns <= limit_ns and silent_ns <= to_ns(LONGEST_S):
+            return ""
+        silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
+        if self._waited_ns < silent_ns / 2:
+            return f"{silence}: it hangs"
+        waited_s = self._waited_ns / NS_PER_S
+        return (
+            f"{silence}, of which it waited {waited_s:.2f} s for a core: the computer is too busy to move an "
+            "arm; end what else runs"
+        )

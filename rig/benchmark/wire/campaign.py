@@ -1,0 +1,190 @@
+"""`rig benchmark faults --full`: every fault, alone and with another, at random moments of every stage.
+
+Lifts are done in parts of some twenty; the recordings of a part are looked at and then left out, and what
+came of its faults is kept. A part that was broken off begins anew.
+"""
+
+import random
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from drivers.types import Frame, Image
+from rig.benchmark.measured import Measured, at_most
+from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
+from rig.benchmark.wire.faults import FaultResult, run_faults
+from rig.benchmark.wire.moments import Moment, Stage, random_moment
+from rig.config import BenchConfig, load_bench
+from rig.report.film import HEIGHT_PX, save_film
+from rig.sessions.codec import Codec, json_line
+from rig.sessions.files import append_line
+from rig.sessions.layout import recording_file
+from rig.sessions.reading import recorded_frames
+from rig.sessions.rows import read_rows
+
+PART = 20
+TWO_AT_ONCE = 1 / 3
+"""Share of the faults that come with another one."""
+FILE, PART_FOLDER, FILM = "faults.jsonl", "part", "worst.avi"
+FPS = 30.0
+Planned = tuple[FaultCase, Moment]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRow:
+    """What came of a fault. seen_s: from it to the rig's stop. still_s: from it to standstill of the tool.
+
+    outcomes: of the attempts that it ended; none where the lift was over before it was missed.
+    """
+
+    number: int
+    fault: str
+    stage: Stage
+    seen_s: float | None
+    still_s: float
+    dropped: bool
+    outcomes: tuple[str, ...]
+    recovered: bool
+    passed: bool
+
+
+CODEC: Codec[FaultRow] = Codec(FaultRow)
+
+
+def plan_campaign(seed: int, count: int) -> list[Planned]:
+    """Draw faults and moments: each fault in each stage as often, a third of them with another device's."""
+    rng = random.Random(seed)  # noqa: S311 - moments, no secrets
+    plan: list[Planned] = []
+    while len(plan) < count:
+        cells = [(case, stage) for case in CASES for stage in Stage]
+        rng.shuffle(cells)
+        plan += [(_maybe_two(case, rng), random_moment(stage, rng)) for case, stage in cells]
+    return plan[:count]
+
+
+def _maybe_two(case: FaultCase, rng: random.Random) -> FaultCase:
+    others = [other for other in CASES if other.name.partition(":")[0] != case.name.partition(":")[0]]
+    return both(case, rng.choice(others)) if rng.random() < TWO_AT_ONCE else case
+
+
+def run_campaign(
+    folder: Path,
+    plan: Sequence[Planned],
+    resume: bool = False,
+    progress: Callable[[FaultRow], None] = lambda row: None,
+    bench: BenchConfig | None = None,
+) -> list[FaultRow]:
+    """Run the faults that are not in the folder yet; return what came of all.
+
+    bench: the bench behind wires, by default `wire`. Raises `InputError` for a folder that has faults and
+    is not to be resumed, and what `run_faults` raises.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = read_rows(folder / FILE, CODEC)
+    if rows and not resume:
+        raise InputError(f"{folder}: has {len(rows)} faults; go on with --resume, or give another folder")
+    while len(rows) < len(plan):
+        part = plan[len(rows) : len(rows) + PART]
+        shutil.rmtree(folder / PART_FOLDER, ignore_errors=True)
+        results = run_faults(folder / PART_FOLDER, part, bench=bench)
+        new = [row_of(len(rows) + i, result) for i, result in enumerate(results, start=1)]
+        _film_if_worst(folder, rows, new, bench or load_bench("wire"))
+        for row in new:
+            append_line(folder / FILE, json_line(row))
+            progress(row)
+        rows += new
+    shutil.rmtree(folder / PART_FOLDER, ignore_errors=True)
+    return rows[: len(plan)]
+
+
+def row_of(number: int, result: FaultResult) -> FaultRow:
+    """Return what is kept of a result."""
+    return FaultRow(
+        number=number,
+        fault=result.case.name,
+        stage=result.stage or result.moment.stage,
+        seen_s=result.detected_s,
+        still_s=max(0, result.still_ns - result.injected_ns) / NS_PER_S,
+        dropped=result.dropped,
+        outcomes=tuple(result.faults),
+        recovered=result.recovered,
+        passed=result.passed,
+    )
+
+
+def judge_campaign(rows: Sequence[FaultRow]) -> list[Measured]:
+    """Return the limits of a campaign; that finished lifts are whole, each part has seen to itself."""
+    return [
+        at_most("objects dropped", sum(row.dropped for row in rows), 0),
+        at_most("lifts after a fault that did not run", sum(not row.recovered for row in rows), 0),
+        at_most("faults not seen, not named or not made safe", sum(not row.passed for row in rows), 0),
+    ]
+
+
+CAMPAIGN_COLUMNS = (
+    "fault", "faults", "with another", "seen, s: median", "longest", "stood, s: longest", "not missed",
+    "dropped", "next lift", "passed",
+)  # fmt: skip
+
+
+def campaign_rows(rows: Sequence[FaultRow]) -> list[list[str]]:
+    """Return a row of the table for each fault, those with another under the first one's name."""
+    return [
+        _table_row(case.name, [r for r in rows if r.fault.split(" + ")[0] == case.name]) for case in CASES
+    ]
+
+
+def _table_row(name: str, rows: Sequence[FaultRow]) -> list[str]:
+    seen = [row.seen_s for row in rows if row.seen_s is not None]
+    return [
+        name,
+        str(len(rows)),
+        str(sum(" + " in row.fault for row in rows)),
+        f"{np.median(seen):.2f}" if seen else "-",
+        f"{max(seen):.2f}" if seen else "-",
+        f"{max((row.still_s for row in rows), default=0.0):.2f}",
+        str(sum(not row.outcomes for row in rows)),
+        str(sum(row.dropped for row in rows)),
+        f"{sum(row.recovered for row in rows)} of {len(rows)}",
+        f"{sum(row.passed for row in rows)} of {len(rows)}",
+    ]
+
+
+def worst(rows: Sequence[FaultRow]) -> FaultRow | None:
+    """Return the fault after which it took longest until the tool stood; one that failed before all."""
+    seen = [row for row in rows if row.outcomes]
+    return max(seen, key=lambda row: (not row.passed, row.still_s), default=None)
+
+
+def _film_if_worst(folder: Path, rows: list[FaultRow], new: list[FaultRow], bench: BenchConfig) -> None:
+    found = worst([*rows, *new])
+    if found is None or found not in new:
+        return
+    recording = folder / PART_FOLDER / recording_file(found.number - len(rows), 0)
+    serials = [*(tactile.serial for tactile in bench.tactile), bench.camera.serial]
+    streams = [list(recorded_frames(recording, serial)) for serial in serials]
+    if all(streams):
+        save_film(folder / FILM, _pictures(streams, f"SIMULATED {found.fault}, {found.stage}"), FPS)
+
+
+def _pictures(streams: Sequence[Sequence[Frame]], title: str) -> Iterator[Image]:
+    """Show what each source saw last, side by side, from the first frame to the end."""
+    begin = max(stream[0].time_ns for stream in streams)
+    end = max(stream[-1].time_ns for stream in streams)
+    for time_ns in range(begin, end, round(NS_PER_S / FPS)):
+        panels = [_panel(next(f for f in reversed(s) if f.time_ns <= time_ns).image) for s in streams]
+        picture = np.ascontiguousarray(np.concatenate(panels, axis=1))
+        text = f"{title}, {(time_ns - begin) / NS_PER_S:.1f} s"
+        cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+        yield picture
+
+
+def _panel(image: Image) -> Image:
+    width = round(image.shape[1] * HEIGHT_PX / image.shape[0]) // 2 * 2
+    return np.asarray(cv2.resize(image, (width, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)

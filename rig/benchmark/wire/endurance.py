@@ -1,0 +1,229 @@
+"""`rig benchmark endurance`: an object held still for an hour, in real time, on the bench behind wires.
+
+What a long session needs: no frame lost, angles in time, the same angle for the same contact, and memory,
+threads and open files that do not grow.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S, Clock
+from drivers.tally import FrameTally
+from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.observer import LiftObserver, Phase
+from protocols.pump import Pump
+from protocols.readiness import make_ready
+from protocols.safe_end import safe_end
+from protocols.slip_trial import REFERENCE_S, SETTLE_S, LiftPlan
+from protocols.steps import approach, close_to_contact, open_and_rise, start_watching, tighten
+from rig.bench.fakes_process import started_fakes
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import StandingBench
+from rig.benchmark.measured import Measured, at_least, at_most
+from rig.config import BenchConfig, load_bench
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.sessions.images import stored
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.touch import TouchDebounce
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.sample import State, TactileEstimator
+
+OBJECT = "t1"
+MINUTE_S = 60.0
+WANDER_DEG, GROWN_MB, ANSWERED = 0.3, 10.0, 0.95
+CHILDREN = b"drivers."
+"""In the command lines of the drivers' own processes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Minute:
+    """What a minute came to.
+
+    frames, dropped: of all sources. p50_ms, p99_ms: from a tactile frame's capture to its angle, the later
+    fingertip's. wander_deg: largest distance of an angle from the mean of the first minute. answered: share
+    of tactile frames. memory_mb, threads, files: of this program and the drivers' processes, at its end.
+    """
+
+    frames: int
+    dropped: int
+    p50_ms: float
+    p99_ms: float
+    wander_deg: float
+    answered: float
+    memory_mb: float
+    threads: int
+    files: int
+
+
+@dataclass(slots=True)
+class _Tip:
+    """A fingertip: what it showed untouched, then its estimator and the newest minute's angles."""
+
+    sign: int
+    aspect: float | None
+    reference: list[Image] = field(default_factory=list)
+    estimator: TactileEstimator | None = None
+    touch: TouchDebounce = field(default_factory=TouchDebounce)
+    angles_deg: list[float] = field(default_factory=list)
+    late_ns: list[int] = field(default_factory=list)
+    zero_deg: float | None = None
+
+
+class StillContact(LiftObserver):
+    """Estimates what both fingertips show, as a lift does, and keeps no more than a minute of it."""
+
+    def __init__(self, bench: BenchConfig, clock: Clock) -> None:
+        aspects = bench.pixel_aspects()
+        self._tips = {t.serial: _Tip(t.sign, aspects.get(t.serial)) for t in bench.tactile}
+        self._tallies = {serial: FrameTally() for serial in (*self._tips, bench.camera.serial)}
+        self._clock, self._choice = clock, choose_estimator()
+        self._counted = (0, 0)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """With the grasp the estimators begin."""
+        if phase is Phase.GRASP:
+            for tip in self._tips.values():
+                tip.estimator = self._choice.make(mean_background(tip.reference), tip.aspect, tip.sign)
+                tip.reference = []
+
+    def frame(self, frame: Frame) -> None:
+        """Take a frame."""
+        frame, _ = stored(frame)
+        self._tallies[frame.serial].add(frame)
+        tip = self._tips.get(frame.serial)
+        if tip is None:
+            return
+        if tip.estimator is None:
+            tip.reference.append(frame.image)
+            return
+        sample = tip.estimator.update(frame.image, frame.time_ns)
+        tip.touch.update(sample.state is not State.NO_CONTACT)
+        tip.angles_deg.append(np.nan if sample.angle_deg is None else sample.angle_deg)
+        tip.late_ns.append(self._clock.now_ns() - frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Nothing is made of it."""
+
+    def gripper(self, state: GripperState) -> None:
+        """Nothing is made of it."""
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip touches."""
+        return self._tips[serial].touch.sure
+
+    def minute(self) -> Minute:
+        """Return what came since the last time, and begin anew."""
+        tips = list(self._tips.values())
+        late_ms = [np.percentile(tip.late_ns, (50, 99)) * 1e3 / NS_PER_S for tip in tips]
+        angles = [np.array(tip.angles_deg) for tip in tips]
+        for tip, told in zip(tips, angles, strict=True):
+            if tip.zero_deg is None and np.isfinite(told).any():
+                tip.zero_deg = float(np.nanmean(told))
+            tip.angles_deg, tip.late_ns = [], []
+        both = zip(tips, angles, strict=True)
+        off = [np.abs(told - tip.zero_deg) for tip, told in both if tip.zero_deg is not None]
+        before = self._counted
+        self._counted = (
+            sum(tally.frames for tally in self._tallies.values()),
+            sum(tally.dropped for tally in self._tallies.values()),
+        )
+        return Minute(
+            self._counted[0] - before[0],
+            self._counted[1] - before[1],
+            *(float(max(values)) for values in zip(*late_ms, strict=True)),
+            wander_deg=float(np.nanmax(np.concatenate(off))) if off else float("nan"),
+            answered=float(np.isfinite(np.concatenate(angles)).mean()),
+            **_resources(),
+        )
+
+
+def measure_endurance(
+    minutes: int,
+    progress: Callable[[int, Minute], None] = lambda number, minute: None,
+    bench: BenchConfig | None = None,
+    minute_s: float = MINUTE_S,
+) -> list[Minute]:
+    """Hold an object that stands on its support for so long, and return what each minute came to.
+
+    bench: the bench behind wires, by default `wire`. minute_s: how long a "minute" is, s. Raises the
+    device's error where one fails.
+    """
+    told = []
+    with _grasping(bench or load_bench("wire")) as (pump, observer):
+        observer.minute()  # what came before
+        for number in range(1, minutes + 1):
+            pump.run_for(minute_s)
+            told.append(observer.minute())
+            progress(number, told[-1])
+    return told
+
+
+@contextmanager
+def _grasping(wanted: BenchConfig) -> Iterator[tuple[Pump, StillContact]]:
+    """Grasp an object as a lift does, and let go of it in the end."""
+    with (
+        started_fakes(wanted) as config,
+        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
+        benches.for_lift(0, "endurance") as (bench, operator),
+    ):
+        make_ready(bench, operator)
+        settings = TrialSettings(config, 0, choose_estimator())
+        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
+        operator.place(plan.object_id, plan.object_name)
+        observer = StillContact(config, bench.clock)
+        with safe_end(bench):
+            yield _grasped(bench, plan, observer), observer
+            open_and_rise(bench, plan.base_T_grasp, plan.width_m)
+
+
+def _grasped(bench: Bench, plan: LiftPlan, observer: StillContact) -> Pump:
+    approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
+    pump = start_watching(bench, observer, REFERENCE_S)
+    tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
+    pump.run_for(SETTLE_S)
+    return pump
+
+
+def judge_endurance(minutes: list[Minute], period_ms: float) -> list[Measured]:
+    """Return the limits. period_ms: between two frames of a fingertip; later no angle may come."""
+    first, last = minutes[0], minutes[-1]
+    late_ms = max(minute.p99_ms for minute in minutes)
+    return [
+        at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
+        at_most("capture to angle, 99th percentile, ms", late_ms, period_ms),
+        at_most("farthest angle from the first minute, deg", _wander(minutes), WANDER_DEG),
+        at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
+        at_most("growth of memory since the first minute, MB", last.memory_mb - first.memory_mb, GROWN_MB),
+        at_most("threads more than in the first minute", last.threads - first.threads, 0),
+        at_most("open files more than in the first minute", last.files - first.files, 0),
+    ]
+
+
+def _wander(minutes: list[Minute]) -> float | None:
+    values = [minute.wander_deg for minute in minutes]
+    return float(np.max(values)) if np.isfinite(values).all() else None
+
+
+def _resources() -> dict[str, float | int]:
+    """Memory, threads and files of this program and of the processes that its drivers started."""
+    processes = [Path(f"/proc/{os.getpid()}"), *_children()]
+    page_mb = os.sysconf("SC_PAGE_SIZE") / 2**20
+    return {
+        "memory_mb": sum(int((p / "statm").read_text().split()[1]) for p in processes) * page_mb,
+        "threads": sum(len(list((p / "task").iterdir())) for p in processes),
+        "files": sum(len(list((p / "fd").iterdir())) for p in processes),
+    }
+
+
+def _children() -> Iterator[Path]:
+    for children in Path("/proc/self/task").glob("*/children"):
+        for pid in children.read_text().split():
+            process = Path(f"/proc/{pid}")
+            if CHILDREN in (process / "cmdline").read_bytes():
+                yield process

@@ -1,0 +1,79 @@
+"""What truly happened at a bench behind wires, by the track that its world keeps."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from drivers.clock import NS_PER_S, to_ns
+from drivers.types import Vector3
+
+STILL_M_S = 0.001
+REST_NS = to_ns(0.003)
+"""A tool that is slower than this for so long has come to a standstill: a safe end moves it on at once."""
+ABOVE_M = 0.003
+"""An object let go higher than this above its place falls."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """How things were at a time, monotonic ns: tool in the base in m, counts of the fingers, object held."""
+
+    time_ns: int
+    tool_m: Vector3
+    counts: float
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """The first standstill after an event. after_s: 0 where the tool stood. way_m: from the event on."""
+
+    time_ns: int
+    after_s: float
+    way_m: float
+
+
+def read_track(call: Callable[..., Mapping[str, Any]], since_ns: int) -> list[TrueState]:
+    """Ask running fakes how things were since a time, oldest first; each holds until the next.
+
+    call: their side channel's (`rig.bench.fakes_process.fakes_control`).
+    """
+    return [
+        TrueState(time_ns, (x, y, z), counts, held)
+        for time_ns, x, y, z, counts, held in call("track", since_ns=since_ns)["samples"]
+    ]
+
+
+def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
+    """Return when the tool first stood after an event, and how far it had gone."""
+    there = at(track, event_ns)
+    stood = there
+    for before, after in pairwise(track):
+        if after.time_ns <= event_ns:
+            continue
+        if _speed_m_s(before, after) > STILL_M_S:
+            stood = after
+        elif after.time_ns - max(stood.time_ns, event_ns) >= REST_NS:
+            break
+    after_s = max(0, stood.time_ns - event_ns) / NS_PER_S
+    return Standstill(max(stood.time_ns, event_ns), after_s, math.dist(there.tool_m, stood.tool_m))
+
+
+def at(track: Sequence[TrueState], time_ns: int) -> TrueState:
+    """Return how things were at a time."""
+    return next((state for state in reversed(track) if state.time_ns <= time_ns), track[0])
+
+
+def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
+    """Whether the object was let go above its place, where the tool grasps it at a height of `grasp_m`."""
+    return any(
+        before.held and not after.held and before.tool_m[2] > grasp_m + ABOVE_M
+        for before, after in pairwise(track)
+    )
+
+
+def _speed_m_s(before: TrueState, after: TrueState) -> float:
+    lasts_s = max(after.time_ns - before.time_ns, 1) / NS_PER_S
+    return math.dist(before.tool_m, after.tool_m) / lasts_s

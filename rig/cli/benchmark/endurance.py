@@ -1,0 +1,54 @@
+"""`rig benchmark endurance`: an object held still for an hour in real time."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.common import JsonOption, emit_json, say
+
+if TYPE_CHECKING:
+    from rig.benchmark.wire.endurance import Minute
+
+
+def endurance(
+    hours: Annotated[float, typer.Option("--hours", min=0.01, max=100, help="How long, in real time.")] = 1.0,
+    json: JsonOption = False,
+) -> None:
+    """Hold an object still on the bench behind wires, in real time; print what each minute comes to.
+
+    Exit code 4 when a frame was dropped, an angle came later than a frame after its frame's capture
+    (99th percentile of any minute), the angle wandered by more than 0.3 degrees, or memory, threads or
+    open files grew.
+
+    Examples:
+      rig benchmark endurance
+
+      rig benchmark endurance --hours 0.05 --json
+
+    """
+    from rig.benchmark.wire.endurance import judge_endurance, measure_endurance
+    from rig.config import load_bench
+
+    minutes = max(1, round(60.0 * hours))
+    say(f"SIMULATED bench 'wire', {minutes} minutes in real time")
+    told = measure_endurance(minutes, lambda number, minute: say(f"  {number}/{minutes} {_line(minute)}"))
+    limits = judge_endurance(told, 1e3 / max(tactile.rate_hz for tactile in load_bench("wire").tactile))
+    if json:
+        from dataclasses import asdict
+
+        figures = {"minutes": [asdict(m) for m in told], "limits": [asdict(limit) for limit in limits]}
+        emit_json({"simulated": True, **figures})
+    else:
+        for limit in limits:
+            value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
+            print(f"{limit.name}: {value} ({limit.asked})")
+    exit_where_missed(limits)
+
+
+def _line(minute: "Minute") -> str:
+    return (
+        f"{minute.frames} frames, {minute.dropped} dropped; angle after {minute.p50_ms:.1f} ms, 99 % "
+        f"{minute.p99_ms:.1f} ms; at most {minute.wander_deg:.2f} deg off; {minute.memory_mb:.0f} MB, "
+        f"{minute.threads} threads, {minute.files} files"
+    )

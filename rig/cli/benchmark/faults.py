@@ -1,0 +1,146 @@
+"""`rig benchmark faults`: devices fail on the bench behind wires, and the rig has to come through."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.common import Exit, JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
+
+if TYPE_CHECKING:
+    from rig.benchmark.wire.campaign import FaultRow
+    from rig.benchmark.wire.faults import FaultResult
+
+
+def faults(
+    cases: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="Only cases whose name contains this; repeat for more."),
+    ] = None,
+    full: Annotated[
+        bool,
+        typer.Option("--full", help="Every fault, also two at once, at random moments: hours."),
+    ] = False,
+    count: Annotated[
+        int, typer.Option("--count", min=1, max=100_000, help="How many faults with --full.")
+    ] = 1000,
+    out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lifts.")] = None,
+    resume: ResumeOption = False,
+    seed: SeedOption = 0,
+    json: JsonOption = False,
+) -> None:
+    """Let each device fail in mid-lift on the bench behind wires; print how the rig comes through.
+
+    Runs in real time, about 25 s a fault. Exit code 4 when a fault was not seen, not named, not
+    made safe within a second, something was dropped, or the next lift did not run. With --full the
+    worst case is filmed, into worst.avi.
+
+    Examples:
+      rig benchmark faults
+
+      rig benchmark faults --case arm --case "gripper: silent" --json
+
+      rig benchmark faults --full --out campaign --resume
+
+    """
+    if full:
+        _campaign(session_folder(out, resume, "faults"), seed, count, resume, json)
+    else:
+        _each_once(cases, session_folder(out, False, "faults"), json)
+
+
+def _campaign(folder: Path, seed: int, count: int, resume: bool, json: bool) -> None:
+    from rig.benchmark.wire.campaign import judge_campaign, plan_campaign, run_campaign, worst
+
+    say(f"SIMULATED bench 'wire', {count} faults at random moments, seed {seed}, folder {folder}")
+    rows = run_campaign(folder, plan_campaign(seed, count), resume, lambda row: say(f"  {_line(row)}"))
+    limits = judge_campaign(rows)
+    if json:
+        from dataclasses import asdict
+
+        figures = {"faults": [asdict(row) for row in rows], "limits": [asdict(limit) for limit in limits]}
+        emit_json({"folder": str(folder), "simulated": True, **figures})
+    else:
+        _print_campaign(rows)
+        if found := worst(rows):
+            say(f"longest until standstill: {_line(found)}")
+    exit_where_missed(limits)
+
+
+def _line(row: "FaultRow") -> str:
+    seen = "over before it was missed" if row.seen_s is None else f"seen after {row.seen_s:.2f} s"
+    verdict = "passed" if row.passed else f"FAILED: {'; '.join(row.outcomes) or 'no fault was noticed'}"
+    return f"{row.number} {row.fault}, {row.stage}: {seen}, stood after {row.still_s:.2f} s; {verdict}"
+
+
+def _print_campaign(rows: "list[FaultRow]") -> None:
+    from rich.table import Table
+
+    from rig.benchmark.wire.campaign import CAMPAIGN_COLUMNS, campaign_rows
+    from rig.cli.printing import table_console
+
+    table = Table(*CAMPAIGN_COLUMNS, title="SIMULATED bench 'wire': faults at random moments of every stage")
+    for row in campaign_rows(rows):
+        table.add_row(*row)
+    table_console(width=200).print(table)
+
+
+def _each_once(cases: list[str] | None, folder: Path, json: bool) -> None:
+    from drivers.errors import InputError
+    from rig.benchmark.wire.fault_cases import CASES
+    from rig.benchmark.wire.faults import MID_LIFT, run_faults
+
+    wanted = tuple(c for c in CASES if not cases or any(text.lower() in c.name for text in cases))
+    if not wanted:
+        names = ", ".join(case.name for case in CASES)
+        raise InputError(f"no case contains {' or '.join(cases or [])}; cases are: {names}")
+    say(f"SIMULATED bench 'wire', {len(wanted)} faults in mid-lift, session {folder}")
+    planned = [(case, MID_LIFT) for case in wanted]
+    results = run_faults(folder, planned, lambda result: say(f"  {result.case.name}: {_outcome(result)}"))
+    if json:
+        emit_json({"session": str(folder), "faults": [_plain(result) for result in results]})
+    else:
+        _print_table(results)
+    if not all(result.passed for result in results):
+        raise typer.Exit(Exit.LIMIT_MISSED)
+
+
+def _outcome(result: "FaultResult") -> str:
+    return "; then: ".join(result.faults) if result.faults else "no fault was noticed"
+
+
+def _short(result: "FaultResult") -> str:
+    """What failed, without the advice, and how the bench was left."""
+    parts = []
+    for fault in result.faults:
+        text, _, left = fault.partition(" [")
+        parts.append(f"{text.partition('; ')[0]} ({left.partition(' (')[0].rstrip(']') or 'nothing moved'})")
+    return "; then: ".join(parts) or "no fault was noticed"
+
+
+def _plain(result: "FaultResult") -> dict[str, object]:
+    return {
+        "fault": result.case.name,
+        "detected_s": result.detected_s,
+        "still_s": result.safe_s,
+        "outcomes": result.faults,
+        "recovered": result.recovered,
+        "passed": result.passed,
+    }
+
+
+def _print_table(results: "list[FaultResult]") -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from rig.cli.printing import table_console
+
+    table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
+    table.title = "SIMULATED bench 'wire': from the fault to the rig's stop, from there to standstill"
+    for result in results:
+        times = ["never" if t is None else f"{t:.3f}" for t in (result.detected_s, result.safe_s)]
+        after = "done" if result.recovered else "not done"
+        verdict = "passed" if result.passed else "FAILED"
+        table.add_row(result.case.name, *times, escape(_short(result)), after, verdict)
+    table_console(width=200).print(table)

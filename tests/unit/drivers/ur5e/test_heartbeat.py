@@ -1,0 +1,187 @@
+"""How long a motion may go on unwatched, by its speed and by what its program does meanwhile."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.clock import SystemClock, to_ns
+from drivers.ur5e.heartbeat import BRAKE_M_S2, LONGEST_S, MOST_WAY_M, Heartbeat, silence_limit_s
+from drivers.ur5e.program import Program
+from drivers.ur5e.shared_state import SharedState
+from support.waiting import until
+
+SPEED_M_S = 0.25
+LIMIT_S = silence_limit_s(SPEED_M_S)
+SPINS, SLEEPS = "while True: pass", "import time; time.sleep(60)"
+
+
+@pytest.mark.parametrize("speed_m_s", [0.001, 0.05, 0.1, 0.15, 0.25, 0.3])
+def test_an_unwatched_motion_stands_within_its_way(speed_m_s: float) -> None:
+    limit_s = silence_limit_s(speed_m_s)
+    assert limit_s <= LONGEST_S
+    assert limit_s * speed_m_s + speed_m_s**2 / (2 * BRAKE_M_S2) <= MOST_WAY_M
+
+
+class Control:
+    """A controller with a motion that goes on until it is stopped."""
+
+    def __init__(self) -> None:
+        self.running, self.stops = True, 0
+
+    def getAsyncOperationProgressEx(self) -> SimpleNamespace:  # noqa: N802
+        return SimpleNamespace(isAsyncOperationRunning=lambda: self.running)
+
+    def stopL(self, deceleration: float, asynchronous: bool) -> None:  # noqa: N802
+        self.stops += 1
+
+
+class ScriptedProgram(Program):
+    """A program that waits for a core for a share of the time."""
+
+    def __init__(self, waits: float = 0.0) -> None:
+        super().__init__(os.getpid())
+        self.stopped, self.waits = False, waits
+
+    def is_stopped(self) -> bool:
+        return self.stopped
+
+    def waited_ns(self, during_ns: int) -> int:
+        return round(self.waits * during_ns)
+
+
+class SteppedClock(SystemClock):
+    """A clock that goes as the test says."""
+
+    def __init__(self) -> None:
+        self.time_ns = to_ns(100.0)
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+
+@pytest.fixture
+def state() -> Iterator[SharedState]:
+    state = SharedState()
+    yield state
+    state.close()
+
+
+class Watched:
+    """A motion at the speed of an approach, begun now."""
+
+    def __init__(self, state: SharedState, program: ScriptedProgram) -> None:
+        self.control, self.clock, self.state = Control(), SteppedClock(), state
+        self.heartbeat = Heartbeat(self.control, self.state, program, self.clock)
+        self.heartbeat.check()
+        self.heartbeat.begin(SPEED_M_S)
+
+    def wait(self, duration_s: float) -> None:
+        end_ns = self.clock.time_ns + to_ns(duration_s)
+        while self.clock.time_ns < end_ns:
+            self.clock.time_ns += to_ns(0.005)
+            self.heartbeat.check()
+
+    def look(self) -> None:
+        self.state.look(self.clock.time_ns)
+
+
+def test_a_motion_is_stopped_once_when_nobody_looks_and_never_while_somebody_does(state: SharedState) -> None:
+    watched = Watched(state, ScriptedProgram())
+    for _ in range(100):
+        watched.look()
+        watched.wait(0.030)
+    assert (watched.control.stops, watched.heartbeat.halted) == (0, "")
+    watched.wait(1.5 * LIMIT_S)
+    assert watched.control.stops == 1
+    assert "it hangs" in watched.heartbeat.halted
+    watched.heartbeat.begin(SPEED_M_S)
+    assert watched.heartbeat.halted == ""
+    watched.control.running = False  # arrived unseen: there is nothing to stop
+    watched.wait(0.1)
+    assert (watched.control.stops, watched.heartbeat.halted) == (1, "")
+
+
+def test_a_program_without_a_core_gets_its_time_but_no_motion_goes_on_unwatched(state: SharedState) -> None:
+    watched = Watched(state, ScriptedProgram(waits=1.0))
+    for _ in range(3):
+        watched.wait(LONGEST_S - 0.01)
+        watched.look()  # late, but it came
+    assert watched.control.stops == 0
+    watched.wait(LONGEST_S + 0.02)
+    assert watched.control.stops == 1
+    assert "too busy" in watched.heartbeat.halted
+
+
+def test_half_a_core_is_half_the_time(state: SharedState) -> None:
+    watched = Watched(state, ScriptedProgram(waits=0.5))
+    watched.wait(1.5 * LIMIT_S)
+    assert watched.control.stops == 0
+    watched.wait(0.7 * LIMIT_S)
+    assert watched.control.stops == 1
+
+
+def test_a_program_that_is_stopped_by_a_signal_stops_the_arm_at_once(state: SharedState) -> None:
+    program = ScriptedProgram()
+    watched = Watched(state, program)
+    program.stopped = True
+    watched.wait(0.025)
+    assert watched.control.stops == 1
+    assert "SIGSTOP" in watched.heartbeat.halted
+
+
+@pytest.fixture
+def started(request: pytest.FixtureRequest) -> Iterator["subprocess.Popen[bytes]"]:
+    with subprocess.Popen([sys.executable, "-I", "-c", request.param]) as process:
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("started", [SPINS, SLEEPS], indirect=True)
+def test_the_system_tells_who_is_stopped_and_who_is_dead(started: "subprocess.Popen[bytes]") -> None:
+    program = Program(started.pid)
+    assert not program.is_stopped()
+    started.send_signal(signal.SIGSTOP)
+    until(program.is_stopped)
+    started.send_signal(signal.SIGCONT)
+    until(lambda: not program.is_stopped())
+    started.kill()
+    until(program.is_stopped)
+
+
+def waited_share(program: Program, duration_s: float) -> float:
+    """For which share of a time a program could have run and got no core."""
+    program.forget()
+    began = last = time.monotonic_ns()
+    waited = program.waited_ns(0)
+    while time.monotonic_ns() - began < to_ns(duration_s):
+        time.sleep(0.005)
+        now = time.monotonic_ns()
+        waited, last = waited + program.waited_ns(now - last), now
+    return waited / (last - began)
+
+
+@pytest.mark.parametrize("started", [SLEEPS], indirect=True)
+def test_who_sleeps_waits_for_no_core(started: "subprocess.Popen[bytes]") -> None:
+    time.sleep(0.3)
+    assert waited_share(Program(started.pid), 0.2) < 0.1
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
+@pytest.mark.parametrize("started", [SPINS], indirect=True)
+def test_who_runs_only_where_nobody_else_does_waits_for_its_core(started: "subprocess.Popen[bytes]") -> None:
+    core = {min(os.sched_getaffinity(0))}
+    with subprocess.Popen([sys.executable, "-I", "-c", SPINS]) as other:
+        try:
+            for process in (started, other):
+                os.sched_setaffinity(process.pid, core)
+            os.sched_setscheduler(started.pid, os.SCHED_IDLE, os.sched_param(0))
+            time.sleep(0.2)
+            assert waited_share(Program(started.pid), 0.5) > 0.7
+        finally:
+            other.kill()

@@ -1,0 +1,68 @@
+"""The way down ends where the hand meets something, and the lift with it, by name."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivers.errors import ContactForceError, DeviceTimeoutError
+from fakes.devices.arm import FakeArm
+from fakes.devices.gripper import FakeGripper
+from protocols.slip_trial import run_lift
+from protocols.steps import CLEARANCE_M
+
+
+def raise_table(bench: Any, floor_z_m: float) -> None:
+    """Have the simulated table stand higher than the bench file says."""
+    arm = bench.arm
+    assert isinstance(arm, FakeArm)
+    world = arm._world
+    world.layout = replace(world.layout, floor_z_m=floor_z_m)
+
+
+def test_fingers_that_meet_the_table_on_their_way_down_stop_and_rise(lift_of: Callable[[], Any]) -> None:
+    lift = lift_of()
+    grasp_z_m = lift.plan.base_T_grasp.position_m[2]
+    floor_z_m = grasp_z_m + 0.02
+    raise_table(lift.bench, floor_z_m)
+    with pytest.raises(
+        ContactForceError, match=r"met something on its way down.*max_contact_force_n 20"
+    ) as hit:
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert "nothing held, fingers open, arm risen" in hit.value.__notes__[0]
+    lowest = min(z for _, z, _, _ in lift.trace)
+    assert floor_z_m - 0.006 < lowest < floor_z_m  # a sample of the force every 8 ms, at 0.25 m/s
+    assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
+
+
+def test_the_limit_is_the_bench_files(lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    lift = lift_of()
+    limits = replace(lift.bench.arm.limits, max_contact_force_n=1e4)
+    monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
+    raise_table(lift.bench, lift.plan.base_T_grasp.position_m[2] + 0.02)
+    assert lift.run() == "done"
+
+
+def test_an_object_that_is_set_down_is_nothing_met(lift_of: Callable[..., Any]) -> None:
+    for object_id in ("t1", "7", "9"):
+        assert lift_of(object_id).run() == "done"
+
+
+def test_a_gripper_that_is_lost_on_the_way_down_stops_it(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
+    told = FakeGripper.state
+
+    def state(gripper: FakeGripper) -> Any:
+        if lift.bench.arm.state().base_T_tcp.position_m[2] < half_m:
+            raise DeviceTimeoutError("gripper: lost")
+        return told(gripper)
+
+    monkeypatch.setattr(FakeGripper, "state", state)
+    with pytest.raises(DeviceTimeoutError, match="gripper: lost"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    stands_m = lift.bench.arm.state().base_T_tcp.position_m[2]
+    assert half_m - 0.012 < stands_m < half_m

@@ -1,0 +1,138 @@
+"""What `rig benchmark safety` draws, and how it judges what moved: by tracks that are made up."""
+
+import signal
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import to_ns
+from drivers.errors import InputError
+from rig.benchmark.readme import markers, write_section
+from rig.benchmark.wire.moments import Stage
+from rig.benchmark.wire.safety import CODEC, RUNS, SafetyRun, run_safety
+from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, plan_runs
+from rig.benchmark.wire.safety_judge import judge
+from rig.benchmark.wire.safety_limits import judge_runs, table_rows
+from rig.benchmark.wire.safety_page import section
+from rig.benchmark.wire.true_track import TrueState
+from rig.sessions.codec import json_line
+from rig.sessions.files import append_line
+
+GRASP_M = 0.06
+
+
+def test_the_plain_run_has_each_event_once_and_the_full_one_each_in_every_stage() -> None:
+    plain = plan_runs(0, full=False)
+    assert Counter(run.event.name for run in plain) == Counter(event.name for event in EVENTS)
+    assert {run.moment.stage for run in plain} == set(Stage)
+    full = plan_runs(0, full=True)
+    assert len(full) >= 200
+    cells = Counter((run.event.name, run.moment.stage) for run in full)
+    assert set(cells.values()) == {3}
+    assert len(cells) == len(EVENTS) * len(Stage)
+    assert [run.number for run in full] == [*range(1, len(full) + 1)]
+    assert plan_runs(0, full=True) == full
+    assert plan_runs(1, full=True) != full
+
+
+def way(
+    *points: tuple[float, float], held: bool = False, counts: float = 6.0, x_m: float = 0.0
+) -> list[TrueState]:
+    """A tool at heights above the grasp at times, each reached on a straight way in steps of 4 ms."""
+    states = []
+    for (begin_s, begin_m), (end_s, end_m) in pairwise(points):
+        steps = round((end_s - begin_s) / 0.004)
+        for i in range(steps + 1):
+            z_m = GRASP_M + begin_m + (end_m - begin_m) * i / steps
+            states.append(TrueState(to_ns(begin_s) + i * to_ns(0.004), (x_m, 0.0, z_m), counts, held))
+    return states
+
+
+STANDS_HIGH = way((0.0, 0.09), (0.1, 0.08), (2.0, 0.08))
+GOES_DOWN = way((0.0, 0.09), (0.1, 0.08), (1.0, 0.08), (1.3, 0.0), (2.0, 0.0))
+SET_DOWN = way((0.0, 0.03), (0.1, 0.04), (0.5, 0.04), (0.9, 0.0), (1.5, 0.0), held=True)
+FELL = [*way((0.0, 0.03), (0.1, 0.04), (0.5, 0.04), held=True), *way((0.6, 0.04), (1.0, 0.04))]
+SIDEWAYS = [*way((0.0, 0.03), (0.5, 0.03)), *way((0.6, 0.03), (1.0, 0.03), x_m=0.01)]
+CLOSED = [*way((0.0, 0.0), (0.5, 0.0)), *way((0.6, 0.0), (1.0, 0.0), counts=9.0)]
+OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0), counts=6.0)]
+
+
+@pytest.mark.parametrize(
+    ("event", "track", "unasked"),
+    [
+        ("Ctrl-C", STANDS_HIGH, ""),
+        ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm"),  # a free hand stays where it is
+        ("Ctrl-C", SET_DOWN, ""),
+        ("kill -9", SET_DOWN, "the arm moved by 40.0 mm"),
+        ("Ctrl-C twice", SET_DOWN, "the arm moved by 40.0 mm"),
+        ("gripper lost", GOES_DOWN, ""),  # the lift goes on until it is noticed
+        ("Ctrl-C", SIDEWAYS, "the arm moved sideways beside the object"),
+        ("gripper lost", SIDEWAYS, "the arm moved sideways beside the object"),
+        ("Ctrl-C", CLOSED, "fingers closed"),
+        ("SIGSTOP", CLOSED, "the fingers moved by +3 counts"),
+        ("SIGSTOP", OPENED, "the fingers moved by -3 counts"),
+        ("protective stop", OPENED, ""),  # around something that they do not hold
+        ("Ctrl-C", OPENED, ""),
+    ],
+)
+def test_what_moves_after_the_standstill_was_agreed_to_or_is_told(
+    event: str, track: list[TrueState], unasked: str
+) -> None:
+    assert judge(BY_NAME[event], track, to_ns(0.05), GRASP_M).unasked == unasked
+
+
+def test_time_and_way_to_the_standstill_and_what_fell() -> None:
+    judged = judge(BY_NAME["Ctrl-C"], SET_DOWN, to_ns(0.05), GRASP_M)
+    assert judged.stop.after_s == pytest.approx(0.05, abs=0.005)
+    assert judged.stop.way_m == pytest.approx(0.005, abs=0.0006)
+    assert not judged.dropped
+    assert judge(BY_NAME["Ctrl-C"], FELL, to_ns(0.05), GRASP_M).dropped
+
+
+RUN = SafetyRun(
+    number=1, event="Ctrl-C", stage=Stage.APPROACH, still_s=0.1, way_mm=5.0, dropped=False, unasked="",
+    kept=True, ended=3, said="rig: stopped by the operator",
+)  # fmt: skip
+
+
+def missed(run: SafetyRun) -> list[str]:
+    return [limit.name for limit in judge_runs([RUN, run]) if not limit.met]
+
+
+def test_each_limit_can_be_missed() -> None:
+    assert missed(RUN) == []
+    assert missed(replace(RUN, dropped=True)) == ["objects dropped"]
+    assert missed(replace(RUN, unasked="the arm moved")) == ["runs in which something moved unasked"]
+    assert missed(replace(RUN, kept=False)) == ["finished lifts lost"]
+    assert missed(replace(RUN, still_s=0.51)) == ["from the event to standstill, s"]
+    assert missed(replace(RUN, way_mm=20.1)) == ["way to standstill in the approach, mm"]
+    assert missed(replace(RUN, way_mm=20.1, stage=Stage.LIFT)) == []
+    assert missed(replace(RUN, ended=1, said="Traceback ...")) == ["programs that ended without saying why"]
+    assert missed(replace(RUN, ready="no")) == ["benches that could not be put in order"]
+    lost = replace(RUN, event="camera lost", stage=Stage.LIFT, ended=1, said="rig: camera", still_s=1.1)
+    assert missed(lost) == ["from a lost device to standstill, s"]
+    killed = replace(RUN, event="kill -9", ended=-signal.SIGKILL, said="")
+    assert missed(killed) == []
+
+
+def test_the_table_has_the_longest_of_each_stage_and_goes_into_a_page(tmp_path: Path) -> None:
+    runs = [RUN, replace(RUN, number=2, still_s=0.2, way_mm=1.0), replace(RUN, number=3, stage=Stage.HOLD)]
+    row = next(row for row in table_rows(runs) if row[0] == "Ctrl-C")
+    assert row == ["Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0"]
+    page = tmp_path / "safety.md"
+    page.write_text("\n".join(["before", *markers("safety"), "after"]))
+    write_section(page, "safety", section(runs, 0))
+    assert "| Ctrl-C | 3 | 0.20, 5.0 |" in page.read_text()
+    assert "SIMULATED, 3 runs, seed 0" in page.read_text()
+
+
+def test_runs_are_kept_and_gone_on_with_only_where_asked(tmp_path: Path) -> None:
+    plan = plan_runs(0, full=False)[:1]
+    append_line(tmp_path / RUNS, json_line(RUN))
+    with pytest.raises(InputError, match="--resume"):
+        run_safety(tmp_path, plan)
+    assert run_safety(tmp_path, plan, resume=True) == [RUN]
+    assert CODEC.parsed(json_line(RUN)) == RUN

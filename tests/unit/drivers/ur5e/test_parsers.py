@@ -249,9 +249,8 @@ def test_answers_of_the_process_that_commands() -> None:
             assert channel.call(method, 1.0, no_check, *arguments) == expected
         assert json.loads(asked.readline()) == json.loads(json.dumps(request))
     assert 0 < failed < CASES["answer"]
-    here.close()
-    there.close()
-    state.close()
+    for opened in (here, there, state):
+        opened.close()
 
 
 class Interrupted(SystemClock):

@@ -10,7 +10,6 @@ another computes.
 
 import fcntl
 import os
-import tempfile
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -67,10 +66,11 @@ def pytest_runtest_protocol(
     item: pytest.Item, nextitem: pytest.Item | None
 ) -> Generator[None, object, object]:
     """Leave a core to tests in real time while there are any."""
-    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
-    if run is None or not any(_group(other) == REAL_TIME for other in item.session.items):
+    alone = "PYTEST_XDIST_WORKER" not in os.environ
+    if alone or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
-    over = Path(tempfile.gettempdir()) / f"rig-tests-{run}-real-time-is-over"
+    # Of a worker this is a folder of its own, beside those of the others.
+    over = Path(str(item.config.getoption("basetemp"))).parent / "real_time_is_over"
     if _group(item) != REAL_TIME:
         with _core(over):
             return (yield)

@@ -11,9 +11,10 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.contact.dots import without_markers
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.contact.steadiness import Steadiness
-from rig.tactile.peers.dots import DotTracker, without_markers
+from rig.tactile.peers.dots import DotTracker
 from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch

@@ -177,8 +177,9 @@ def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, o
     common.say(done.background)
     common.say(
         f"{what}: {run.choice.name}, {found.frames} frames, {found.answered} answered, "
-        f"refused: {refused}; zero at {zero}{found.reference}{slip}; "
+        f"refused: {refused}; angles from {done.angles_from}; zero at {zero}{found.reference}{slip}; "
         f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
     )
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
+    settings |= {"angles_from": done.angles_from}
     return {"frames_from": what, **settings, **asdict(found), "warnings": warnings}

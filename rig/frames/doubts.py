@@ -8,6 +8,7 @@ import numpy as np
 from drivers.types import Image
 from rig.frames.series import ENOUGH_FRAMES, FrameSeries, spread_images
 from rig.tactile.contact.background import auto_background, structure
+from rig.tactile.contact.dots import plain_of
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, work_size
 
@@ -68,5 +69,6 @@ def _odd_ones(background: Image, images: Sequence[Image]) -> list[int]:
 
 
 def _differs(background: Image, image: Image) -> bool:
-    light = RelativeDifference(background, work_size(background.shape, 1.0))
-    return ContactGate().find(light.of(light.reduced(image))) is not None
+    plain = plain_of(background)
+    light = RelativeDifference(plain(background), work_size(background.shape, 1.0))
+    return ContactGate().find(light.of(light.reduced(plain(image)))) is not None

@@ -14,11 +14,16 @@ from rig.tactile.estimators import PUBLISHED, TOSKOV, EstimatorChoice
 
 @dataclass(frozen=True, slots=True)
 class SeriesEstimate:
-    """One series' estimate. background: where it is from. doubts: what is amiss with frames or background."""
+    """One series' estimate.
+
+    background: where it is from. doubts: what is amiss with frames or background. angles_from: what of the
+    frames the angles come from.
+    """
 
     estimate: Estimate
     background: str
     doubts: tuple[str, ...]
+    angles_from: str
 
     @property
     def figures(self) -> EstimateFigures:
@@ -74,7 +79,7 @@ class Estimation:
         background, note = make_background(self._background, series)
         doubts = [*background_doubts(self._background, background, series), *frame_doubts(series)]
         estimate = self._estimate(series, background, self._aspect, 1, None)
-        return SeriesEstimate(estimate, note, tuple(doubts))
+        return SeriesEstimate(estimate, note, tuple(doubts), self.choice.sees(background))
 
     def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
         """Estimate a session's frames, with what it knows of their sensor. Raises `InputError`."""
@@ -84,7 +89,8 @@ class Estimation:
             background, note = make_background(self._background, tip.frames)
             doubts = background_doubts(self._background, background, tip.frames)
         estimate = self._estimate(tip.frames, background, self._aspect or tip.aspect, tip.sign, tip.lift_ns)
-        return SeriesEstimate(estimate, note, (*doubts, *frame_doubts(tip.frames)))
+        doubts += frame_doubts(tip.frames)
+        return SeriesEstimate(estimate, note, tuple(doubts), self.choice.sees(background))
 
     def _estimate(
         self, series: FrameSeries, background: Image, aspect: float | None, sign: int, lift_ns: int | None

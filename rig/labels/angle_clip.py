@@ -9,6 +9,7 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.frames.series import FrameSeries
+from rig.tactile.contact.dots import plain_of
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, work_size
 
@@ -85,12 +86,13 @@ def difference(image: Image, background: Image) -> Image:
 
 def _looked_at(series: FrameSeries, background: Image) -> tuple[list[int], Sequence[int]]:
     """Return the frames that can be read, and those that show a contact."""
-    light = RelativeDifference(background, work_size(background.shape, 1.0))
+    plain = plain_of(background)
+    light = RelativeDifference(plain(background), work_size(background.shape, 1.0))
     gate = ContactGate()
     readable, touching = [], []
     for number, frame in enumerate(series):
         if frame.image is not None:
             readable.append(number)
-            if gate.find(light.of(light.reduced(frame.image))) is not None:
+            if gate.find(light.of(light.reduced(plain(frame.image)))) is not None:
                 touching.append(number)
     return readable, touching

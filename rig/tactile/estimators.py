@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from drivers.errors import InputError
 from drivers.types import Image
+from rig.tactile.contact.dot_free import DotFreeEstimator
+from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator, PublishedEstimator
@@ -42,6 +44,8 @@ class EstimatorChoice:
     def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
         """Build the estimator of one sensor.
 
+        On a gel with printed dots it sees what lies between them; but for `kolamuri`, which follows them, and
+        those of the published script.
         background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
         pixel on the gel where known (`slip` only; the paper's methods take pixels as square). sign: of
         the fingertip (`toskov` only, whose angle is the object's).
@@ -49,19 +53,35 @@ class EstimatorChoice:
         if self.name.endswith(PUBLISHED):
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
             return PublishedEstimator(ContactFinder(background), method, self.window)
-        if self.name == DEFAULT_ESTIMATOR:
-            estimator: TactileEstimator = SlipEstimator(background, aspect, self.skip)
-        elif self.name in MATCHERS:
-            estimator = ReferenceEstimator(background, MATCHERS[self.name])
-        elif self.name == KOLAMURI:
-            estimator = KolamuriEstimator(background)
-        elif self.name == ANGLENET:
-            estimator = AngleNetEstimator(background)
-        elif self.name == TOSKOV:
-            estimator = ToskovEstimator(background, sign)
+        if self._fills(background):
+            estimator: TactileEstimator = DotFreeEstimator(self._of(without_dots(background), aspect, sign))
         else:
-            estimator = AxisEstimator(ContactFinder(background), METHODS[self.name])
+            estimator = self._of(background, aspect, sign)
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
+
+    def sees(self, background: Image) -> str:
+        """Say what of the frames of this gel the angles come from."""
+        if self.name == KOLAMURI:
+            return "the printed dots"
+        if self._fills(background):
+            return "what lies between the printed dots"
+        return "the whole frame"
+
+    def _fills(self, background: Image) -> bool:
+        return self.name != KOLAMURI and not self.name.endswith(PUBLISHED) and is_dotted(background)
+
+    def _of(self, background: Image, aspect: float | None, sign: int) -> TactileEstimator:
+        if self.name == DEFAULT_ESTIMATOR:
+            return SlipEstimator(background, aspect, self.skip)
+        if self.name in MATCHERS:
+            return ReferenceEstimator(background, MATCHERS[self.name])
+        if self.name == KOLAMURI:
+            return KolamuriEstimator(background)
+        if self.name == ANGLENET:
+            return AngleNetEstimator(background)
+        if self.name == TOSKOV:
+            return ToskovEstimator(background, sign)
+        return AxisEstimator(ContactFinder(background), METHODS[self.name])
 
 
 def choose_estimator(

@@ -7,6 +7,7 @@ from typer.core import TyperGroup
 
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
+from rig.cli.benchmark.contact import contact
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
@@ -41,3 +42,4 @@ benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
+benchmark.command("contact")(contact)

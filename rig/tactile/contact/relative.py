@@ -104,6 +104,12 @@ def _line(light: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[Any, A
     return gain, mean_seen - gain * mean_light
 
 
+def full_area(area_px: float, work: tuple[int, ...], frame: tuple[int, ...]) -> float:
+    """Return an area of a reduced copy (h, w) in pixels of the frame (H, W), at most the frame's own."""
+    full = float(frame[0] * frame[1])
+    return min(area_px * (frame[1] / work[1] * (frame[0] / work[0])), full)
+
+
 def upper_median(values: NDArray[Any]) -> NDArray[Any]:
     """Return the upper median of each column of (N, K); np.median costs several times as much."""
     middle = len(values) // 2

@@ -90,9 +90,10 @@ class AxisEstimator(FreshFrameEstimator):
 class PublishedEstimator(TactileEstimator):
     """One of the paper's methods as published, fed with our contact mask.
 
-    It answers every frame, as the script does: 0 without contact (state `no_contact`) and until
-    the window is full. Where the script would end with an exception the state is `lost` and there
-    is no angle. Repeated frames count again. Nothing but the mask's origin differs from the script.
+    It answers every frame with a contact, 0 until the window is full, as the script does. Without one the
+    script repeats itself; here the state is `no_contact` and there is no angle, as of every estimator. Where
+    the script would end with an exception the state is `lost` and there is no angle. Repeated frames count
+    again. Nothing else but the mask's origin differs from the script.
     """
 
     def __init__(self, finder: ContactFinder, method: ScriptAngle, window: int) -> None:
@@ -115,5 +116,6 @@ class PublishedEstimator(TactileEstimator):
         watch.lap("axis")
         published_deg = self._filter.update(angle_deg)
         watch.lap("filter")
-        state = State.NO_CONTACT if angle_deg is None else State.TRACKING
-        return SlipSample(time_ns, state, published_deg, contact_area_px=area, stage_s=watch.stage_s)
+        if angle_deg is None:
+            return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s)
+        return SlipSample(time_ns, State.TRACKING, published_deg, contact_area_px=area, stage_s=watch.stage_s)

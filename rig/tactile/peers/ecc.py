@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate, Region
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
@@ -171,7 +171,7 @@ class ReferenceEstimator(FreshFrameEstimator):
         return State.UNOBSERVABLE if self._matcher is None else State.TRACKING
 
     def _answer(self, time_ns: int, state: State, region: Region, watch: Stopwatch) -> SlipSample:
-        area = region.area_px * self._px_per_work**2
+        area = full_area(region.area_px, region.mask.shape, self._shape or region.mask.shape)
         if state in (State.UNOBSERVABLE, State.LOST):
             return SlipSample(time_ns, state, contact_area_px=area, stage_s=watch.stage_s)
         if not self._answered:

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
 from rig.tactile.slip.gel_marks import GelMarks
@@ -90,7 +90,7 @@ class SlipEstimator(FreshFrameEstimator):
         sample = SlipSample(
             time_ns,
             state,
-            contact_area_px=region.area_px * math.prod(self._px_per_work),
+            contact_area_px=full_area(region.area_px, work.shape, image.shape),
             stage_s=watch.stage_s,
         )
         if tracked is None:

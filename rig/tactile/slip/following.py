@@ -16,7 +16,7 @@ from rig.tactile.contact.gate import Region
 from rig.tactile.sample import State
 from rig.tactile.slip.axis_check import AxisAnchor, anchor, contact_shape
 from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
-from rig.tactile.slip.height import Field, Gradient
+from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
@@ -84,8 +84,10 @@ class ContactFollower:
         settled = self._settling.update(seen.region)
         if self._grasp is None or self._map is None:
             return self._begun(seen, settled, watch)
-        box = _box(seen.region.mask) if self._skip else None
-        gradient = self._map.apply(seen.difference, box)
+        box = _box(seen.region.mask)
+        gradient = self._map.apply(seen.difference, box if self._skip else None)
+        if not self._skip:  # beyond the box there is nothing of the contact
+            gradient = only_within(gradient, box)
         watch.lap("gradient")
         texture = self._texture(seen, self._grasp)
         watch.lap(TEXTURE)

@@ -28,6 +28,13 @@ def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
     return slice(top, top + height), slice(left, left + width)
 
 
+def only_within(gradient: Gradient, box: Box) -> Gradient:
+    """Return a gradient (h, w) that is 0 outside a box."""
+    cut, inside = np.zeros_like(gradient), within(box, gradient.shape)
+    cut[inside] = gradient[inside]
+    return cut
+
+
 def relief(gradient: Gradient, mask: Image) -> Field:
     """Integrate a gradient (h, w) to a height (h, w) float32, zero on average outside the contact.
 

@@ -36,7 +36,8 @@ class Alignment:
     angle_rad; shift_px: motion of the keyframe's center. misfit: residual over template, rms; inf
     where nothing fits. overlap: share of the keyframe's points seen. gain: of the gradients.
     noise_rad: one standard deviation of the angle if residuals were independent. settled: whether the
-    last step was as small as wanted. weights: (N,) for the next frame.
+    last step was as small as wanted. weights: (N,) for the next frame. further_rad: how far iterations
+    after the last change that counts would have turned it, where they were asked for.
     """
 
     angle_rad: float
@@ -48,6 +49,7 @@ class Alignment:
     iterations: int
     settled: bool
     weights: NDArray[np.float32]
+    further_rad: float = 0.0
 
 
 def align(
@@ -61,12 +63,13 @@ def align(
     """Align a frame with a keyframe, starting from a guess of angle and shift.
 
     Points that fall outside the contact do not count. to_the_end: iterate on when nothing changes
-    any more.
+    any more, and say what that would change. The answer stays: what depends on it, such as whether another
+    keyframe is due, may turn on the last digit.
     """
     weights = key.weights if weights is None else weights * key.weights
     used, weighted, inverse = weights, key.jacobian, np.zeros((PARAMETERS, PARAMETERS))
     step, residual = np.zeros(PARAMETERS), key.template
-    iteration, done = 0, False
+    iteration, done, answer = 0, False, None
     while iteration < MAX_ITERATIONS and not (done and not to_the_end):
         iteration += 1
         values, seen = _pulled_back(key, field, angle_rad, shift_px)
@@ -81,6 +84,11 @@ def align(
         if not math.isfinite(angle_rad) or abs(shift_px) > 2 * max(field.mask.shape):
             break
         done = done or (abs(step[0]) < DONE_RAD and max(abs(step[1]), abs(step[2])) < DONE_PX)
+        if done and answer is None:
+            answer = angle_rad, shift_px, residual, step
+    at_the_end_rad = angle_rad
+    if answer is not None:
+        angle_rad, shift_px, residual, step = answer
     remaining = _pairs(residual) - step.astype(key.jacobian.dtype) @ key.jacobian
     squares = squared_lengths(remaining.view(residual.dtype))
     unexplained, signal = float(used @ squares), float(used @ key.squares)
@@ -96,6 +104,7 @@ def align(
         iterations=iteration,
         settled=done,
         weights=_robust(squares, used > 0.0),
+        further_rad=at_the_end_rad - angle_rad,
     )
 
 

@@ -153,12 +153,12 @@ def test_the_published_script_folds_a_turn_through_zero(press: Draw, blank: Imag
 
 
 @pytest.mark.parametrize("name", [n for n in ESTIMATORS if n.endswith(PUBLISHED)])
-def test_the_published_scripts_answer_anything(press: Draw, blank: Image, name: str) -> None:
+def test_the_published_scripts_answer_any_contact(press: Draw, blank: Image, name: str) -> None:
     frames = [press(None), press(0, half_axes=(60.0, 58.0)), press(10), press(10), press(None)]
     samples = run(choose_estimator(name).make(blank), frames)
-    assert all(sample.angle_deg is not None for sample in samples)
+    assert all(sample.angle_deg is not None for sample in samples[1:4])
     assert samples[0].state is samples[4].state is State.NO_CONTACT
-    assert samples[0].angle_deg == samples[4].angle_deg == 0.0
+    assert samples[0].angle_deg is samples[4].angle_deg is None
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", *MATCHERS, *PEERS)])

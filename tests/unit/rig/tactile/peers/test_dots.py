@@ -14,8 +14,9 @@ from drivers.errors import InputError
 from fakes.gel.dots import TWIST_LIMIT_DEG, MarkerPrint, Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.surfaces import Surface
+from rig.tactile.contact.dots import find_dots, without_markers
 from rig.tactile.estimators import KOLAMURI, choose_estimator
-from rig.tactile.peers.dots import DotTracker, find_dots, without_markers
+from rig.tactile.peers.dots import DotTracker
 from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
 from rig.tactile.sample import SlipSample, State
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -175,6 +176,23 @@ def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) ->
         assert less.angle_deg == pytest.approx(more.angle_deg, abs=0.02)
         assert less.skipped
         assert not more.skipped
+
+
+def test_what_lies_far_outside_the_contact_is_left_out_for_nothing(press: Draw, blank: Image) -> None:
+    """Beside the contact the gel is bent too; texture and slopes are judged together there."""
+    rough = np.random.default_rng(4).normal(0.0, 1.0, (320, 240, 1))
+    marks = cv2.GaussianBlur(rough, (0, 0), 2.0)[..., None] * 60.0
+    beside = np.zeros((320, 240, 1), np.float32)
+    beside[20:60, 20:200] = 14.0
+    images = [
+        np.clip(image + np.roll(marks, i, axis=0) + beside * (i % 3), 0, 255).astype(np.uint8)
+        for i, image in enumerate(lift(press, 25.0, steps=25))
+    ]
+    lean, full = run(SlipEstimator(blank), images), run(SlipEstimator(blank, skip=False), images)
+    assert [s.state for s in lean] == [s.state for s in full]
+    assert any(less.angle_deg is not None for less in lean)
+    for less, more in zip(lean, full, strict=True):
+        assert less.angle_deg == more.angle_deg
 
 
 def test_pixels_that_are_not_square_are_allowed_for(press: Draw, blank: Image) -> None:

@@ -111,6 +111,9 @@ def test_an_alignment_finds_turn_and_shift(
     assert (found.shift_px.real, found.shift_px.imag) == pytest.approx(shift, abs=0.15)
     assert found.misfit < 0.2
     assert found.gain == pytest.approx(gain, abs=0.05)
+    further = align(key, field, 0.0, 0j, to_the_end=True)
+    assert (further.angle_rad, further.shift_px) == (found.angle_rad, found.shift_px)
+    assert not found.settled or abs(math.degrees(further.further_rad)) < 0.02, "nothing worth the time"
 
 
 def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:

@@ -1,0 +1,146 @@
+"""Dots printed on a gel: recognised, no contact, and no hindrance to the angle."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.images import read_image
+from rig.tactile.contact.dots import is_dotted, plain_of, without_dots
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.sample import State
+from rig.tactile.slip.estimator import SlipEstimator
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+STEP_NS = 16_666_667
+
+
+def grid(spacing_px: float = 32.0, shift_px: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.float64]:
+    """Places of a regular print on a frame of 240 x 320."""
+    x, y = np.meshgrid(np.arange(16.0, 240.0, spacing_px), np.arange(16.0, 320.0, spacing_px))
+    return np.stack([x, y], axis=-1).reshape(-1, 2) + shift_px
+
+
+def pushed(places: NDArray[np.float64], by_px: float) -> NDArray[np.float64]:
+    """Those near the middle pushed to the right, as a contact leaves them that has gone."""
+    near = np.exp(-((places - (120.0, 160.0)) ** 2).sum(axis=1) / (2 * 40.0**2))
+    return places + np.outer(near, (by_px, 0.0))
+
+
+def printed(image: Image, places: NDArray[np.float64], radius_px: float = 6.0) -> Image:
+    """A frame with soft dark dots, as ink on a gel."""
+    ink = np.zeros(image.shape[:2], np.float32)
+    for x, y in places:
+        centre = (round(16 * float(x)), round(16 * float(y)))
+        cv2.circle(ink, centre, round(16 * radius_px), 1.0, -1, cv2.LINE_AA, 4)
+    ink = cv2.GaussianBlur(ink, (0, 0), 0.8)[..., None]
+    return np.rint(image * (1.0 - 0.85 * ink)).astype(np.uint8)
+
+
+def states(frames: list[Image], background: Image, name: str = "slip") -> list[State]:
+    estimator = choose_estimator(name).make(background)
+    return [estimator.update(frame, i * STEP_NS).state for i, frame in enumerate(frames)]
+
+
+@pytest.mark.parametrize("radius_px", [4.5, 6.0, 9.0])
+@pytest.mark.parametrize("spacing_px", [28.0, 44.0])
+def test_a_printed_gel_is_recognised(blank: Image, radius_px: float, spacing_px: float) -> None:
+    assert is_dotted(printed(blank, grid(spacing_px), radius_px))
+
+
+def test_size_and_light_do_not_matter(blank: Image) -> None:
+    dotted = printed(blank, grid())
+    assert is_dotted((dotted * 0.4).astype(np.uint8))
+    for size in ((120, 160), (480, 640), (1500, 2000)):
+        assert is_dotted(np.asarray(cv2.resize(dotted, size), np.uint8)), size
+        assert not is_dotted(np.asarray(cv2.resize(blank, size), np.uint8)), size
+
+
+def test_a_plain_gel_is_not(blank: Image, press: Draw) -> None:
+    assert not is_dotted(blank)
+    assert not is_dotted(press(20.0))
+    assert not is_dotted(press(None, noise=6.0, seed=1))
+
+
+def test_dirt_is_no_print(blank: Image) -> None:
+    rng = np.random.default_rng(2)
+    assert not is_dotted(printed(blank, grid()[:8]))
+    for _ in range(5):
+        assert not is_dotted(printed(blank, rng.uniform((10, 10), (230, 310), (40, 2)), 5.0))
+
+
+def test_a_dark_line_is_no_dot_and_stays(blank: Image) -> None:
+    lined = printed(blank, grid())
+    cv2.line(lined, (20, 140), (220, 180), (15, 15, 15), 4)
+    plain = without_dots(lined)
+    along = [plain[round(140 + 0.2 * x), 20 + x].max() for x in range(30, 170)]
+    assert np.mean(np.array(along) < 40) > 0.9
+
+
+def test_filled_dots_leave_the_gel(blank: Image) -> None:
+    gap = without_dots(printed(blank, grid())).astype(int) - blank
+    assert np.abs(gap).max() <= 6
+    assert np.abs(gap).mean() < 0.5
+
+
+def test_a_plain_gels_frames_are_not_touched(blank: Image, press: Draw) -> None:
+    frame = press(20.0)
+    assert plain_of(blank)(frame) is frame
+    assert isinstance(choose_estimator("slip").make(blank), SlipEstimator)
+
+
+@pytest.mark.parametrize("name", ["slip", "ellipse", "ecc"])
+def test_dots_that_have_moved_are_no_contact(blank: Image, name: str) -> None:
+    background = printed(blank, grid())
+    moved = [printed(blank, pushed(grid(), 0.5 * i)) for i in range(12)]
+    assert set(states(moved, background, name)) == {State.NO_CONTACT}
+    as_if_plain = SlipEstimator(background)
+    seen = [as_if_plain.update(frame, i * STEP_NS).state for i, frame in enumerate(moved)]
+    assert State.TRACKING in seen, "without filling them they would be"
+
+
+def test_the_angle_comes_from_what_lies_between_the_dots(blank: Image, press: Draw) -> None:
+    background = printed(blank, grid())
+    estimator = choose_estimator("slip").make(background)
+    for i in range(30):
+        turn = max(0.0, 1.0 * (i - 12))
+        # The print follows the gel, which gives way less than the object turns.
+        frame = printed(press(15 + turn, (85, 25), seed=i), grid(shift_px=(0.05 * i, 0.0)))
+        sample = estimator.update(frame, i * STEP_NS)
+        assert sample.state is not State.NO_CONTACT
+        assert "dots" in sample.stage_s
+        if i == 12:
+            zero = sample.angle_deg
+        last = sample.angle_deg
+    assert zero is not None
+    assert last is not None
+    assert last - zero == pytest.approx(17.0, abs=1.0)
+
+
+def test_what_the_angles_come_from_is_named(blank: Image) -> None:
+    dotted = printed(blank, grid())
+    assert choose_estimator("slip").sees(dotted) == "what lies between the printed dots"
+    assert choose_estimator("kolamuri").sees(dotted) == "the printed dots"
+    assert choose_estimator("slip").sees(blank) == choose_estimator("pca-published").sees(dotted)
+
+
+def test_real_gels_are_told_apart(real_data: object) -> None:
+    from pathlib import Path
+
+    folder = Path(str(real_data))
+    plain = [
+        folder / "digit_backgrounds" / "tacto_bg_digit_240_320.jpg",
+        folder / "aurova_figures" / "digit_raw.png",
+    ]
+    plain += sorted((folder / "gelsight_ball").glob("*_1*.png"))
+    plain += sorted((folder / "aurova_figures" / "panels").glob("*_raw.png"))
+    assert len(plain) > 20
+    assert not any(is_dotted(read_image(path)) for path in plain)
+    for clip in sorted((folder / "marker_slip_clips").glob("*.avi")):
+        capture = cv2.VideoCapture(str(clip))
+        frames = [capture.read()[1] for _ in range(12)]
+        capture.release()
+        assert is_dotted(np.ascontiguousarray(frames[-1][..., ::-1])), clip.name

@@ -1,7 +1,7 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
-Real time comes first, on one worker, and has a core to itself: simulated devices and their drivers take
-as much, and fall behind where they get less. Then come the folders whose files take longest.
+Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers take
+more than one, and fall behind where they get less. Then come the folders whose files take longest.
 Hardware is driven by one process: with `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
@@ -21,7 +21,7 @@ import pytest
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME = "real_time"
-POLL_S = 0.05
+REAL_TIME_CORES, POLL_S = 2, 0.05
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
@@ -65,7 +65,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_runtest_protocol(
     item: pytest.Item, nextitem: pytest.Item | None
 ) -> Generator[None, object, object]:
-    """Leave a core to tests in real time while there are any."""
+    """Leave two cores to tests in real time while there are any."""
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     if alone or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
@@ -96,7 +96,7 @@ def _core(over: Path) -> Generator[None]:
 
 
 def _free_core(over: Path) -> TextIO | None:
-    for core in range(1, max(_cores(), 2)):
+    for core in range(REAL_TIME_CORES, _cores()):
         file = over.with_name(f"{over.name}-{core}").open("w")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

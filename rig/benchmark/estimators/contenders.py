@@ -45,14 +45,20 @@ def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[Slip
     """Return the samples of an unfiltered pass as the contender gives them with a window of n."""
     if name.endswith(PUBLISHED):
         script = ScriptFilter(window)
-        return [
-            s if s.state is State.LOST else replace(s, angle_deg=script.update(s.angle_deg)) for s in samples
-        ]
+        return [_published(sample, script) for sample in samples]
     if window == 1:
         return list(samples)
     mean = WindowMean(_Replayed(samples), window)
     unseen = np.empty((0, 0, 3), np.uint8)
     return [mean.update(unseen, sample.time_ns) for sample in samples]
+
+
+def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
+    """Return what the script's filter makes of a sample; without a contact nothing is told."""
+    if sample.state is State.LOST:
+        return sample
+    angle_deg = script.update(sample.angle_deg)
+    return sample if sample.state is State.NO_CONTACT else replace(sample, angle_deg=angle_deg)
 
 
 class SharedContact(ContactFinder):

@@ -17,7 +17,7 @@ from drivers.errors import (
     OperatorStopError,
     OutOfLimitsError,
 )
-from drivers.types import Pose
+from drivers.types import HandState, Holding, Pose
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.dashboard import Dashboard
 from fakes.devices.arm import TOOL_LENGTH_M
@@ -229,7 +229,10 @@ def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controll
 def test_a_way_down_that_meets_the_table_is_stopped_there(controller: URController, arm: UR5e) -> None:
     table_m = 0.2
     controller.robot.force._floor_m = table_m
-    bench: Any = SimpleNamespace(arm=arm, clock=SystemClock())
+    nothing = SimpleNamespace(state=HandState(Holding.FREE))
+    bench: Any = SimpleNamespace(
+        arm=arm, clock=SystemClock(), hand=nothing, gripper=SimpleNamespace(state=lambda: None)
+    )
     with pytest.raises(ContactForceError, match="met something on its way down"):
         move(bench, HOME.translated(z_m=-0.15), 0.25).wait(5.0)
     assert stands(controller)

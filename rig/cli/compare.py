@@ -79,20 +79,14 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
 
 
 def _print(found: "Comparison") -> None:
-    from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.printing import console_table, table_console
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
 
     console = table_console()
     for table in (figure_table(found), object_table(found)):
-        shown = Table()
-        for i, column in enumerate(table.columns):
-            shown.add_column(column, justify="left" if i == 0 else "right")
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
+        console.print(console_table(table.columns, table.rows))
     console.print(verdict(found))
 
 

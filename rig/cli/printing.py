@@ -1,6 +1,7 @@
 """Progress and tables for people."""
 
 import sys
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from typing import Self
 
@@ -89,6 +90,18 @@ def table_console(to_stderr: bool = False, width: int = 140) -> Console:
     """Return where tables go: as wide as the terminal, `width` characters elsewhere."""
     terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
     return Console(stderr=to_stderr, width=None if terminal else width)
+
+
+def console_table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, title: str | None = None
+) -> Table:
+    """Return a table whose first columns stand on the left, the others on the right. left: how many."""
+    table = Table(title=title)
+    for place, column in enumerate(columns):
+        table.add_column(column, justify="left" if place < left else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def object_table(summary: TrialSummary, simulated: str) -> Table:

@@ -112,13 +112,13 @@ def _tried(do: Callable[[], Result], before_again: Callable[[], str]) -> Result:
 
     Raises `DeviceError` where it does so each time.
     """
-    for left in reversed(range(TRIES)):
+    for _ in range(TRIES - 1):
         try:
             return do()
         except DeviceError:
-            if not left or before_again():
+            if before_again():
                 raise
-    raise AssertionError
+    return do()
 
 
 class _Place:

@@ -87,8 +87,7 @@ class TrialProgram:
         return "\n".join(lines[first:])
 
     def _read(self) -> None:
-        assert self._process.stderr is not None  # noqa: S101 - it is a pipe
-        self._lines.extend(line.rstrip() for line in self._process.stderr if line.strip())
+        self._lines.extend(line.rstrip() for line in self._process.stderr or () if line.strip())
 
     def close(self) -> None:
         """End it, if it has not."""

@@ -107,17 +107,10 @@ def clips(
 
 
 def _print(result: "ClipsResult", to_stderr: bool) -> None:
-    from rich.table import Table as RichTable
-
     from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
-    from rig.cli.printing import table_console
+    from rig.cli.printing import console_table, table_console
 
     console = table_console(to_stderr, width=200)
     for table in (clip_table(result), overall_table(result), limit_table(result)):
-        shown = RichTable(title=table.title)
-        for place, column in enumerate(table.columns):
-            shown.add_column(column, justify="left" if place < 2 else "right")
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
+        console.print(console_table(table.columns, table.rows, 2, table.title))
     console.print(f"{result.wall_s:.0f} s", highlight=False)

@@ -62,19 +62,12 @@ def contact(
 
 
 def _print(result: "ContactResult", to_stderr: bool) -> None:
-    from rich.table import Table as RichTable
-
     from rig.benchmark.contact.benchmark import contact_table
     from rig.benchmark.estimators.tables import limit_table
-    from rig.cli.printing import table_console
+    from rig.cli.printing import console_table, table_console
 
     console = table_console(to_stderr, width=140)
     name = next(iter(result.clips))
     for table in (contact_table(result), limit_table(result.limits, f"'{name}'")):
-        shown = RichTable(title=table.title)
-        for place, column in enumerate(table.columns):
-            shown.add_column(column, justify="left" if place < 2 else "right")
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
+        console.print(console_table(table.columns, table.rows, 2, table.title))
     console.print(f"{result.wall_s:.0f} s", highlight=False)

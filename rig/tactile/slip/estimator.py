@@ -19,7 +19,7 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
-from rig.tactile.slip.gel_marks import GelMarks
+from rig.tactile.slip.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
@@ -59,7 +59,8 @@ class SlipEstimator(FreshFrameEstimator):
         self._scale = fine_scale(background.shape, size)
         fine = (self._scale * size[0], self._scale * size[1])
         self._fine_light = RelativeDifference(background, fine)
-        self._marks, self._fine_marks = GelMarks(background, size, fine), GelMarks(background, fine, fine)
+        marked = found_marks(background, fine)
+        self._marks, self._fine_marks = GelMarks(marked, size), GelMarks(marked, fine)
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()

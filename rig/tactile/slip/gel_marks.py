@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET
 from rig.tactile.slip.height import Field
+from rig.tactile.slip.texture import FINE_PX, NOISE_PX
 
-# Widths as in `rig.tactile.slip.texture`, at its fineness, px: what is no mark but light is broader than the
-# first, what is noise narrower than the second.
-BROAD_PX, NARROW_PX = 4.0, 1.0
 # A mark changes so many times as much as what is around it (median of a square this wide, px) and as the
 # whole background: streaks of light and a codec's blocks stay below.
 TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
 # What changes by less, relative to the light, is nothing even where the rest is all alike.
 LEAST_CHANGE = 1e-3
-# A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is
-# so near, px.
+# A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is so near, px.
 REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.0
 # With more of the background than this the gel is patterned, and there is nothing to fill from.
 MOST_SHARE = 0.05
@@ -30,14 +27,13 @@ MOST_SHARE = 0.05
 class GelMarks:
     """The marks of one gel.
 
-    background: (H, W, 3) uint8 RGB. size: width and height of what is mended. fine: those at which marks
-    are looked for.
+    marked: where they are, (h, w), as `found_marks` tells. size: width and height of what is mended.
     """
 
-    def __init__(self, background: Image, size: tuple[int, int], fine: tuple[int, int]) -> None:
-        marked = cv2.resize(found_marks(background, fine), size, interpolation=cv2.INTER_AREA) > 0
-        rim = cv2.dilate(marked.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
-        self._marked, self._rim = np.flatnonzero(marked), np.flatnonzero(rim & ~marked)
+    def __init__(self, marked: Image, size: tuple[int, int]) -> None:
+        inside = cv2.resize(marked, size, interpolation=cv2.INTER_AREA) > 0
+        rim = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
+        self._marked, self._rim = np.flatnonzero(inside), np.flatnonzero(rim & ~inside)
         self._weights = _weights(self._marked, self._rim, size[0])
 
     def mended(self, difference: Field) -> Field:
@@ -52,8 +48,8 @@ class GelMarks:
 def found_marks(background: Image, fine: tuple[int, int]) -> Image:
     """Return where a background has marks, (h, w), 255 or 0. fine: width and height looked at."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
-    sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), BROAD_PX)) / (light + DARK_OFFSET)
-    sharp = cv2.GaussianBlur(sharp, (0, 0), NARROW_PX)
+    sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), FINE_PX)) / (light + DARK_OFFSET)
+    sharp = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
     slopes = [cv2.Scharr(sharp, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
     squares = np.sum(np.square(slopes), axis=(0, 3))
     change = np.sqrt(np.maximum(cv2.blur(squares, (3, 3)), np.float32(0.0)))

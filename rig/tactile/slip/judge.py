@@ -42,7 +42,8 @@ ELSEWHERE_SHARE, ELSEWHERE_MORE, FURTHEST_RAD = 1.4, 0.1, math.radians(35.0)
 INDEPENDENT = 12.0
 # Sigma of what a channel says alone, over the root of what it leaves unexplained (the slopes': for a contact
 # of contrast 1, see `Keyframe`), how ill it may correlate there, and what sigma never falls below. These, and
-# the number above, were set on the development half of the labelled real clips, and raised on others.
+# the number above, were set on the development half of the labelled real clips, and raised after clips of
+# further objects.
 SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
 LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
 

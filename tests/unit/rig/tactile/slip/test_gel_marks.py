@@ -31,11 +31,11 @@ def test_marks_are_filled_from_around_them_and_the_rest_is_left() -> None:
     slope = np.repeat(np.linspace(0, 1, FINE[0], dtype=np.float32)[None, :, None], FINE[1], 0).repeat(3, 2)
     spoilt, marked = slope.copy(), found_marks(background, FINE) > 0
     spoilt[marked] = 9.0
-    mended = GelMarks(background, FINE, FINE).mended(spoilt)
+    mended = GelMarks(found_marks(background, FINE), FINE).mended(spoilt)
     assert mended[marked] == pytest.approx(slope[marked], abs=0.06)
     np.testing.assert_array_equal(mended[~marked], slope[~marked])
 
 
 def test_a_gel_without_marks_is_left_as_it_is() -> None:
     difference = np.zeros((FINE[1], FINE[0], 3), np.float32)
-    assert GelMarks(drawn_press(None), FINE, FINE).mended(difference) is difference
+    assert GelMarks(found_marks(drawn_press(None), FINE), FINE).mended(difference) is difference

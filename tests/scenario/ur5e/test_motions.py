@@ -84,8 +84,7 @@ def test_two_arms_at_once(controller: URController, arm: UR5e) -> None:
         motions = [
             a.move_linear(HOME.translated(z_m=d), 0.25, 1.0) for a, d in ((arm, -0.05), (second, 0.05))
         ]
-        for motion in motions:
-            motion.wait(5.0)
+        until(lambda: all([motion.done() for motion in motions]))  # each arm is looked at, or stops
         assert arm.state().base_T_tcp.position_m[2] == pytest.approx(0.25, abs=1e-4)
         assert second.state().base_T_tcp.position_m[2] == pytest.approx(0.35, abs=1e-4)
     finally:

@@ -2,11 +2,14 @@
 
 import gc
 import os
+import signal
 
 # As the command line does: BLAS threads that wait for one another make a busy computer ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Tests start hundreds of programs: what one has compiled, the next ones read.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# A suite under nohup ignores hangups, and so would all that it starts.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 from pathlib import Path
 

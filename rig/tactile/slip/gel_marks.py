@@ -19,7 +19,9 @@ TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
 # What changes by less, relative to the light, is nothing even where the rest is all alike.
 LEAST_CHANGE = 1e-3
 # A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is so near, px.
-REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.0
+REACH_PX, RIM_PX, FILL_PX = 3, 3, 4.0
+# The plane through the rim is held level by this: where the picture ends, all of the rim lies on one side.
+LEVEL = 0.01
 # With more of the background than this the gel is patterned, and there is nothing to fill from.
 MOST_SHARE = 0.05
 
@@ -63,13 +65,19 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
 
 
 def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], width: int) -> NDArray[np.float32]:
-    """Return how much each pixel of the rim counts for each marked one, (M, R)."""
-    rows, columns = (
-        np.subtract.outer(one.astype(np.float32), other.astype(np.float32))
+    """Return how much each pixel of the rim counts for each marked one, (M, R): its plane, fitted nearby.
+
+    A mean of what is near would flatten the slope of a contact that lies across a mark.
+    """
+    down, across = (
+        np.subtract.outer(one.astype(np.float64), other.astype(np.float64)) / FILL_PX
         for one, other in zip(divmod(marked, width), divmod(rim, width), strict=True)
     )
     # Relative to the nearest, so that none is too far to count.
-    squares = rows**2 + columns**2
-    squares -= squares.min(axis=1, keepdims=True, initial=np.inf)
-    near = np.exp(-squares / (2.0 * FILL_PX**2))
-    return np.asarray(near / near.sum(axis=1, keepdims=True), np.float32)
+    squares = down**2 + across**2
+    near = np.exp((squares.min(axis=1, keepdims=True, initial=np.inf) - squares) / 2.0)
+    plane = np.stack([np.ones_like(down), down, across], axis=2)
+    weighted = plane * (near / near.sum(axis=1, keepdims=True))[..., None]
+    normal = np.einsum("mri,mrj->mij", weighted, plane) + np.diag([0.0, LEVEL, LEVEL])
+    at_mark = np.linalg.solve(normal, np.broadcast_to([[1.0], [0.0], [0.0]], (len(marked), 3, 1)))
+    return np.asarray(np.einsum("mri,mij->mr", weighted, at_mark), np.float32)

@@ -31,3 +31,20 @@ def realtime() -> Iterator[None]:
         gc.unfreeze()
         with suppress(OSError, AttributeError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+@contextmanager
+def ordinary() -> Iterator[None]:
+    """Run the block at ordinary priority: for what may wait by computing, as libraries do.
+
+    At real-time priority such a wait takes a core from everything else, also from what it waits for.
+    """
+    policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else None
+    if policy is None or policy != os.SCHED_RR:
+        yield
+        return
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, os.sched_param(LOWEST_REAL_TIME))

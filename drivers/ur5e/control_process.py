@@ -20,10 +20,11 @@ import select
 import socket
 import sys
 import threading
+from contextlib import nullcontext
 from typing import Any
 
 from drivers.clock import SystemClock, to_ns
-from drivers.realtime import ask_for_realtime
+from drivers.realtime import ask_for_realtime, ordinary
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.heartbeat import Heartbeat
 from drivers.ur5e.program import Program
@@ -37,6 +38,7 @@ TICK_S = 0.005
 STOP_S = 1.0
 STOP_DECELERATION_M_S2 = 10.0
 STATE_LOST, PARENT_LOST = 3, 4
+URGENT = ("stop_linear", "end_program")
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
@@ -54,7 +56,11 @@ def serve(
         if not line:
             answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
             return
-        connection.sendall(json.dumps(answer(commands, json.loads(line))).encode() + b"\n")
+        request = json.loads(line)
+        # ur-rtde computes while it waits for the controller: only what stops the arm goes before all else
+        with nullcontext() if request["call"] in URGENT else ordinary():
+            reply = answer(commands, request)
+        connection.sendall(json.dumps(reply).encode() + b"\n")
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:
@@ -84,7 +90,6 @@ def watch(state: SharedState, parent_pid: int) -> None:
 
 def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
     """Connect, say so, and serve."""
-    ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
     state = SharedState(state_fd)
     threading.Thread(target=watch, args=(state, parent_pid), daemon=True).start()
@@ -92,6 +97,7 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
     try:
         from rtde_control import RTDEControlInterface
 
+        ask_for_realtime()
         control = RTDEControlInterface(host)
     except (ImportError, RuntimeError, ValueError) as error:
         connection.sendall(json.dumps({"number": 0, "error": str(error)}).encode() + b"\n")

@@ -107,12 +107,12 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
 
 def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
     """Connect, listen, and end; the exit code says how."""
-    ask_for_realtime()
     faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
     variables = [*VARIABLES, "payload", "payload_cog"] if with_payload else list(VARIABLES)
     try:
         from rtde_receive import RTDEReceiveInterface
 
+        ask_for_realtime()
         receive = RTDEReceiveInterface(host, rate_hz, variables)
     except (ImportError, RuntimeError, ValueError) as error:
         sys.exit(" ".join(str(error).split()))

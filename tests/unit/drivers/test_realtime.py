@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from drivers.realtime import ask_for_realtime, realtime
+from drivers.realtime import ask_for_realtime, ordinary, realtime
 
 
 def test_the_lowest_real_time_priority_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,3 +33,14 @@ def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch) 
         assert gc.get_freeze_count() > 0
     assert gc.get_freeze_count() == 0
     assert asked == [os.SCHED_RR, os.SCHED_OTHER]
+
+
+def test_what_computes_while_it_waits_has_no_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, p: asked.append(policy))
+    with ordinary():
+        assert not asked, "this one has none to give up"
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: os.SCHED_RR)
+    with ordinary():
+        assert asked == [os.SCHED_OTHER]
+    assert asked == [os.SCHED_OTHER, os.SCHED_RR]

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.real_time
 
 def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:
     seen: list[tuple[int, Minute]] = []
-    told = measure_endurance(3, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
+    told = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
     assert seen == list(enumerate(told, start=1))
     rate_hz = sum(tactile.rate_hz for tactile in unhurried_bench.tactile) + unhurried_bench.camera.rate_hz
     for minute in told:

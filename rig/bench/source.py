@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from drivers.bench import Bench, Hand
-from drivers.errors import DeviceError, InputError
+from drivers.errors import InputError
 from drivers.realtime import realtime
 from drivers.types import HandState, Holding
 from protocols.operator import Operator
@@ -16,6 +16,7 @@ from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.hand_memory import HandMemory
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
+from rig.bench.reading import read_devices, require_read
 from rig.config import BenchConfig
 
 SWITCH_S = 0.0005
@@ -25,6 +26,13 @@ third of the time between two frames."""
 
 class BenchSource(Protocol):
     """Gives each lift (or pose) of a session its bench."""
+
+    def begin(self) -> None:
+        """Reach the bench, and ask whether to begin, before anything is kept of the session.
+
+        Raises `DeviceError` for devices that cannot be reached, `OperatorStopError` unless agreed.
+        """
+        ...
 
     def for_lift(
         self, seed: int, lift: str, attempt: int = 0
@@ -56,6 +64,9 @@ class FreshBenches(BenchSource):
     config: BenchConfig
     realtime: bool = False
     variation_seed: int | None = None
+
+    def begin(self) -> None:
+        """Nothing to reach: each lift makes its bench."""
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
@@ -98,6 +109,12 @@ class StandingBench(BenchSource):
         """Whether the last lift ended badly: fingers may be closed, the arm may be anywhere."""
         return self._after_fault
 
+    def begin(self) -> None:
+        """Read every device, ask whether to begin, and connect; nothing moves."""
+        bench = self._bench or self._open()
+        with realtime():
+            self._connect(bench)
+
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Give the one bench; whatever goes wrong in a lift, the next one connects anew.
@@ -106,10 +123,7 @@ class StandingBench(BenchSource):
         """
         bench = self._bench or self._open()
         with realtime():
-            if not self._connected:
-                self._connection.enter_context(bench.connected())
-                self._connected = True
-                self._look_at_fingertips(bench)
+            self._connect(bench)
             try:
                 yield bench, self._operator(seed)
             except BaseException:
@@ -129,6 +143,12 @@ class StandingBench(BenchSource):
         self._let_go()
         self._session.close()
 
+    def _connect(self, bench: Bench) -> None:
+        if not self._connected:
+            self._connection.enter_context(bench.connected())
+            self._connected = True
+            self._look_at_fingertips(bench)
+
     def _operator(self, seed: int) -> Operator:
         return self._person if self._simulated is None else self._simulated(seed)
 
@@ -137,7 +157,10 @@ class StandingBench(BenchSource):
         sys.setswitchinterval(SWITCH_S)
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
-            self._person.confirm(f"{_speed_slider(bench)}{self._introduction}")
+            readings = read_devices(bench)
+            require_read(readings)
+            seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
+            self._person.confirm(f"Devices, looked at and let go again:\n{seen}\n{self._introduction}")
         self._bench = bench
         return bench
 
@@ -167,17 +190,6 @@ class StandingBench(BenchSource):
     def _let_go(self) -> None:
         self._connected = False
         self._connection.close()
-
-
-def _speed_slider(bench: Bench) -> str:
-    """What a plan says first of its speeds: the arm's own slider scales all of them."""
-    try:
-        fraction = bench.arm.speed_fraction()
-    except DeviceError as error:
-        return f"The pendant's speed slider could not be read ({error}).\n"
-    if fraction is None:
-        return ""
-    return f"The pendant's speed slider stands at {fraction:.0%}: motions run at that share of their speed.\n"
 
 
 @contextmanager

@@ -37,6 +37,13 @@ OutOption = Annotated[
     Path | None, typer.Option("--out", help="Session folder; default sessions/<date>_<what>.")
 ]
 ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue the session in --out.")]
+ResumeStoredOption = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Continue the session in --out, or the newest unfinished one on this bench, with its options.",
+    ),
+]
 
 
 def say(text: str) -> None:

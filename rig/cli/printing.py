@@ -1,9 +1,9 @@
 """Progress and tables for people."""
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -14,6 +14,8 @@ from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 from rig.results.table import TableLift
 from rig.sessions.records import FailedLift, FinishedLift, LiftRow
+
+Row = TypeVar("Row")
 
 
 class WorkProgress:
@@ -48,6 +50,29 @@ class WorkProgress:
             print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
         else:
             self._bar.update(self._task, completed=done, total=total, note=note)
+
+
+class OneMessage(Generic[Row]):
+    """Says what came of an attempt; of the same fault again only that it is the same.
+
+    note: what came of it, in a few words, with the fault. fault: what ended it, None where it counts.
+    """
+
+    def __init__(self, note: Callable[[Row], str], fault: Callable[[Row], str | None]) -> None:
+        self._note, self._fault = note, fault
+        self._last: str | None = None
+
+    def __call__(self, row: Row) -> str:
+        """Say it."""
+        fault, last = self._fault(row), self._last
+        self._last = fault
+        text = self._note(row)
+        return text if fault is None or fault != last else text.replace(fault, "the same fault again")
+
+
+def lift_fault(row: LiftRow) -> str | None:
+    """What ended a lift."""
+    return row.fault if isinstance(row, FailedLift) else None
 
 
 class TrialProgress(WorkProgress):

@@ -8,22 +8,25 @@ from rig.cli.common import (
     BenchOption,
     JsonOption,
     OutOption,
-    ResumeOption,
+    ResumeStoredOption,
     SeedOption,
     YesOption,
     ask,
     emit_json,
     say,
-    session_folder,
 )
 from rig.cli.report import NoReportOption, report_after
+from rig.cli.resuming import continued, given, may_be_continued
 
 if TYPE_CHECKING:
     from rig.sessions.records import PoseRow
 
 
 def record(
-    object_name: Annotated[str, typer.Option("--object", help="Object id or name.")],
+    context: typer.Context,
+    object_name: Annotated[
+        str | None, typer.Option("--object", help="Object id or name; needed unless a session is continued.")
+    ] = None,
     poses: Annotated[int, typer.Option("--poses", min=1, max=15, help="Accepted grasp poses.")] = 15,
     images: Annotated[
         int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
@@ -38,7 +41,7 @@ def record(
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
     out: OutOption = None,
-    resume: ResumeOption = False,
+    resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -51,30 +54,46 @@ def record(
     Examples:
       rig record --object 7 --poses 15
 
-      rig record --object mug --poses 15 --images 150 --out sessions/mug --resume
+      rig record --object mug --poses 15 --images 150 --out sessions/mug
+
+      rig record --resume --out sessions/mug
 
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
 
     """
     import time
 
+    from drivers.errors import InputError
     from protocols.grasps import find_grasp_file
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
-    from rig.cli.printing import WorkProgress
+    from rig.cli.printing import OneMessage, WorkProgress
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.pose_attempt import RecordSettings
     from rig.experiments.record import describe_recording, run_record
+    from rig.sessions.manifest import RecordManifest
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)
-    grasps = find_grasp_file(object_name)
+    grasps = None if object_name is None else find_grasp_file(object_name)
+    folder, stored = continued(
+        RecordManifest, "record", config.name, out, resume, grasps.id if grasps else None
+    )
+    if stored is not None:
+        grasps = grasps or find_grasp_file(stored.objects[0])
+        poses = poses if given(context, "poses") else stored.poses
+        images = images if given(context, "images") else stored.images
+        randomise = randomise or stored.randomised
+        seed = seed if given(context, "seed") else stored.seed
+    if grasps is None:
+        raise InputError("--object is missing: which object is grasped?")
     settings = RecordSettings(config, seed, grasps, poses, images, randomise)
-    folder = session_folder(out, resume, "record", grasps.id)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
     person = ConsoleOperator(ask, agreed=yes)
+    note = OneMessage(_note, lambda row: row.fault)
     with (
+        may_be_continued(folder, out, resume, no_report),
         session_bench(
             config, person, describe_recording(settings), variation_seed=settings.variation_seed
         ) as benches,
@@ -85,7 +104,7 @@ def record(
             settings,
             resume,
             benches,
-            lambda done, total, row: bar.show(done, total, _note(row)),
+            lambda done, total, row: bar.show(done, total, note(row)),
         )
     figures = {
         "session": str(folder),

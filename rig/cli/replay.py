@@ -5,14 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, ResumeOption, emit_json, report_broken, say, trial_jobs
+from rig.cli.common import JsonOption, ResumeStoredOption, emit_json, report_broken, say, trial_jobs
 
 if TYPE_CHECKING:
     from rig.experiments.batch_replay import ReplayPlan
 
 
 def replay(
-    sessions: Annotated[list[Path], typer.Argument(help="Session folders of trials, or folders of them.")],
+    sessions: Annotated[
+        list[Path] | None, typer.Argument(help="Session folders of trials, or folders of them.")
+    ] = None,
     estimator: Annotated[str | None, typer.Option("--estimator", help="Default: the session's own.")] = None,
     window: Annotated[
         int | None, typer.Option("--window", min=1, max=100, help="Default: the session's.")
@@ -26,7 +28,7 @@ def replay(
             "sessions: sessions/<date>_replay.",
         ),
     ] = None,
-    resume: ResumeOption = False,
+    resume: ResumeStoredOption = False,
     engine: Annotated[
         str | None,
         typer.Option("--engine", help="dask://HOST:PORT of a running cluster instead of this computer."),
@@ -46,16 +48,29 @@ def replay(
 
       rig replay sessions/* --estimator ellipse --jobs 8 --out sessions/ellipse --resume
 
+      rig replay --resume
+
       rig replay /data/sessions --engine dask://10.0.0.5:8786 --out /data/again
 
     """
-    if len(sessions) == 1 and not (out or resume or engine):
+    from drivers.errors import InputError
+    from rig.cli.resuming import continued, may_be_continued
+    from rig.sessions.manifest import ReplayManifest
+
+    if sessions and len(sessions) == 1 and not (out or resume or engine):
         from rig.results.listing import holds_sessions
 
         if not holds_sessions(sessions[0]):
             _replay_one(sessions[0], estimator, window, jobs, json)
             return
-    _replay_many(sessions, estimator, window, jobs, out, resume, engine, json)
+    folder, stored = continued(ReplayManifest, "replay", None, out, resume)
+    if stored is not None:
+        sessions = sessions or [Path(session) for session in stored.sessions]
+        estimator, window = estimator or stored.estimator, window or stored.window
+    if not sessions:
+        raise InputError("which sessions? give their folders, or a folder that holds them")
+    with may_be_continued(folder, out, resume, no_report=True):
+        _replay_many(sessions, estimator, window, jobs, folder, resume, engine, json)
 
 
 def _replay_one(
@@ -91,21 +106,19 @@ def _replay_many(
     estimator: str | None,
     window: int | None,
     jobs: int | None,
-    out: Path | None,
+    folder: Path,
     resume: bool,
     engine: str | None,
     json: bool,
 ) -> None:
     import time
 
-    from rig.cli.common import session_folder
     from rig.cli.printing import WorkProgress
     from rig.cli.results import print_results, results_json, row_note
     from rig.experiments.batch_replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.experiments.dask_engine import runner
 
     began = time.perf_counter()
-    folder = session_folder(out, resume, "replay")
     run = runner(engine, trial_jobs(jobs, True, False))
     folders = [path for path in gather_sessions(paths) if path != folder.resolve()]
     plan = plan_replays(folders, estimator, window)

@@ -10,19 +10,20 @@ from rig.cli.common import (
     Exit,
     JsonOption,
     OutOption,
-    ResumeOption,
+    ResumeStoredOption,
     SeedOption,
     YesOption,
     ask,
     emit_json,
     say,
-    session_folder,
     trial_jobs,
 )
 from rig.cli.report import NoReportOption, report_after
+from rig.cli.resuming import continued, given, may_be_continued
 
 
 def trial(
+    context: typer.Context,
     lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="Accepted lifts per object.")] = 5,
     objects: Annotated[
         list[str] | None,
@@ -65,7 +66,7 @@ def trial(
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
     out: OutOption = None,
-    resume: ResumeOption = False,
+    resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -83,7 +84,9 @@ def trial(
 
       rig trial --lifts 1 --object wrench --object 7 --estimator ellipse
 
-      rig trial --lifts 5 --out sessions/campaign --resume
+      rig trial --resume
+
+      rig trial --resume --out sessions/campaign
 
       rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
 
@@ -92,27 +95,35 @@ def trial(
 
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
-    from rig.cli.printing import lift_note, summary_json, trial_table
+    from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import describe_plan, resolve_objects, run_trial
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
+    from rig.sessions.manifest import TrialManifest
     from rig.tactile.estimators import choose_estimator
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)
+    folder, stored = continued(TrialManifest, "trial", config.name, out, resume)
+    if stored is not None:
+        lifts = lifts if given(context, "lifts") else stored.lifts_per_object
+        objects = objects or list(stored.objects)
+        estimator, window = estimator or stored.estimator, window or stored.window
+        no_skip = no_skip or not stored.skip
+        seed = seed if given(context, "seed") else stored.seed
     choice = choose_estimator(estimator, window, not no_skip)
     settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects)
-    folder = session_folder(out, resume, "trial")
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
     person = ConsoleOperator(ask, agreed=yes)
     with (
+        may_be_continued(folder, out, resume, no_report),
         session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,
         live_session(live, live_to) as (feed, inbox),
-        TrialView(len(ids) * lifts, inbox, lift_note) as progress,
+        TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault)) as progress,
     ):
         summary = run_trial(
             folder,

@@ -102,18 +102,19 @@ def repeat_until_accepted(
     Raises `DeviceError` after three faults in a row; what is done stays on disk.
     """
     done = sum(row.accepted for row in session.rows)
-    total, faults = done + len(tasks), 0
+    total, faults, kinds = done + len(tasks), 0, set[str]()
     for task, attempt in run_tasks(work, tasks, jobs):
         _keep(session, task, attempt, wording)
         if attempt.fault is None:
-            done, faults = done + 1, 0
+            done, faults, kinds = done + 1, 0, set()
         else:
             faults += 1
+            kinds.add(attempt.fault)
             tasks.insert(0, replace(task, attempt=task.attempt + 1))
         progress(done, total, attempt.row)
         if faults >= MAX_FAULTS_IN_A_ROW:
             raise DeviceError(
-                f"{wording.session}: {faults} rig faults in a row, the last: {attempt.fault}; "
+                f"{wording.session}: {_in_a_row(faults, len(kinds))}: {attempt.fault}; "
                 f"{done} of {total} {wording.piece}s are done: mend the fault, then continue with --resume"
             )
 
@@ -122,6 +123,10 @@ def fault_text(error: Exception) -> str:
     """Say what failed, and how the bench was left."""
     notes = "; ".join(getattr(error, "__notes__", []))
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
+
+
+def _in_a_row(faults: int, kinds: int) -> str:
+    return f"{faults} rig faults in a row, " + ("all the same" if kinds == 1 else "the last")
 
 
 def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:

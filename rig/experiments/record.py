@@ -90,6 +90,7 @@ def run_record(
     with open_session(folder, record_manifest(settings), POSES, resume) as session:
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
+            benches.begin()
             finders = _references(session, settings, benches)
             left = left_to_do(tasks, session.rows, lambda row: row.pose)
             work = partial(attempt_pose, settings, finders, benches)

@@ -88,6 +88,8 @@ def run_trial(
     with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
         if not session.complete:
             _require_same_truth(session)
+            if benches is not None:
+                benches.begin()
             tasks = left_to_do(_all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             work = partial(attempt_lift, settings, benches=benches, live=live)

@@ -1,6 +1,5 @@
 """Which sessions a folder holds, what came of them, and which are broken."""
 
-import fcntl
 import os
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,7 +9,7 @@ from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from rig.results.metrics import Mare
 from rig.results.summary import mare_of
-from rig.sessions.layout import LOCK, MANIFEST, RECORDINGS, RESULTS
+from rig.sessions.layout import MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
     AnyManifest,
     BenchManifest,
@@ -21,6 +20,7 @@ from rig.sessions.manifest import (
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, REPLAYS, finished
 from rig.sessions.rows import read_poses, read_rows, readable_rows
+from rig.sessions.session import in_use
 
 
 class SessionState(StrEnum):
@@ -117,7 +117,7 @@ def _entry(folder: Path, size: int, manifest: AnyManifest, quick: bool) -> Sessi
         problems = []
     problem = _first(list(filter(None, problems)))
     state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
-    if _in_use(folder):
+    if in_use(folder):
         state = SessionState.RUNNING
     return SessionEntry(
         folder, SessionState.BROKEN if problem else state, problem, size, manifest, done, found
@@ -145,18 +145,3 @@ def _recording_damage(path: Path, quick: bool) -> str | None:
     except SessionError as error:
         return str(error)
     return None
-
-
-def _in_use(folder: Path) -> bool:
-    """Whether a process holds the session's lock; a lock left behind holds nothing."""
-    try:
-        handle = os.open(folder / LOCK, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(handle)
-    return False

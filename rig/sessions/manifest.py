@@ -13,7 +13,7 @@ from drivers.errors import SessionError
 from rig.config import BenchConfig
 from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
-from rig.sessions.codec import STRICT, Codec
+from rig.sessions.codec import STRICT, Codec, json_value
 from rig.sessions.files import read_whole
 from rig.sessions.layout import MANIFEST, RESULTS
 
@@ -180,11 +180,39 @@ def require_kind(
 
 
 def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
-    """Return the first key in which a session is not what is asked for; None where it is the same."""
+    """Say where a session first differs from what is asked for, as "seed 0, not 1"; None where nowhere.
+
+    Of the bench and its calibrations the one value is named that differs, as "config.camera.focal_px".
+    """
     if type(manifest) is not type(wanted):
-        return "kind"
+        return f"kind {manifest.kind}, not {wanted.kind}"
     keys = (field.name for field in fields(wanted) if field.name not in _OWN)
-    return next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
+    key = next((key for key in keys if getattr(manifest, key) != getattr(wanted, key)), None)
+    return (
+        None
+        if key is None
+        else _difference(key, *(json_value(m).get(key, getattr(m, key)) for m in (manifest, wanted)))
+    )
+
+
+def _difference(key: str, there: Any, asked: Any) -> str:
+    """Go down to the first value that differs, and say both."""
+    if isinstance(there, dict) and isinstance(asked, dict):
+        inner = next(k for k in (*there, *asked) if there.get(k) != asked.get(k))
+        return _difference(f"{key}.{inner}", there.get(inner), asked.get(inner))
+    if isinstance(there, list) and isinstance(asked, list) and len(there) == len(asked) > 0:
+        place = next(i for i, (a, b) in enumerate(zip(there, asked, strict=True)) if a != b)
+        if isinstance(there[place], dict):
+            return _difference(f"{key}[{place}]", there[place], asked[place])
+    return f"{key} {_value(there)}, not {_value(asked)}"
+
+
+def _value(value: Any) -> str:
+    if value in (None, [], {}):
+        return "nothing"
+    if isinstance(value, dict):
+        return str(value.get("file", ", ".join(value)))
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 _OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth"}

@@ -20,6 +20,8 @@ from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
 
 Row = TypeVar("Row")
+SESSIONS = Path("sessions")
+"""Where sessions go unless somebody says otherwise."""
 
 
 class SessionLog(logging.FileHandler):
@@ -48,8 +50,10 @@ class Session(Generic[Row]):
     `timing.jsonl` everything measured in time, `log.txt`.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, codec: Codec[Row]) -> None:
+    def __init__(self, folder: Path, manifest: Manifest, codec: Codec[Row], begun_here: bool = False) -> None:
+        """begun_here: whether this process began it, and may remove it where it comes to nothing."""
         self.folder = folder
+        self._begun_here = begun_here
         self.manifest = manifest
         self._results = folder / RESULTS[manifest.kind]
         self._lock = _locked(folder)
@@ -97,15 +101,17 @@ class Session(Generic[Row]):
     def __enter__(self) -> "Session[Row]":
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self.close()
+        if error is not None and self._begun_here and not self.rows:
+            _remove_if_empty(self.folder)
 
 
 def default_folder(kind: str, object_id: str | None = None) -> Path:
     """Return `sessions/<date>_<object>_<kind>`, sortable by name."""
     stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%dT%H%M%S")
     middle = f"_obj{object_id}" if object_id else ""
-    return Path("sessions") / f"{stamp}{middle}_{kind}"
+    return SESSIONS / f"{stamp}{middle}_{kind}"
 
 
 def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool) -> Session[Row]:
@@ -129,14 +135,59 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
         raise InputError(f"{folder} is not empty and holds no session: give another --out")
     _make_folder(folder)
     write_json(folder / MANIFEST, json_value(wanted))
-    return Session(folder, wanted, codec)
+    return Session(folder, wanted, codec, begun_here=True)
+
+
+def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:
+    """Return the unfinished session of a kind that was started last, of those that nobody is writing.
+
+    bench: its name, None for kinds without. folder: where sessions lie, by default where new ones go.
+    Raises `InputError` where there is none.
+    """
+    folder = folder or SESSIONS
+    found: list[tuple[str, Path]] = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        with suppress(InputError):  # what is broken is no session to go on with
+            manifest = read_manifest(path)
+            of_bench = bench is None or getattr(manifest, "bench", None) == bench
+            if manifest.kind == kind and manifest.status == "running" and of_bench and not in_use(path):
+                found.append((manifest.started, path))
+    if not found:
+        on = "" if bench is None else f" on bench '{bench}'"
+        raise InputError(f"--resume: no unfinished {kind}{on} in {folder}/; give its folder with --out")
+    return max(found)[1]
+
+
+def in_use(folder: Path) -> bool:
+    """Whether a process holds the session's lock; a lock left behind holds nothing."""
+    try:
+        handle = os.open(folder / LOCK, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """Remove a session that holds nothing but what every session begins with."""
+    if {path.name for path in folder.iterdir()} <= {MANIFEST, LOCK, LOG}:
+        for path in folder.iterdir():
+            path.unlink()
+        with suppress(OSError):  # a folder that somebody is in stays, empty
+            folder.rmdir()
 
 
 def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
-    key = first_difference(manifest, wanted)
-    if key is not None:
+    difference = first_difference(manifest, wanted)
+    if difference is not None:
         raise InputError(
-            f"{folder} was started with another {key}; continue with the same options, or give another --out"
+            f"{folder} was started with {difference}; continue with the same (what is left out is taken from "
+            "it), or give another --out"
         )
 
 

@@ -3,13 +3,14 @@
 import pytest
 
 from drivers.bench import Bench
-from drivers.errors import InputError, OperatorStopError
+from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from protocols.grasps import load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
+from rig.bench.reading import Reading
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
@@ -53,18 +54,41 @@ def test_without_agreement_nothing_is_connected_and_the_plan_says_where_the_slid
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
+    monkeypatch.setattr("rig.bench.reading._read_source", lambda source: Reading(source.serial, "a frame"))
+    monkeypatch.setattr("rig.bench.reading._read_gripper", lambda bench: Reading("gripper", "open"))
     monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))
     with (
         session_bench(real_bench(), person, "The arm will move. Begin?") as benches,
         pytest.raises(OperatorStopError, match="nothing was moved"),
-        benches.for_lift(0, "t1/1"),
     ):
-        pass
-    slider, begin = asked[0].split("\n")
-    assert "speed slider stands at 40%" in slider
-    assert begin == "The arm will move. Begin?"
+        benches.begin()
+    assert "arm: speed slider at 40%" in asked[0]
+    assert asked[0].endswith("\nThe arm will move. Begin?")
+
+
+def test_devices_that_cannot_be_read_are_one_message_and_nobody_is_asked() -> None:
+    person = ConsoleOperator(lambda question: pytest.fail(question))
+    with (
+        session_bench(unreachable(), person, "Begin?") as benches,
+        pytest.raises(DeviceError) as raised,
+    ):
+        benches.begin()
+    text = str(raised.value)
+    assert text.startswith("5 of 5 devices cannot be read, nothing was started: SIM-D0001: ")
+    assert text.count("SIM-D0002") == text.count("/dev/video99") == 1
+    assert "127.0.0.9" in text
+
+
+def unreachable() -> BenchConfig:
+    """A real bench none of whose devices is there."""
+    values = real_bench().model_dump()
+    values["arm"]["host"] = values["gripper"]["host"] = "127.0.0.9"
+    values["camera"]["address"] = "/dev/video99"
+    for tactile in values["tactile"]:
+        tactile["address"] = "/dev/video98"
+    return BenchConfig.model_validate(values)
 
 
 def test_a_simulated_bench_asks_nobody() -> None:

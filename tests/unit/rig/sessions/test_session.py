@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import InputError, RecordingError, SessionError
+from drivers.errors import InputError, OperatorStopError, RecordingError, SessionError
 from rig.config import load_bench
 from rig.sessions.codec import json_line
 from rig.sessions.files import append_line, write_file
@@ -16,7 +16,7 @@ from rig.sessions.layout import MANIFEST
 from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
 from rig.sessions.records import LIFTS, FinishedLift, LiftRow
 from rig.sessions.rows import read_lifts
-from rig.sessions.session import Session, SessionLog, open_session
+from rig.sessions.session import Session, SessionLog, newest_unfinished, open_session
 from rig.sessions.timing import LiftTiming
 
 MakeRow = Callable[..., FinishedLift]
@@ -60,12 +60,57 @@ def test_a_taken_folder_and_another_request_are_refused(tmp_path: Path) -> None:
     start(tmp_path / "s").close()
     with pytest.raises(InputError, match="--resume"):
         start(tmp_path / "s")
-    with pytest.raises(InputError, match="another seed"):
+    with pytest.raises(InputError, match="started with seed 0, not 1"):
         start(tmp_path / "s", resume=True, seed=1)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match="not empty"):
         start(tmp_path / "other")
+
+
+def test_a_refusal_names_the_one_value_that_differs(tmp_path: Path) -> None:
+    start(tmp_path / "s").close()
+    bench = load_bench("fake")
+    camera = bench.camera.model_copy(update={"focal_px": 700.0})
+    asked = begun_on(bench.model_copy(update={"camera": camera}), "trial", 0, ["t1"])
+    other = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    with pytest.raises(InputError, match=rf"config\.camera\.focal_px {bench.camera.focal_px}, not 700\.0"):
+        open_session(tmp_path / "s", other, LIFTS, resume=True)
+
+
+def test_a_start_that_comes_to_nothing_leaves_no_session(tmp_path: Path, lift_row: MakeRow) -> None:
+    for folder, keep in ((tmp_path / "declined", False), (tmp_path / "stopped", True)):
+        with pytest.raises(OperatorStopError), start(folder) as session:
+            if keep:
+                session.write("reference/T1.png", b"a frame")
+            raise OperatorStopError("no")
+        assert folder.exists() == keep
+    with pytest.raises(OperatorStopError), start(tmp_path / "stopped", resume=True):
+        raise OperatorStopError("no")
+    assert is_session(tmp_path / "stopped")
+    with pytest.raises(OperatorStopError), start(tmp_path / "with a lift") as session:
+        session.add(lift_row(1), TIMING)
+        raise OperatorStopError("stopped")
+    assert read_lifts(tmp_path / "with a lift") == [lift_row(1)]
+
+
+def test_the_newest_unfinished_session_of_a_bench_is_found(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no unfinished trial"):
+        newest_unfinished("trial", "fake", tmp_path)
+    for name, changes in (
+        ("a", {"started": "2026-11-21T09:30:00+00:00"}),
+        ("b", {"started": "2026-11-22T09:30:00+00:00"}),
+        ("c", {"started": "2026-11-23T09:30:00+00:00", "bench": "another"}),
+        ("d", {"started": "2026-11-24T09:30:00+00:00", "status": "complete"}),
+    ):
+        start(tmp_path / name).close()
+        path = tmp_path / name / MANIFEST
+        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / MANIFEST).write_text("damaged")
+    assert newest_unfinished("trial", "fake", tmp_path) == tmp_path / "b"
+    with start(tmp_path / "b", resume=True):
+        assert newest_unfinished("trial", "fake", tmp_path) == tmp_path / "a"
 
 
 def test_two_writers_at_once_are_refused_and_a_lock_left_behind_is_not_in_the_way(tmp_path: Path) -> None:

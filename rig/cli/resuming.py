@@ -1,0 +1,71 @@
+"""Continuing a session with what it was asked for, and saying how, where it is stopped."""
+
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import typer
+
+from drivers.errors import DeviceError, OperatorStopError, RecordingError
+from rig.cli.common import say
+from rig.cli.report import report_after
+
+if TYPE_CHECKING:
+    from rig.sessions.manifest import Manifest
+
+Wanted = TypeVar("Wanted", bound="Manifest")
+
+
+def given(context: typer.Context, option: str) -> bool:
+    """Whether an option stands on the command line; else its value is the default."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def continued(
+    kind: type[Wanted],
+    name: str,
+    bench: str | None,
+    out: Path | None,
+    resume: bool,
+    object_id: str | None = None,
+) -> tuple[Path, Wanted | None]:
+    """Return where a session goes, and the manifest of one that is continued there.
+
+    kind, name: of the session, as `TrialManifest`, "trial". bench: its name, None for kinds without.
+    Without `out`, --resume continues the newest unfinished session of that kind and bench. Raises
+    `InputError` where there is none, and for a session of another kind.
+    """
+    from rig.sessions.manifest import is_session, read_manifest_of
+    from rig.sessions.session import default_folder, newest_unfinished
+
+    if not resume:
+        return out or default_folder(name, object_id), None
+    folder = out or newest_unfinished(name, bench)
+    if not is_session(folder):
+        return folder, None
+    stored = read_manifest_of(folder, kind, f"--resume continues a '{name}' session here")
+    return folder, stored
+
+
+@contextmanager
+def may_be_continued(folder: Path, out: Path | None, resume: bool, no_report: bool) -> Iterator[None]:
+    """Where a session ends early, write the report of what is there, and say the line that continues it."""
+    try:
+        yield
+    except (OperatorStopError, DeviceError, RecordingError):
+        if _holds_results(folder):
+            report_after(folder, no_report)
+        if (folder / "session.json").is_file():
+            more = ([] if resume else ["--resume"]) + ([] if out else ["--out", str(folder)])
+            say(f"continue with: {shlex.join(['rig', *sys.argv[1:], *more])}")
+        raise
+
+
+def _holds_results(folder: Path) -> bool:
+    from rig.sessions.layout import RESULTS
+
+    return any((folder / name).is_file() for name in RESULTS.values())

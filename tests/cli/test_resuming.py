@@ -1,0 +1,105 @@
+"""A session that was stopped: how it goes on, with what it was asked for."""
+
+import json
+import shutil
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import OperatorStopError
+from rig.cli.printing import OneMessage, lift_fault, lift_note
+from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
+from rig.sessions.rows import read_lifts
+from support.command_line import rig
+
+
+def copied(one_lift: Path, folder: Path, **changes: Any) -> Path:
+    """A copy of the session, its manifest changed: as if it had been stopped before its end."""
+    shutil.copytree(one_lift, folder)
+    manifest = json.loads((folder / "session.json").read_text())
+    del manifest["completed"]
+    (folder / "session.json").write_text(json.dumps({**manifest, "status": "running", **changes}))
+    return folder
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that commands are typed in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_resume_alone_continues_the_newest_unfinished_session_with_its_options(
+    here: Path, one_lift: Path, light_bench_file: Path
+) -> None:
+    copied(one_lift, here / "sessions" / "old", started="2026-01-01T00:00:00+00:00")
+    newest = copied(one_lift, here / "sessions" / "new")
+    done = rig("trial", "--resume", "--bench", light_bench_file, "--no-report", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["session"] == str(newest.relative_to(here))
+    assert json.loads((newest / "session.json").read_text())["status"] == "complete"
+    assert json.loads((here / "sessions" / "old" / "session.json").read_text())["status"] == "running"
+
+
+def test_resume_alone_without_such_a_session_says_so(here: Path, one_lift: Path) -> None:
+    copied(one_lift, here / "sessions" / "other", bench="another")
+    for command in (("trial",), ("record",), ("replay",)):
+        done = rig(*command, "--resume")
+        assert done.returncode == 2
+        assert "no unfinished" in done.stderr.splitlines()[-1]
+        assert "--out" in done.stderr.splitlines()[-1]
+    assert "--object" in rig("record").stderr
+    assert "which sessions" in rig("replay").stderr
+
+
+def test_what_is_asked_for_otherwise_is_refused_by_its_name(
+    here: Path, one_lift: Path, light_bench_file: Path
+) -> None:
+    folder = copied(one_lift, here / "s")
+    common = ("trial", "--resume", "--out", folder, "--bench", light_bench_file)
+    for options, said in (
+        (("--lifts", 2), "lifts_per_object 1, not 2"),
+        (("--seed", 3), "seed 0, not 3"),
+        (("--object", "wrench"), "objects t2, not t1"),
+        (("--estimator", "pca"), "estimator slip, not pca"),
+    ):
+        done = rig(*common, *options)
+        assert done.returncode == 2
+        assert said in done.stderr.splitlines()[-1]
+
+
+def test_a_trial_that_is_stopped_writes_its_report_and_says_the_line_that_continues_it(
+    here: Path, one_lift: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(folder: Path, *_: object, **__: object) -> None:
+        copied(one_lift, folder, lifts_per_object=2)
+        raise OperatorStopError("stopped by the operator; what was finished is kept")
+
+    monkeypatch.setattr("rig.experiments.trial.run_trial", stopped)
+    done = rig("trial", "--lifts", 2, "--object", "toothbrush", "--bench", light_bench_file)
+    assert done.returncode == 3
+    report, line, last = done.stderr.splitlines()[-3:]
+    (folder,) = (here / "sessions").iterdir()
+    assert report == f"report: sessions/{folder.name}/report.html"
+    assert "toothbrush" in (folder / "report.html").read_text()
+    assert line == (
+        f"continue with: rig trial --lifts 2 --object toothbrush --bench {light_bench_file} --resume "
+        f"--out sessions/{folder.name}"
+    )
+    assert last.startswith("rig: stopped by the operator")
+
+
+def test_the_same_fault_again_is_no_second_message(one_lift: Path) -> None:
+    (row,) = read_lifts(one_lift)
+    head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
+    failed = [
+        FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=1.0)
+        for fault in ("camera lost", "camera lost", "arm lost")
+    ]
+    note = OneMessage(lift_note, lift_fault)
+    said = [note(row) for row in (failed[0], failed[1], row, failed[1], failed[2])]
+    assert [text.split("fault: ")[-1] for text in said if "fault" in text] == [
+        "camera lost", "the same fault again", "camera lost", "arm lost",
+    ]  # fmt: skip

@@ -6,10 +6,12 @@ from contextlib import ExitStack
 from typing import Generic, Self, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
+from rich.text import Text
 
 from rig.live.screen import shown
+from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 from rig.results.table import TableLift
@@ -28,12 +30,12 @@ class WorkProgress:
             TextColumn(what),
             BarColumn(),
             MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[note]}"),
+            _TimeLeftColumn(self._left_s),
             console=console,
             disable=self._plain,
         )
-        self._task = self._bar.add_task(what, total=total, note="")
+        self._task = self._bar.add_task(what, total=total)
+        self._time_left = TimeLeft(total)
         self._shown = ExitStack()
 
     def __enter__(self) -> Self:
@@ -49,7 +51,24 @@ class WorkProgress:
         if self._plain:
             print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
         else:
-            self._bar.update(self._task, completed=done, total=total, note=note)
+            self._time_left.piece_done(done, total)
+            self._bar.update(self._task, completed=done, total=total)
+            self._bar.console.print(f"{done}/{total} {note}", highlight=False, markup=False)
+
+    def _left_s(self) -> float | None:
+        return self._time_left.counting_down()
+
+
+class _TimeLeftColumn(ProgressColumn):
+    """The time left, asked for at each redraw."""
+
+    def __init__(self, left_s: Callable[[], float | None]) -> None:
+        super().__init__()
+        self._left_s = left_s
+
+    def render(self, task: Task) -> Text:
+        """Write it."""
+        return Text(left_text(self._left_s()))
 
 
 class OneMessage(Generic[Row]):

@@ -51,6 +51,15 @@ def continued(
     return folder, stored
 
 
+def say_done(folder: Path, wanted: int) -> int:
+    """Say and return how many of the lifts of a trial that goes on are done. Raises `SessionError`."""
+    from rig.sessions.rows import read_lifts
+
+    done = sum(row.accepted for row in read_lifts(folder)) if _holds_results(folder) else 0
+    say(f"continuing {folder}: {done} of {wanted} lifts are done")
+    return done
+
+
 @contextmanager
 def may_be_continued(folder: Path, out: Path | None, resume: bool, no_report: bool) -> Iterator[None]:
     """Where a session ends early, write the report of what is there, and say the line that continues it."""

@@ -19,7 +19,7 @@ from rig.cli.common import (
     trial_jobs,
 )
 from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued
+from rig.cli.resuming import continued, given, may_be_continued, say_done
 
 
 def trial(
@@ -117,13 +117,14 @@ def trial(
     settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects)
     simulated = "SIMULATED " if config.simulated else ""
+    lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
     person = ConsoleOperator(ask, agreed=yes)
     with (
         may_be_continued(folder, out, resume, no_report),
         session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,
         live_session(live, live_to) as (feed, inbox),
-        TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault)) as progress,
+        TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done) as progress,
     ):
         summary = run_trial(
             folder,

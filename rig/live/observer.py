@@ -106,26 +106,31 @@ class LiveObserver(LiftObserver):
     def _figures(self, time_ns: int) -> None:
         fused = self._measurement.fused[self._fused_sent :]
         self._fused_sent = len(self._measurement.fused)
-        tips = self._measurement.tips
         values = {
             "time_ns": time_ns,
             "phase": self._phase,
             "estimate": [(s.time_ns, s.angle_deg, s.sigma_deg) for s in fused],
             "truth": self._truth,
-            "rates_hz": {
-                serial if serial in tips else "camera": _rate(times) for serial, times in self._times.items()
-            },
+            "rates_hz": self._rates_hz(),
             "dropped": {name: tally.dropped for name, tally in self._measurement.tallies.items()},
         }
         self._truth = []
         self._send("figures", values)
 
+    def _rates_hz(self) -> dict[str, float | None]:
+        """Frames a second of each source: fingertips in the order of the bench file, then the camera."""
+        tips = self._measurement.tips
+        camera = next((times for serial, times in self._times.items() if serial not in tips), None)
+        return {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)}
+
     def _send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         self._sender.send(kind, {**self._lift, **values}, picture)
 
 
-def _rate(times: "deque[int]") -> float | None:
+def _rate(times: "deque[int] | None") -> float | None:
     """Return frames per second of the bench's time."""
+    if times is None:
+        return None
     span = times[-1] - times[0]
     return None if span <= 0 else round((len(times) - 1) * NS_PER_S / span, 1)
 

@@ -12,24 +12,19 @@ from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
+from drivers.clock import NS_PER_S
 from rig.live.feed import Inbox, Message
 from rig.live.screen import shown
+from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import LiftRow
 
 REFRESH_PER_S = 4.0
 PLAIN_EVERY_S = 5.0
-SPEED_OVER_S = 3600.0
-"""The time left follows from the lifts finished within this time."""
+USUAL_LIFT_S = 8.0
+"""From a lift's first frame to its last, by the bench's clock, until one has been seen."""
 
 
 @dataclass(slots=True)
@@ -43,11 +38,16 @@ class LiftInView:
     truth_deg: float | None = None
     rates_hz: dict[str, float | None] = field(default_factory=dict)
     dropped: dict[str, int] = field(default_factory=dict)
+    began_ns: int | None = None
+    newest_ns: int = 0
 
     def take(self, message: Message) -> None:
         """Bring the lift up to date."""
         values = message.values
         self.phase = values.get("phase", self.phase)
+        if "time_ns" in values:
+            self.began_ns = values["time_ns"] if self.began_ns is None else self.began_ns
+            self.newest_ns = max(self.newest_ns, values["time_ns"])
         if message.kind == "figures":
             self.rates_hz, self.dropped = values["rates_hz"], values["dropped"]
             if values["estimate"]:
@@ -55,22 +55,33 @@ class LiftInView:
             if values["truth"]:
                 self.truth_deg = values["truth"][-1][1]
 
-    def cells(self) -> tuple[str, ...]:
-        """Return lift, phase, estimate, markers, frames a second and dropped frames, as texts."""
-        rates = " ".join("-" if rate is None else f"{rate:.0f}" for rate in self.rates_hz.values())
+    @property
+    def seen_s(self) -> float:
+        """How much of the lift has been seen, s by the bench's clock."""
+        return 0.0 if self.began_ns is None else (self.newest_ns - self.began_ns) / NS_PER_S
+
+    def angles(self) -> str:
+        """Say which lift it is, its phase and its angles."""
         return (
-            self.title, self.phase, _degrees(self.estimate_deg), _degrees(self.truth_deg), rates,
-            str(sum(self.dropped.values())),
-        )  # fmt: skip
+            f"{self.title}, phase {self.phase or '-'}: estimate {_degrees(self.estimate_deg)}, "
+            f"markers {_degrees(self.truth_deg)}"
+        )
+
+    def frames(self) -> str:
+        """Say how many frames a second come from each source, and how many were dropped."""
+        rates = ", ".join(
+            f"{source} {'-' if rate is None else f'{rate:.0f}'}" for source, rate in self.rates_hz.items()
+        )
+        return f"frames/s {rates or '-'}; dropped {sum(self.dropped.values())}"
 
 
 class TrialView:
     """Shows a trial while it runs; call it with lifts done, lifts wanted and a finished lift's row.
 
-    note: says in a few words what came of a lift.
+    note: says in a few words what came of a lift. done: lifts that an earlier run has done.
     """
 
-    def __init__(self, total: int, inbox: Inbox, note: Callable[[LiftRow], str]) -> None:
+    def __init__(self, total: int, inbox: Inbox, note: Callable[[LiftRow], str], done: int = 0) -> None:
         console = Console(stderr=True)
         self._inbox = inbox
         self._note = note
@@ -78,10 +89,12 @@ class TrialView:
         self._lifts: dict[int, LiftInView] = {}
         self._progress = Progress(
             TextColumn("lifts"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-            TimeRemainingColumn(elapsed_when_finished=False), TextColumn("left"), console=console,
-            speed_estimate_period=SPEED_OVER_S,
+            TextColumn("{task.fields[left]}"), console=console,
         )  # fmt: skip
-        self._task = self._progress.add_task("lifts", total=total)
+        self._task = self._progress.add_task("lifts", total=total, completed=done, left="")
+        self._time_left = TimeLeft(total, done)
+        self._spans_s: list[float] = []
+        self._begun = False
         self._shown = _Refreshed(console, self.render) if console.is_terminal else _Plain(self.lines)
 
     def __enter__(self) -> Self:
@@ -93,47 +106,61 @@ class TrialView:
 
     def __call__(self, done: int, total: int, row: LiftRow) -> None:
         """Take a finished lift."""
-        self._progress.update(self._task, completed=done, total=total)
         self._read()
         with self._lock:
+            self._time_left.done, self._time_left.total = done, total
             over = [sender for sender, lift in self._lifts.items() if lift.number == row.number]
             for sender in over:
-                del self._lifts[sender]
+                self._spans_s.append(self._lifts.pop(sender).seen_s)
         self._shown.line(f"{done}/{total} {self._note(row)}")
 
     def render(self) -> Group:
-        """Return the progress bar over the table of lifts in progress."""
+        """Return the progress bar over two lines for each lift in progress, in the order of the lifts."""
         self._read()
-        table = Table(box=None, pad_edge=False)
-        for heading in ("lift", "phase", "estimate", "markers", "frames/s", "dropped"):
-            table.add_column(
-                heading, justify="left" if heading in ("lift", "phase") else "right", min_width=8
-            )
-        for lift in list(self._lifts.values()):
-            table.add_row(*lift.cells())
-        return Group(self._progress, table)
+        lifts = self._in_order()
+        self._progress.update(
+            self._task,
+            completed=self._time_left.done,
+            total=self._time_left.total,
+            left=left_text(self._left_s(lifts)),
+        )
+        lines = [Text(line) for lift in lifts for line in (lift.angles(), f"    {lift.frames()}")]
+        return Group(self._progress, *lines)
 
     def lines(self) -> list[str]:
         """Return a line for each lift in progress, with the time left."""
         self._read()
-        left = self._progress.tasks[0].time_remaining
-        end = "" if left is None else f", about {left:.0f} s left"
-        return [
-            "{}, phase {}: estimate {}, markers {}; {} frames/s, {} dropped".format(*lift.cells()) + end
-            for lift in list(self._lifts.values())
-            if lift.phase
-        ]
+        lifts = self._in_order()
+        left = left_text(self._left_s(lifts))
+        end = f"; {left}" if left else ""
+        return [f"{lift.angles()}; {lift.frames()}{end}" for lift in lifts if lift.phase]
+
+    def _in_order(self) -> list[LiftInView]:
+        with self._lock:
+            return sorted(self._lifts.values(), key=lambda lift: lift.number)
+
+    def _left_s(self, lifts: list[LiftInView]) -> float | None:
+        seen = [span for span in self._spans_s if span > 0.0]
+        whole_s = sum(seen) / len(seen) if seen else USUAL_LIFT_S
+        return self._time_left.seconds(tuple(lift.seen_s / whole_s for lift in lifts))
 
     def _read(self) -> None:
         """Take what came; called by the trial and by the thread that draws."""
         with self._lock:
             for message in self._inbox.take():
+                self._begin_once()
                 values = message.values
                 lift = self._lifts.get(values["sender"])
                 if lift is None or lift.number != values["number"]:
                     title = f"{values['object']} {values['name']} lift {values['lift']}"
                     lift = self._lifts[values["sender"]] = LiftInView(values["number"], title)
                 lift.take(message)
+
+    def _begin_once(self) -> None:
+        """The time before the first lift, as of questions, says nothing of how long lifts take."""
+        if not self._begun:
+            self._begun = True
+            self._time_left.begin()
 
 
 class _Refreshed:

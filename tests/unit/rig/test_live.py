@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from drivers.clock import to_ns
 from drivers.errors import InputError
+from fakes.clock import SimulatedClock
 from rig.cli.printing import lift_note
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.session import check_viewer
 from rig.live.terminal import LiftInView, TrialView
+from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import FinishedLift
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
@@ -96,7 +99,50 @@ def test_what_is_no_message_is_passed_over(tmp_path: Path) -> None:
 def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
     lift = LiftInView(3, "t1 wrench lift 2")
     lift.take(Message("figures", {**LIFT, **FIGURES}))
-    assert lift.cells() == ("t1 wrench lift 2", "B", "-3.1 deg", "-3.1 deg", "60 60 -", "3")
+    assert lift.angles() == "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg"
+    assert lift.frames() == "frames/s D1 60, D2 60, camera -; dropped 3"
+
+
+def test_the_time_left_counts_lifts_in_progress_and_never_stands_still(
+    tmp_path: Path, lift_row: Callable[..., FinishedLift]
+) -> None:
+    inbox = Inbox(str(tmp_path / "a"))
+    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
+    view = TrialView(5, inbox, lift_note, done=3)
+    clock = SimulatedClock()
+    view._time_left = TimeLeft(5, 3, clock)
+
+    def shown(at_s: float, **lift: int) -> str:
+        clock.sleep_until(to_ns(at_s))
+        sender.send("phase", {**LIFT, **lift, "phase": "A", "time_ns": to_ns(at_s)})
+        deadline = time.monotonic() + 20.0
+        while view._lifts.get(7) is None or view._lifts[7].newest_ns < to_ns(at_s):
+            view._read()
+            assert time.monotonic() < deadline
+        return "\n".join(view.lines()).partition("dropped 0")[2]
+
+    # a lift is seen for 8 s until one has been seen: half of one of two after 4 s, so 12 s more
+    assert shown(0.0) == ""
+    assert shown(4.0) == "; about 12 s left"
+    assert shown(6.0) == "; about 10 s left"
+    view(4, 5, lift_row(3))
+    assert shown(9.0, number=4) == "; about 9 s left"
+    assert shown(12.0, number=4) == "; about 4 s left"
+    sender.close()
+    inbox.close()
+
+
+def test_the_time_left_of_work_that_says_nothing_counts_down() -> None:
+    clock = SimulatedClock()
+    left = TimeLeft(10, clock=clock)
+    assert left.counting_down() is None
+    clock.sleep_until(to_ns(10.0))
+    left.piece_done(6, 10)  # five were done by an earlier run
+    assert left.counting_down() == pytest.approx(40.0)
+    clock.sleep_until(to_ns(15.0))
+    assert left.counting_down() == pytest.approx(35.0)
+    assert left_text(79.6) == "about 1 min 20 s left"
+    assert left_text(7200) == "about 2.0 h left"
 
 
 def test_away_from_a_terminal_there_are_plain_lines(
@@ -120,7 +166,8 @@ def test_away_from_a_terminal_there_are_plain_lines(
         assert not view.lines()
     text += capsys.readouterr().err
     assert (
-        "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg; 60 60 - frames/s, 3 dropped" in text
+        "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg; "
+        "frames/s D1 60, D2 60, camera -; dropped 3" in text
     )
     assert "1/5 t1 wrench lift 2: slipped, turned -8.0 deg, mean error 0.50 deg" in text
     assert "\x1b" not in text

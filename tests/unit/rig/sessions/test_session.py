@@ -79,19 +79,23 @@ def test_a_refusal_names_the_one_value_that_differs(tmp_path: Path) -> None:
 
 
 def test_a_start_that_comes_to_nothing_leaves_no_session(tmp_path: Path, lift_row: MakeRow) -> None:
-    for folder, keep in ((tmp_path / "declined", False), (tmp_path / "stopped", True)):
-        with pytest.raises(OperatorStopError), start(folder) as session:
-            if keep:
-                session.write("reference/T1.png", b"a frame")
+    def stopped(name: str, work: Callable[[Session[LiftRow]], object], resume: bool = False) -> None:
+        with start(tmp_path / name, resume) as session:
+            work(session)
             raise OperatorStopError("no")
-        assert folder.exists() == keep
-    with pytest.raises(OperatorStopError), start(tmp_path / "stopped", resume=True):
-        raise OperatorStopError("no")
-    assert is_session(tmp_path / "stopped")
-    with pytest.raises(OperatorStopError), start(tmp_path / "with a lift") as session:
-        session.add(lift_row(1), TIMING)
-        raise OperatorStopError("stopped")
-    assert read_lifts(tmp_path / "with a lift") == [lift_row(1)]
+
+    for name, work in (
+        ("declined", lambda session: None),
+        ("reference", lambda session: session.write("reference/T1.png", b"a frame")),
+        ("lift", lambda session: session.add(lift_row(1), TIMING)),
+    ):
+        with pytest.raises(OperatorStopError):
+            stopped(name, work)
+    assert {path.name for path in tmp_path.iterdir()} == {"reference", "lift"}
+    with pytest.raises(OperatorStopError):
+        stopped("reference", lambda session: None, resume=True)
+    assert is_session(tmp_path / "reference")
+    assert read_lifts(tmp_path / "lift") == [lift_row(1)]
 
 
 def test_the_newest_unfinished_session_of_a_bench_is_found(tmp_path: Path) -> None:

@@ -1,0 +1,56 @@
+"""How long work will still take: what is in progress counts by how far it is, so it never stands still."""
+
+from drivers.clock import NS_PER_S, Clock, SystemClock
+
+LEAST_WORK = 0.05
+"""Share of one piece of work from which the time for the others can be told."""
+MOST_IN_PROGRESS = 0.97
+"""Work in progress never counts as done."""
+
+
+class TimeLeft:
+    """The time left for `total` pieces of work, of which `done` were done before it began to be measured."""
+
+    def __init__(self, total: int, done: int = 0, clock: Clock | None = None) -> None:
+        self._clock = clock or SystemClock()
+        self._before = done
+        self._began_ns = self._newest_ns = self._clock.now_ns()
+        self.total, self.done = total, done
+
+    def begin(self) -> None:
+        """Measure from now on: the work begins."""
+        self._began_ns = self._clock.now_ns()
+
+    def seconds(self, shares: tuple[float, ...] = ()) -> float | None:
+        """Return the time left, s; None until enough is done to tell. shares: of each piece in progress."""
+        in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
+        worked = self.done - self._before + in_progress
+        if worked < LEAST_WORK:
+            return None
+        elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S
+        return elapsed_s / worked * max(self.total - self.done - in_progress, 0.0)
+
+    def piece_done(self, done: int, total: int) -> None:
+        """Take a finished piece: `done` now are. Before the first one, an earlier run had done all others."""
+        if self.done == 0:
+            self._before = done - 1
+        self.done, self.total, self._newest_ns = done, total, self._clock.now_ns()
+
+    def counting_down(self) -> float | None:
+        """Return `seconds` where nothing tells how far the next piece is: further with each second."""
+        done = self.done - self._before
+        if done <= 0 or self._newest_ns <= self._began_ns:
+            return None
+        usual_ns = (self._newest_ns - self._began_ns) / done
+        return self.seconds(((self._clock.now_ns() - self._newest_ns) / usual_ns,))
+
+
+def left_text(seconds: float | None) -> str:
+    """Write a time left for people: "about 1 min 20 s left", nothing where it is not known."""
+    if seconds is None:
+        return ""
+    whole = round(seconds)
+    if whole < 60:
+        return f"about {whole} s left"
+    minutes, rest = divmod(whole, 60)
+    return f"about {minutes} min {rest} s left" if minutes < 60 else f"about {whole / 3600:.1f} h left"

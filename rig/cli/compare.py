@@ -80,7 +80,8 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
 
 def _print(found: "Comparison") -> None:
 
-    from rig.cli.printing import console_table, table_console
+    from rig.cli.fitting import table_console
+    from rig.cli.printing import console_table
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
 

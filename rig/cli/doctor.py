@@ -64,7 +64,7 @@ def _print_table(title: str, findings: "list[Finding]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table("device", "check", "", "found", "what to do", title=title)
     for finding in findings:
@@ -72,4 +72,4 @@ def _print_table(title: str, findings: "list[Finding]") -> None:
         texts = (finding.device, finding.check, finding.seen, finding.todo)
         device, check, seen, todo = map(escape, texts)
         table.add_row(device, check, verdict, seen, todo)
-    table_console(width=200).print(table)
+    table_console().print(table)

@@ -90,7 +90,7 @@ def _size(text: str) -> tuple[int, int]:
 def _print(cards: list[dict[str, Any]]) -> None:
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table("network", "sees", "px", "trained on", "test Dice", "test IoU", "file", "MB")
     table.title = "Shipped networks; Dice and IoU on objects never trained on"

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.table import Table
 from rich.text import Text
 
+from rig.cli.fitting import table_console
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import Mare
@@ -130,12 +131,6 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
     console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
 
 
-def table_console(to_stderr: bool = False, width: int = 140) -> Console:
-    """Return where tables go: as wide as the terminal, `width` characters elsewhere."""
-    terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
-    return Console(stderr=to_stderr, width=None if terminal else width)
-
-
 def console_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1, title: str | None = None
 ) -> Table:
@@ -152,9 +147,7 @@ def object_table(summary: TrialSummary, simulated: str) -> Table:
     """Return the paper's table per object."""
     table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
-        table.add_column(
-            heading, justify="left" if heading in ("object", "outcomes") else "right", no_wrap=True
-        )
+        table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
     for row in summary.objects:
         table.add_row(*_object_cells(row))
     table.add_section()

@@ -46,7 +46,8 @@ def results(
 
 def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     """Print the summary of a table's rows by object or by session, then what was broken."""
-    from rig.cli.printing import object_table, table_console
+    from rig.cli.fitting import table_console
+    from rig.cli.printing import object_table
     from rig.results.table import summarize_table
 
     console = table_console(to_stderr)

@@ -32,7 +32,7 @@ def sessions(
       rig sessions /data/2026 --json
 
     """
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
     from rig.results.listing import find_sessions, list_session
 
     entries = [list_session(path, quick) for path in find_sessions(folder)]
@@ -49,17 +49,18 @@ def sessions(
 
 
 def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
+    from rich.markup import escape
     from rich.table import Table
 
     from rig.cli.printing import mare_text
 
-    table = Table(title=f"sessions in {folder}; MARE over phases B and C, degrees")
-    for heading in ("date (UTC)", "session", "kind", "bench", "objects", "done", "MARE", "MB", "state"):
+    table = Table(title=escape(f"sessions in {folder}; MARE over phases B and C, degrees"))
+    for heading in ("session", "date (UTC)", "kind", "bench", "objects", "done", "MARE", "MB", "state"):
         table.add_column(heading, justify="right" if heading in ("done", "MB") else "left")
     for entry in entries:
         table.add_row(
+            escape(entry.folder.name),
             _started(entry)[:16].replace("T", " "),
-            entry.folder.name,
             entry.manifest.kind if entry.manifest else "",
             _bench(entry),
             _shortened(entry.objects),

@@ -145,7 +145,7 @@ class TrainingView:
 def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"

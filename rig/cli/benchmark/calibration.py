@@ -88,9 +88,9 @@ def _print(report: "CalibrationReport") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
-    console = table_console(width=170)
+    console = table_console()
     table = Table(
         "measured", "value", "asked", "", title="Calibrations: simulated data unless 'real' or 'photos'"
     )

@@ -108,9 +108,10 @@ def clips(
 
 def _print(result: "ClipsResult", to_stderr: bool) -> None:
     from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
-    from rig.cli.printing import console_table, table_console
+    from rig.cli.fitting import table_console
+    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr, width=200)
+    console = table_console(to_stderr)
     for table in (clip_table(result), overall_table(result), limit_table(result)):
         console.print(console_table(table.columns, table.rows, 2, table.title))
     console.print(f"{result.wall_s:.0f} s", highlight=False)

@@ -64,9 +64,10 @@ def contact(
 def _print(result: "ContactResult", to_stderr: bool) -> None:
     from rig.benchmark.contact.benchmark import contact_table
     from rig.benchmark.estimators.tables import limit_table
-    from rig.cli.printing import console_table, table_console
+    from rig.cli.fitting import table_console
+    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr, width=140)
+    console = table_console(to_stderr)
     name = next(iter(result.clips))
     for table in (contact_table(result), limit_table(result.limits, f"'{name}'")):
         console.print(console_table(table.columns, table.rows, 2, table.title))

@@ -97,9 +97,9 @@ class Parts:
 
 def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import estimator_table, limit_table, notes, stress_table, time_table
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
-    console = table_console(to_stderr, width=200)
+    console = table_console(to_stderr)
     tables = (time_table(result), stress_table(result), estimator_table(result), limit_table(result.limits))
     for table in tables:
         console.print(_rich(table))

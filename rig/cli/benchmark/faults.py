@@ -78,12 +78,12 @@ def _print_campaign(rows: "list[FaultRow]") -> None:
     from rich.table import Table
 
     from rig.benchmark.wire.campaign import CAMPAIGN_COLUMNS, campaign_rows
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table(*CAMPAIGN_COLUMNS, title="SIMULATED bench 'wire': faults at random moments of every stage")
     for row in campaign_rows(rows):
         table.add_row(*row)
-    table_console(width=200).print(table)
+    table_console().print(table)
 
 
 def _each_once(cases: list[str] | None, folder: Path, json: bool) -> None:
@@ -134,7 +134,7 @@ def _print_table(results: "list[FaultResult]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
     table.title = "SIMULATED bench 'wire': from the fault to the rig's stop, from there to standstill"
@@ -143,4 +143,4 @@ def _print_table(results: "list[FaultResult]") -> None:
         after = "done" if result.recovered else "not done"
         verdict = "passed" if result.passed else "FAILED"
         table.add_row(result.case.name, *times, escape(_short(result)), after, verdict)
-    table_console(width=200).print(table)
+    table_console().print(table)

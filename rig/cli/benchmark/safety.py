@@ -81,9 +81,9 @@ def _print_table(runs: "list[SafetyRun]") -> None:
     from rich.table import Table
 
     from rig.benchmark.wire.safety_limits import COLUMNS, table_rows
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table(*COLUMNS, title="SIMULATED bench 'wire': longest time and way from the event to standstill")
     for row in table_rows(runs):
         table.add_row(*row)
-    table_console(width=200).print(table)
+    table_console().print(table)

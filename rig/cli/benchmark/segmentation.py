@@ -84,7 +84,7 @@ def _write_picture(report: "SegmentationReport", path: Path) -> None:
 def _print(report: "SegmentationReport", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import BenchmarkTable
     from rig.benchmark.segmentation.paper_table import score_table, table_two, time_table
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     console = table_console(to_stderr)
     verdicts = {None: "", True: "met", False: "MISSED"}

@@ -75,9 +75,9 @@ def _print(result: "TrialsResult", to_stderr: bool) -> None:
     from rich.table import Table as RichTable
 
     from rig.benchmark.trials.paper_tables import notes, table_four, table_three
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
-    console = table_console(to_stderr, 200)
+    console = table_console(to_stderr)
     for table in (table_three(result), table_four(result)):
         shown = RichTable(*table.columns, title=table.title)
         for row in table.rows:

@@ -94,7 +94,7 @@ def _plain(report: "WireReport") -> dict[str, object]:
 def _print_table(report: "WireReport") -> None:
     from rich.table import Table
 
-    from rig.cli.printing import table_console
+    from rig.cli.fitting import table_console
 
     table = Table(
         "source", "served", "recorded", "missing", "capture to log, ms: median", "99 %",
@@ -104,7 +104,7 @@ def _print_table(report: "WireReport") -> None:
         late = report.latency[stream.serial]
         counts = map(str, (stream.served, stream.recorded, stream.missing))
         table.add_row(stream.serial, *counts, f"{late.p50_ms:.1f}", f"{late.p99_ms:.1f}")
-    console = table_console(width=200)
+    console = table_console()
     console.print(table)
     console.print(
         f"arm states {report.state_hz:.1f}/s of 500, fake controller {report.controller_core:.2f} core, "

@@ -1,0 +1,102 @@
+"""Tables that are never cut: whole where nobody looks at a terminal's edge, folded where somebody does.
+
+A table too wide for a terminal is folded at spaces; where even that does not fit, each row becomes a few
+lines of "heading value". Nothing is left out, and a word, as a session's name, is never broken.
+"""
+
+import sys
+from collections.abc import Sequence
+from textwrap import wrap
+from typing import Any
+
+from rich.cells import cell_len
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+UNBOUNDED = 100_000
+"""Width of what is no terminal."""
+
+
+class TableConsole(Console):
+    """A console whose tables fit."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print; a table as it fits."""
+        fits = (fitted(o, self) if isinstance(o, Table) else o for o in objects)
+        super().print(*fits, **{"crop": False, **options})
+
+
+def table_console(to_stderr: bool = False) -> Console:
+    """Return where tables go: as wide as the terminal, as wide as they are elsewhere."""
+    terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
+    return TableConsole(stderr=to_stderr, width=None if terminal else UNBOUNDED)
+
+
+def fitted(table: Table, console: Console) -> Table | Group:
+    """Return a table as wide as the console at the most, or the same figures as lines."""
+    room = console.width - 3 * len(table.columns) - 1
+    columns = [[_text(cell) for cell in (column.header, *column.cells)] for column in table.columns]
+    widths = _folded(columns, room)
+    if widths is None:
+        return _lines(table, columns)
+    for column, width in zip(table.columns, widths, strict=True):
+        column.width, column.no_wrap, column.overflow = width, False, "fold"
+    return table
+
+
+def _folded(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
+    """Return widths with which rows are as few lines high as fits; None where nothing fits."""
+    for height in range(1, 1 + max(len(text.plain.split()) for cells in columns for text in cells)):
+        widths = [_narrowest(cells, height) for cells in columns]
+        if sum(widths) <= room:
+            return _unfolded(columns, widths, room)
+    return None
+
+
+def _unfolded(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -> list[int]:
+    """Give the room that is left to columns that become lower by it, the cheapest first."""
+    while True:
+        wider = {}
+        for i, (cells, width) in enumerate(zip(columns, widths, strict=True)):
+            height = max(_height(text, width) for text in cells)
+            if height > 1:
+                wider[i] = _narrowest(cells, height - 1)
+        cheapest = min(wider, key=lambda i: wider[i] - widths[i], default=None)
+        if cheapest is None or sum(widths) - widths[cheapest] + wider[cheapest] > room:
+            return widths
+        widths[cheapest] = wider[cheapest]
+
+
+def _narrowest(cells: Sequence[Text], height: int) -> int:
+    """Return the smallest width with which no cell is higher than so many lines."""
+    width = max(map(_longest_word, cells))
+    while max(_height(text, width) for text in cells) > height:
+        width += 1
+    return width
+
+
+def _height(text: Text, width: int) -> int:
+    """How many lines a text takes, folded at spaces."""
+    return sum(len(wrap(line, width, break_on_hyphens=False)) or 1 for line in text.plain.split("\n"))
+
+
+def _lines(table: Table, columns: Sequence[Sequence[Text]]) -> Group:
+    """Write each row as its first cell, and below it all others behind their headings."""
+    heads = [cells[0].plain.replace("\n", " ") for cells in columns]
+    lines: list[RenderableType] = [Text.from_markup(str(table.title))] if table.title else []
+    for row in zip(*(cells[1:] for cells in columns), strict=True):
+        rest = [f"{head} {cell.plain}".strip() for head, cell in zip(heads, row, strict=True) if cell.plain]
+        first, others = (rest[0], rest[1:]) if row[0].plain else ("", rest)
+        name = Text(first.removeprefix(f"{heads[0]} "), no_wrap=True, overflow="ignore")
+        lines += [name, Padding(Text("; ".join(others)), (0, 0, 0, 2))]
+    return Group(*lines)
+
+
+def _text(cell: Any) -> Text:
+    return cell if isinstance(cell, Text) else Text.from_markup(str(cell))
+
+
+def _longest_word(text: Text) -> int:
+    return max((cell_len(word) for word in text.plain.split()), default=0)

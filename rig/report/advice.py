@@ -7,15 +7,15 @@ from datetime import UTC, datetime
 import numpy as np
 
 from rig.report.calibrations import calibration_notices
+from rig.report.coverage import sigma_notices
 from rig.report.curves import truth_at
 from rig.report.parts import Notice, joined
 from rig.report.session import Lift, Trial, curves_of, lift_name
-from rig.report.trial_charts import FEWEST_FRAMES, sigma_ratios
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 
 FEW_LIFTS = 5
 """The paper lifts each object five times."""
-LEAST_ANSWERED, LEAST_COVERED = 0.95, 0.90
+LEAST_ANSWERED = 0.95
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
 BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
 
@@ -105,15 +105,7 @@ _REFUSALS = {
 
 
 def _sigma(trial: Trial) -> list[Notice]:
-    ratios = sigma_ratios(curves_of(trial.lifts))
-    if ratios.size < FEWEST_FRAMES:
-        return []
-    covered = float(np.mean(ratios <= 2.0))
-    if covered >= LEAST_COVERED:
-        return []
-    factor = float(np.percentile(ratios, 95.0)) / 2.0
-    what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
-    return [Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")]
+    return sigma_notices(curves_of(trial.lifts))
 
 
 def _unseen_markers(trial: Trial) -> list[Notice]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from rig.pages.page import render
 from rig.report.advice import FEW_LIFTS
+from rig.report.coverage import sigma_notices
 from rig.report.csv_lifts import CsvLift, Tables
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import key, lift_chart
@@ -101,7 +102,7 @@ def _notices(tables: Tables) -> list[Notice]:
     if silent:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
         notices.append(Notice("bad", f"No error can be told for {', '.join(silent)}.", advice))
-    return notices
+    return [*notices, *sigma_notices([lift.curves for lift in tables.lifts])]
 
 
 def _caption(lift: CsvLift) -> str:

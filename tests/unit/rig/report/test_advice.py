@@ -52,6 +52,11 @@ def sigma_divided(trial: Trial, by: float) -> Trial:
     return replace(trial, lifts=[thinner(lift) for lift in trial.lifts])
 
 
+def sigma_divided_once(trial: Trial, by: float) -> Trial:
+    """One lift of five, so that of all frames less than a tenth is beyond 2 sigma."""
+    return replace(trial, lifts=[*sigma_divided(trial, by).lifts[:1], *sigma_divided(trial, 0.1).lifts[1:]])
+
+
 def markers_hidden(trial: Trial) -> Trial:
     def hidden(lift: Lift) -> Lift:
         assert lift.curves is not None
@@ -95,6 +100,8 @@ def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
         (lambda t: rows_with(t, answered=0.6, states={"lost": 120}), "'lost'", "stray light"),
         (lambda t: rows_with(t, dropped={"T1": 30, "T2": 0, "camera": 0}), "T1 150 of 900", "rig doctor"),
         (lambda t: sigma_divided(t, 6.0), "Sigma is too small", "times as wide"),
+        (lambda t: sigma_divided(t, 6.0), "beyond 2 sigma in wrench, lift", "look at the curves"),
+        (lambda t: sigma_divided_once(t, 20.0), "beyond 2 sigma in wrench, lift 1 (", "look at the curves"),
         (markers_hidden, "markers were lost", "hide no marker"),
         (slow, "1 frame in 100 takes 40", "which stage"),
         (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree for much", "centre the"),

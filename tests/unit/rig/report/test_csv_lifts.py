@@ -109,3 +109,12 @@ def test_a_table_of_which_nothing_compares_is_said_to_have_no_answer(tmp_path: P
     page = write_report([path], tmp_path / "page.html").path.read_text()
     assert "No error can be told for silent" in page
     assert not math.isnan(read_table(path).curves.truth.angle_deg[0])
+
+
+def test_a_lift_whose_sigma_does_not_cover_its_errors_is_named(tmp_path: Path) -> None:
+    for name, sigma_deg in (("fine", 1.0), ("overrated", 0.1)):
+        rows = [f"{0.02 * i:.2f},{0.1 * i + 0.6:.2f},{0.1 * i:.2f},{sigma_deg}" for i in range(200)]
+        table(tmp_path / f"{name}.csv", "t_s,estimate_deg,truth_deg,sigma_deg", rows)
+    page = write_report([tmp_path], tmp_path / "page.html").path.read_text()
+    assert "More than 30% of the frames are beyond 2 sigma in overrated (100%)." in page
+    assert "fine (" not in page

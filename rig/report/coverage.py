@@ -1,0 +1,48 @@
+"""Warnings about sigma: over all lifts, and the lifts whose errors it does not cover."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.report.curves import LiftCurves
+from rig.report.parts import Notice, joined
+from rig.report.trial_charts import FEWEST_FRAMES, sigma_ratios
+
+LEAST_COVERED = 0.90
+MOST_BEYOND = 0.3
+"""Share of a lift's frames whose error may be beyond 2 sigma; 5 % should be."""
+
+
+def sigma_notices(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    """What there is to say; nothing for lifts without a sigma."""
+    return [*_overall(lifts), *_single(lifts)]
+
+
+def _overall(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    ratios = sigma_ratios(lifts)
+    if ratios.size < FEWEST_FRAMES:
+        return []
+    covered = float(np.mean(ratios <= 2.0))
+    if covered >= LEAST_COVERED:
+        return []
+    factor = float(np.percentile(ratios, 95.0)) / 2.0
+    what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
+    return [Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")]
+
+
+def _single(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    """Name the lifts that the overall share may hide, the worst first."""
+    shares: list[tuple[float, str]] = []
+    for lift in lifts:
+        ratios = sigma_ratios([lift])
+        if ratios.size >= FEWEST_FRAMES and (beyond := float(np.mean(ratios > 2.0))) > MOST_BEYOND:
+            shares.append((beyond, lift.name))
+    if not shares:
+        return []
+    named = joined([f"{name} ({share:.0%})" for share, name in sorted(shares, reverse=True)])
+    what = f"More than {MOST_BEYOND:.0%} of the frames are beyond 2 sigma in {named}."
+    advice = (
+        "There the estimate is off by more than it says: look at the curves and frames of these lifts before "
+        "using their angles."
+    )
+    return [Notice("warn", what, advice)]

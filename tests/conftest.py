@@ -49,7 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_memory(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """What is remembered of hands is that of these tests, not of the benches that this computer drives."""
+    """What is remembered of hands, and of replays, is that of these tests, not of this computer's benches."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 

@@ -1,7 +1,6 @@
 """What the hand of a bench is known to do, in files that outlive a program that is killed."""
 
 import logging
-import os
 import re
 from contextlib import suppress
 from dataclasses import asdict
@@ -14,7 +13,7 @@ from drivers.formats import read_json
 from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
 from drivers.types import HandState, Holding, Image, Pose
-from rig.sessions.files import write_file, write_json
+from rig.sessions.files import state_folder, write_file, write_json
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TOUCH_FRAMES
 
@@ -29,7 +28,7 @@ class HandMemory:
     """
 
     def __init__(self, arm: str) -> None:
-        self._folder = _state_folder() / "hands"
+        self._folder = state_folder() / "hands"
         self._name = _file_name(arm)
 
     def recall(self) -> HandState:
@@ -108,8 +107,3 @@ def _unpacked(values: dict[str, Any]) -> HandState:
 
 def _file_name(text: str) -> str:
     return re.sub(r"[^\w.-]", "_", text)
-
-
-def _state_folder() -> Path:
-    """Where programs keep what outlives them (XDG base directory specification)."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "visuotactile-slip-rig"

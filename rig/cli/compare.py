@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say, trial_jobs
+from rig.cli.places import file_place
 
 if TYPE_CHECKING:
     from rig.report.compare import Comparison
@@ -21,7 +22,11 @@ def compare(
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="The page; default compare_<A>_<B>.html in the (second) session."),
+        typer.Option(
+            "--out",
+            help="The page; default compare_<A>_<B>.html here.",
+            callback=file_place,
+        ),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -44,20 +49,23 @@ def compare(
     from rig.report.sides import session_side
     from rig.report.write import write_page
 
+    file_place(out or Path("compare.html"))  # before hours of replays
     if first == second:
         raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
     if on is not None:
         sides = _estimators(on, first, second, trial_jobs(jobs, True, False))
-        folder, about = on, f"Two estimators on the lifts of session {on.name}."
+        about = f"Two estimators on the lifts of session {on.name}."
     else:
         sides = (session_side(Path(first)), session_side(Path(second)))
-        folder, about = Path(second), f"Two sessions: {first} and {second}."
-    for note in (note for side in sides for note in side.notes):
+        about = f"Two sessions: {first} and {second}."
+    notes = [note for side in sides for note in side.notes]
+    for note in notes:
         say(f"note: {note}")
     names = _names(sides)
-    found = compare_lifts(names, sides[0].lifts, sides[1].lifts)
-    page = out or folder / f"compare_{names[0]}_{names[1]}.html"
-    write_page(page, compare_page(found, any(side.simulated for side in sides), about))
+    same = sides[0].estimator == sides[1].estimator
+    found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
+    page = out or Path(f"compare_{names[0]}_{names[1]}.html")
+    write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
         emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
     else:
@@ -89,6 +97,9 @@ def _print(found: "Comparison") -> None:
     for table in (figure_table(found), object_table(found)):
         console.print(console_table(table.columns, table.rows))
     console.print(verdict(found))
+    for name, alone in zip(found.names, found.alone, strict=True):
+        if alone:
+            console.print(f"left out, only in {name}: {'; '.join(alone)}", highlight=False, markup=False)
 
 
 def _figures(found: "Comparison") -> dict[str, object]:
@@ -102,6 +113,7 @@ def _figures(found: "Comparison") -> dict[str, object]:
     return {
         "names": list(found.names),
         "lifts": len(found.pairs),
+        "left_out": dict(zip(found.names, found.alone, strict=True)),
         "figures": [plain(p) for p in found.overall],
         "objects": {name: plain(p) for name, p in found.objects.items()},
     }

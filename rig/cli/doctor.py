@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import BenchOption, Exit, JsonOption, emit_json, say
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.doctor.finding import Finding
@@ -19,7 +20,10 @@ def doctor(
         float, typer.Option("--seconds", min=0.5, max=600, help="How long each rate is measured, s.")
     ] = 3.0,
     snapshot: Annotated[
-        Path | None, typer.Option("--snapshot", help="Save one frame per camera and sensor in this folder.")
+        Path | None,
+        typer.Option(
+            "--snapshot", help="Save one frame per camera and sensor in this folder.", callback=folder_place
+        ),
     ] = None,
     disk: Annotated[
         Path, typer.Option("--disk", help="Where sessions go: the disk that is measured.")

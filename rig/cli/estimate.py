@@ -7,6 +7,7 @@ import typer
 
 from rig.cli import common
 from rig.cli.common import JsonOption
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.frames.estimation import Estimation, SeriesEstimate
@@ -101,8 +102,10 @@ def estimate(
     choice = choose_estimator(estimator, window)
     run = Estimation(choice, background, reference_time, lift_from, pixel_aspect)
     if is_session(frames):
+        folder_place(out)
         _session(frames, run, timestamps, fps, out, json)
     else:
+        file_place(out)
         _series(frames, run, timestamps, fps, out, json)
 
 

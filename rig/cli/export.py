@@ -6,13 +6,17 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import JsonOption, emit_json, report_broken, say
+from rig.cli.places import folder_place
 
 
 def export(
     session: Annotated[Path, typer.Argument(help="Session folder of a trial or a recording.")],
     to: Annotated[str, typer.Option("--to", help="csv, parquet, coco, labelme or lerobot.")],
     out: Annotated[
-        Path | None, typer.Option("--out", help="New folder; default: export/FORMAT in the session.")
+        Path | None,
+        typer.Option(
+            "--out", help="New folder; default: export/FORMAT in the session.", callback=folder_place
+        ),
     ] = None,
     every: Annotated[
         int,

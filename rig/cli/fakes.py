@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
+from rig.cli.places import file_place
 
 fakes = typer.Typer(
     no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
@@ -25,7 +26,8 @@ def serve(
         str, typer.Option("--polyscope", help="Version that the controller announces.")
     ] = "5.11.0",
     write: Annotated[
-        Path | None, typer.Option("--write", help="Also write the bench file to this file.")
+        Path | None,
+        typer.Option("--write", help="Also write the bench file to this file.", callback=file_place),
     ] = None,
     seed: SeedOption = 0,
 ) -> None:

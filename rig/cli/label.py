@@ -6,12 +6,15 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.places import folder_place
 from rig.cli.segment import BackgroundOption, ImagesArgument, MarginOption
 
 
 def label(
     images: ImagesArgument,
-    out: Annotated[Path, typer.Option("--out", help="Folder for labels, masks/ and coco.json.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for labels, masks/ and coco.json.", callback=folder_place)
+    ],
     background: BackgroundOption = None,
     model: Annotated[
         str,

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.places import file_place
 
 model = typer.Typer(
     no_args_is_help=True, help="List the networks that are shipped; import others' checkpoints."
@@ -37,7 +38,9 @@ def import_model(
     checkpoint: Annotated[
         Path, typer.Argument(help="PyTorch checkpoint: a state dict, bare or under state_dict.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="ONNX file to write; its card goes beside it.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="ONNX file to write; its card goes beside it.", callback=file_place)
+    ],
     arch: Annotated[str, typer.Option(help="pspnet, deeplabv3plus, unetplusplus or ours.")] = "pspnet",
     encoder: Annotated[str, typer.Option(help="resnet18 or efficientnet-b3.")] = "resnet18",
     size: Annotated[

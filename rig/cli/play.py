@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.places import file_place
 
 
 def play(
@@ -13,7 +14,10 @@ def play(
     lift: Annotated[
         str, typer.Option("--lift", help="Number in the session (3), or object and lift (t1/3, wrench/3).")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The film: .mp4 (MPEG-4) or .avi (motion JPEG).")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="The film: .mp4 (MPEG-4) or .avi (motion JPEG).", callback=file_place),
+    ],
     fps: Annotated[
         float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")
     ] = 30.0,

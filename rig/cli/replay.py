@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import JsonOption, ResumeStoredOption, emit_json, report_broken, say, trial_jobs
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.experiments.batch_replay import ReplayPlan
@@ -26,6 +27,7 @@ def replay(
             "--out",
             help="Folder for the table of all lifts (results.csv and .parquet); default, with many "
             "sessions: sessions/<date>_replay.",
+            callback=folder_place,
         ),
     ] = None,
     resume: ResumeStoredOption = False,

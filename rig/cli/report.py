@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.places import file_place
 
 NoReportOption = Annotated[
     bool, typer.Option("--no-report", help="Leave the report out: rig report makes it later.")
@@ -38,7 +39,10 @@ def report(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="The page; default report.html in the session or folder.")
+        Path | None,
+        typer.Option(
+            "--out", help="The page; default report.html in the session or folder.", callback=file_place
+        ),
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.frames.masks import SegmentedImage
@@ -32,7 +33,7 @@ MarginOption = Annotated[
 
 def segment(
     images: ImagesArgument,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the masks.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the masks.", callback=folder_place)],
     background: BackgroundOption = None,
     model: Annotated[
         str, typer.Option(help="ours, pspnet, classical (no network), or the path of an ONNX file.")

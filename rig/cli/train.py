@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self
 import typer
 
 from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say
+from rig.cli.places import folder_place
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 ArchOption = Annotated[
@@ -18,7 +19,10 @@ EncoderOption = Annotated[
 
 
 def train(
-    out: Annotated[Path, typer.Option("--out", help="Folder for checkpoints, ONNX files and cards.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder for checkpoints, ONNX files and cards.", callback=folder_place),
+    ],
     data: Annotated[
         str,
         typer.Option(

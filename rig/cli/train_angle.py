@@ -6,13 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
+from rig.cli.places import folder_place
 
 
 def train_angle(
     network: Annotated[
         str, typer.Argument(help="anglenet (an angle from one image) or toskov (from the wrist's wrench).")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Empty folder for the ONNX file and its card.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Empty folder for the ONNX file and its card.", callback=folder_place),
+    ],
     data: Annotated[
         list[Path] | None,
         typer.Option("--data", help="Session of rig trial; repeat for more. Default: SIMULATED lifts."),

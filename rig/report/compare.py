@@ -1,12 +1,12 @@
 """Two ways to measure the same lifts, lift by lift: which is better, by how much, and where."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.errors import InputError
-from rig.report.session import object_label
+from rig.report.session import lift_name, object_label
 from rig.results.metrics import Floats, bootstrap_interval
 from rig.sessions.records import ErrorSummary, FinishedLift
 
@@ -20,6 +20,7 @@ class ComparedLift:
 
 
 Pair = tuple[ComparedLift, ComparedLift]
+Key = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +65,14 @@ class Paired:
 class Comparison:
     """All figures over all pairs, the mean error per object, and the pairs themselves.
 
-    alone: lifts that only the first, only the second side has.
+    alone: names of the lifts that only the first, only the second side has.
     """
 
     names: tuple[str, str]
     overall: tuple[Paired, ...]
     objects: dict[str, Paired]
     pairs: tuple[Pair, ...]
-    alone: tuple[int, int]
+    alone: tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def _mean(error: ErrorSummary | None) -> float | None:
@@ -88,6 +89,7 @@ def _onset_delay_s(row: FinishedLift) -> float | None:
 
 
 ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re))
+TIME = Figure("time per tactile frame, median", "ms", lambda lift: lift.frame_ms)
 FIGURES = (
     ERROR,
     Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b)),
@@ -95,21 +97,29 @@ FIGURES = (
     Figure("largest error in B and C", "°", lambda lift: _most(lift.row.re)),
     Figure("share answered", "", lambda lift: lift.row.answered, smaller=False),
     Figure("onset, off by", "s", lambda lift: _onset_delay_s(lift.row)),
-    Figure("time per tactile frame, median", "ms", lambda lift: lift.frame_ms),
+    TIME,
     Figure("true turn", "°", lambda lift: lift.row.final_truth_deg, smaller=None),
 )
 
 
 def compare_lifts(
-    names: tuple[str, str], first: Iterable[ComparedLift], second: Iterable[ComparedLift]
+    names: tuple[str, str],
+    first: Iterable[ComparedLift],
+    second: Iterable[ComparedLift],
+    same_estimator: bool = False,
 ) -> Comparison:
-    """Compare lifts, paired by object and number. Raises `InputError` when none is in both."""
+    """Compare lifts, paired by object and number. Raises `InputError` when none is in both.
+
+    same_estimator: whether one estimator measured both; then its times differ by how busy the computers
+    were, and neither side wins in them.
+    """
     left, right = _by_lift(first), _by_lift(second)
     keys = [key for key in left if key in right]
     if not keys:
         raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
     pairs = tuple((left[key], right[key]) for key in keys)
-    overall = (paired(figure, pairs) for figure in FIGURES)
+    figures = [replace(f, smaller=None) if same_estimator and f is TIME else f for f in FIGURES]
+    overall = (paired(figure, pairs) for figure in figures)
     objects: dict[str, list[Pair]] = {}
     for pair in pairs:
         objects.setdefault(object_label(pair[0].row), []).append(pair)
@@ -119,8 +129,12 @@ def compare_lifts(
         tuple(p for p in overall if p is not None),
         {name: p for name, p in found.items() if p is not None},
         pairs,
-        (len(left) - len(keys), len(right) - len(keys)),
+        (_alone(left, right), _alone(right, left)),
     )
+
+
+def _alone(mine: Mapping[Key, ComparedLift], others: Mapping[Key, ComparedLift]) -> tuple[str, ...]:
+    return tuple(lift_name(lift.row) for key, lift in mine.items() if key not in others)
 
 
 def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
@@ -166,5 +180,5 @@ def verdict(comparison: Comparison) -> str:
     )
 
 
-def _by_lift(lifts: Iterable[ComparedLift]) -> dict[tuple[str, int], ComparedLift]:
+def _by_lift(lifts: Iterable[ComparedLift]) -> dict[Key, ComparedLift]:
     return {(lift.row.object, lift.row.lift): lift for lift in lifts}

@@ -1,5 +1,6 @@
 """The page of a comparison, with its one picture."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from textwrap import fill
 
@@ -20,8 +21,11 @@ _LINE, _NAME = 46, 14
 """Characters that fit: below the axes, and of a name on either side above them."""
 
 
-def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
-    """Return the comparison as one HTML page. about: what the sides are, in words."""
+def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Sequence[str] = ()) -> str:
+    """Return the comparison as one HTML page.
+
+    about: what the sides are, in words. notes: what could not be read of them.
+    """
     return render(
         "rig.report",
         "compare.html",
@@ -33,6 +37,7 @@ def compare_page(comparison: Comparison, simulated: bool, about: str) -> str:
         figures=figure_table(comparison),
         objects=object_table(comparison),
         alone=comparison.alone,
+        notes=notes,
         colours=(FIRST.css, SECOND.css),
         made=made_text(datetime.now(UTC)),
     )

@@ -1,12 +1,13 @@
 """The two sides of a comparison: sessions as stored, or one session seen by two estimators."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.errors import InputError, SessionError
-from rig.experiments.replay import run_replay, session_settings
+from rig.experiments.replay import session_settings
 from rig.report.compare import ComparedLift
+from rig.report.kept_replays import replayed
 from rig.report.session import read_timing, read_usable
 from rig.sessions.layout import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
@@ -18,11 +19,15 @@ Progress = Callable[[int, int, FinishedLift], None]
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One side: its name, its lifts, and whether they are simulated. notes: what was left out."""
+    """One side: its name, its lifts, and whether they are simulated. notes: what was left out, and why.
+
+    estimator: what measured them.
+    """
 
     name: str
     lifts: list[ComparedLift]
     simulated: bool
+    estimator: str
     notes: tuple[str, ...] = ()
 
 
@@ -39,7 +44,8 @@ def session_side(folder: Path, name: str | None = None) -> Side:
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
     notes = tuple(notice.what for notice in problems)
-    return Side(name or folder.name, lifts, manifest.simulated, notes)
+    estimator = f"{manifest.estimator}, window {manifest.window}"
+    return Side(name or folder.name, lifts, manifest.simulated, estimator, notes)
 
 
 def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) -> Side:
@@ -52,6 +58,10 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     wanted = session_settings(folder, estimator, None).estimator
     if wanted == own.estimator:
         return stored
-    replay = run_replay(folder, estimator, None, jobs, progress)
-    notes = (*stored.notes, *replay.problems)
-    return Side(estimator, [ComparedLift(row) for row in replay.rows], stored.simulated, notes)
+    rows, problems, before = replayed(folder, replace(own, estimator=wanted), jobs, progress)
+    if not rows:
+        raise SessionError(problems[0])
+    kept = (f"{before} lifts had been replayed with {estimator} before",) if before else ()
+    notes = (*stored.notes, *problems, *kept)
+    asked = f"{wanted.name}, window {wanted.window}"
+    return Side(estimator, [ComparedLift(row) for row in rows], stored.simulated, asked, notes)

@@ -57,6 +57,11 @@ def complete_lines(path: Path) -> list[bytes]:
         raise SessionError(f"{path}: cannot be read ({error.strerror})") from error
 
 
+def state_folder() -> Path:
+    """Where programs keep what outlives them (XDG base directory specification)."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "visuotactile-slip-rig"
+
+
 def drop_torn_line(path: Path) -> None:
     """Cut a last line that a crash left without its end, before more is appended."""
     if path.exists():

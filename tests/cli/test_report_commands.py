@@ -65,7 +65,7 @@ def test_an_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
     assert done.stderr.startswith("note: ")
 
 
-def test_two_estimators_on_one_session(trial: Path, tmp_path: Path) -> None:
+def test_two_estimators_on_one_session(trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "compared.html"
     done = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--out", str(page), "--json")
     assert done.returncode == 0, done.stderr
@@ -76,6 +76,14 @@ def test_two_estimators_on_one_session(trial: Path, tmp_path: Path) -> None:
     assert answer["figures"][0]["first"] == pytest.approx(stored)
     assert answer["figures"][0]["second"] != pytest.approx(stored)
     assert "slip and pca compared" in page.read_text()
+    inside = {path.name for path in trial.iterdir()}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rig.report.kept_replays.replay_or_problem", lambda *_: pytest.fail("replayed again"))
+    again = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
+    assert json.loads(again.stdout)["figures"] == answer["figures"]
+    assert "note: 1 lifts had been replayed with pca before" in again.stderr
+    assert (tmp_path / "compare_slip_pca.html").is_file()
+    assert {path.name for path in trial.iterdir()} == inside
 
 
 def test_comparisons_that_cannot_be_are_refused(trial: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 def calibration(
     trials: Annotated[int, typer.Option("--trials", min=20, help="Hand-eye trials.")] = 200,
     seed: SeedOption = 0,
-    out: Annotated[Path | None, typer.Option("--out", help="JSON file of the result.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for results.json.", callback=folder_place)
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Measure the calibrations against their limits, on simulated and, where they are, real data.
@@ -43,7 +46,8 @@ def calibration(
     if out is not None:
         from rig.sessions.files import write_json
 
-        write_json(out, figures)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "results.json", figures)
     if json:
         emit_json(figures)
     else:

@@ -7,6 +7,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.common import JsonOption, emit_json
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.clips.benchmark import ClipsResult
@@ -61,10 +62,14 @@ def clips(
     ] = None,
     p99_ms: Annotated[float, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = 8.0,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for results.json, index.html and table.md.")
+        Path | None,
+        typer.Option(
+            "--out", help="Folder for results.json, index.html and table.md.", callback=folder_place
+        ),
     ] = None,
     readme: Annotated[
-        Path | None, typer.Option("--readme", help="Put the table between its markers in this file.")
+        Path | None,
+        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
     ] = None,
     json: JsonOption = False,
 ) -> None:

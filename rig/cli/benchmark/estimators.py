@@ -8,6 +8,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -27,11 +28,14 @@ def estimators(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Folder for results.json, pareto.png, index.html and table.md; recorded lifts too."
+            "--out",
+            help="Folder for results.json, pareto.png, index.html and table.md; recorded lifts too.",
+            callback=folder_place,
         ),
     ] = None,
     readme: Annotated[
-        Path | None, typer.Option("--readme", help="Put the table between its markers in this file.")
+        Path | None,
+        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
     ] = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, max=64, help="Worker processes; default: cores.")

@@ -7,6 +7,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.common import Exit, JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.wire.campaign import FaultRow
@@ -25,7 +26,9 @@ def faults(
     count: Annotated[
         int, typer.Option("--count", min=1, max=100_000, help="How many faults with --full.")
     ] = 1000,
-    out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lifts.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Session folder of the lifts.", callback=folder_place)
+    ] = None,
     resume: ResumeOption = False,
     seed: SeedOption = 0,
     json: JsonOption = False,

@@ -7,6 +7,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.wire.safety import SafetyRun
@@ -16,10 +17,15 @@ def safety(
     full: Annotated[
         bool, typer.Option("--full", help="Each event three times in every stage: 216 runs, over an hour.")
     ] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder of the runs.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the runs.", callback=folder_place)
+    ] = None,
     resume: ResumeOption = False,
     readme: Annotated[
-        Path | None, typer.Option("--readme", help="Write the table into this file, between its two markers.")
+        Path | None,
+        typer.Option(
+            "--readme", help="Write the table into this file, between its two markers.", callback=file_place
+        ),
     ] = None,
     seed: SeedOption = 0,
     json: JsonOption = False,

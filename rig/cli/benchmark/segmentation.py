@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import Exit, JsonOption, SeedOption, emit_json, say
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.estimators.tables import BenchmarkTable
@@ -23,7 +24,10 @@ def segmentation(
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=24, help="Simulated frames to score on.")] = 360,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for results.json and the picture of the real frames.")
+        Path | None,
+        typer.Option(
+            "--out", help="Folder for results.json and the picture of the real frames.", callback=folder_place
+        ),
     ] = None,
     seed: SeedOption = 0,
     json: JsonOption = False,

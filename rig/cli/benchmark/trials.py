@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.trials.benchmark import TrialsResult
@@ -27,7 +28,11 @@ def trials(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder for results.json, trials.png, index.html and the lifts."),
+        typer.Option(
+            "--out",
+            help="Folder for results.json, trials.png, index.html and the lifts.",
+            callback=folder_place,
+        ),
     ] = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, max=64, help="Processes that record; default: cores.")

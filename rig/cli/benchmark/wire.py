@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import Exit, JsonOption, emit_json, say, session_folder
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.wire.lift import WireReport
@@ -19,9 +20,12 @@ def wire(
     seeds: Annotated[
         int, typer.Option("--seeds", min=20, max=100, help="Lifts in this process whose spread is told.")
     ] = 20,
-    out: Annotated[Path | None, typer.Option("--out", help="Session folder of the lift.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Session folder of the lift.", callback=folder_place)
+    ] = None,
     live_to: Annotated[
-        Path | None, typer.Option("--live-to", help="Have the live view look on, into FILE.rrd.")
+        Path | None,
+        typer.Option("--live-to", help="Have the live view look on, into FILE.rrd.", callback=file_place),
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -8,6 +8,7 @@ import typer
 from rig.cli.calibrate import cameras as calibrate_cameras
 from rig.cli.calibrate import sensors as calibrate_sensors
 from rig.cli.common import JsonOption, emit_json
+from rig.cli.places import file_place
 
 calibrate = typer.Typer(
     no_args_is_help=True,
@@ -33,7 +34,9 @@ def board(
     target: Annotated[
         str, typer.Argument(help="As --target of the other commands.")
     ] = "charuco:8x6:25:18:DICT_5X5_100",
-    out: Annotated[Path | None, typer.Option("--out", help="File ending in .svg or .pdf.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="File ending in .svg or .pdf.", callback=file_place)
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Draw a target to print at 100 %, with a bar of 100 mm to check with a ruler.

@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.common import ask, emit_json, say, tell
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult, Filed
 
 FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
-OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder of the calibration file and its page.")]
+OutFolder = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder of the calibration file and its page.", callback=folder_place),
+]
 TargetOption = Annotated[
     str,
     typer.Option(

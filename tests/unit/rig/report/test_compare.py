@@ -1,5 +1,6 @@
 """Comparisons: paired, with intervals, and no winner where none is shown."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,17 @@ def test_chance_is_no_winner() -> None:
     assert verdict(found).startswith("No difference is shown")
 
 
+def test_nobody_wins_in_time_between_two_runs_of_one_estimator() -> None:
+    sides = [[replace(row(i, 1.0), frame_ms=ms + 0.01 * i) for i in range(10)] for ms in (1.0, 2.0)]
+
+    def time_winner(same_estimator: bool) -> int | None:
+        found = compare_lifts(NAMES, *sides, same_estimator=same_estimator)
+        return next(p.winner for p in found.overall if p.figure.unit == "ms")
+
+    assert time_winner(same_estimator=False) == 0
+    assert time_winner(same_estimator=True) is None
+
+
 def test_more_answers_are_better_though_they_are_more() -> None:
     old = [row(i, 1.0, answered=0.7 + 0.01 * i) for i in range(8)]
     new = [row(i, 1.0, answered=0.9 + 0.01 * i) for i in range(8)]
@@ -71,7 +83,10 @@ def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None
     old = [row(1, 1.0), row(2, None), row(3, 1.0)]
     new = [row(1, 2.0), row(2, 2.0), row(4, 1.0)]
     found = compare_lifts(NAMES, old, new)
-    assert found.alone == (1, 1)
+    assert found.alone == (("wrench, lift 3",), ("wrench, lift 4",))
+    page = compare_page(found, simulated=False, about="two", notes=["lifts.jsonl: line 9 is damaged"])
+    for part in ("that only old has.</b>wrench, lift 3", "wrench, lift 4", "line 9 is damaged"):
+        assert part in page
     assert found.overall[0].lifts == 1
     assert found.overall[0].winner is None  # one lift has no interval
     with pytest.raises(InputError, match="no lift in common"):
@@ -95,6 +110,7 @@ def test_two_sessions_make_a_page_with_one_picture(drawn_trial: Any, tmp_path: P
     page = compare_page(found, simulated=True, about="two sessions")
     assert page.count("<svg") == 1
     assert "first is better by" in page
+    assert first.estimator == second.estimator == "slip, window 1"
     assert "SIMULATED" in page
 
 

@@ -1,0 +1,32 @@
+"""Where commands write: looked at before any work, so that nothing is computed for a place that cannot be."""
+
+import os
+from pathlib import Path
+
+from drivers.errors import InputError
+
+
+def file_place(path: Path | None) -> Path | None:
+    """Return a file's place. Raises `InputError` where no file can be written there."""
+    if path is None:
+        return None
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is {'a folder' if path.is_dir() else 'no file'}; give the name of a file")
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise InputError(f"{path}: there is no folder {folder}; make it, or choose another place")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise InputError(f"{path}: cannot be written; choose another place")
+    return path
+
+
+def folder_place(path: Path | None) -> Path | None:
+    """Return a folder's place, which need not exist yet. Raises `InputError` where it cannot be written."""
+    if path is None:
+        return None
+    there = next(place for place in (path.absolute(), *path.absolute().parents) if os.path.lexists(place))
+    if not there.is_dir():
+        raise InputError(f"{path}: {there} is a file; give a folder")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{path}: cannot be written; choose another folder")
+    return path

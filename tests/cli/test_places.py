@@ -1,0 +1,54 @@
+"""Every place that a command is to write to is looked at before any work."""
+
+from pathlib import Path
+
+import pytest
+
+from support.command_line import rig
+
+FILES = (
+    ("compare", "a", "b", "--out"), ("report", "s", "--out"), ("play", "s", "--lift", "1", "--out"),
+    ("calibrate", "board", "--out"), ("model", "import", "x.pth", "--out"), ("fakes", "serve", "--write"),
+    ("benchmark", "clips", "c", "--readme"), ("benchmark", "safety", "--readme"),
+    ("benchmark", "estimators", "--readme"), ("benchmark", "wire", "--live-to"),
+    ("trial", "--live-to"),
+)  # fmt: skip
+FOLDERS = (
+    ("replay", "s", "--out"), ("export", "s", "--to", "csv", "--out"), ("doctor", "--snapshot"),
+    ("segment", "x.png", "--out"), ("label", "x.png", "--out"), ("train", "--out"),
+    ("train-angle", "toskov", "--out"), ("calibrate", "camera", "--out"), ("calibrate", "tcp", "--out"),
+    ("benchmark", "clips", "c", "--out"), ("benchmark", "estimators", "--out"),
+    ("benchmark", "calibration", "--out"), ("benchmark", "segmentation", "--out"),
+    ("benchmark", "trials", "--out"), ("benchmark", "wire", "--out"), ("benchmark", "safety", "--out"),
+    ("benchmark", "faults", "--out"),
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _no_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(command: tuple[object, ...], *words: str) -> None:
+    done = rig(*command)
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 2, done.stderr
+    assert last.startswith("rig: ")
+    for word in words:
+        assert word in last, last
+    assert len([line for line in done.stderr.splitlines() if not line.startswith("calibration in use")]) == 1
+
+
+@pytest.mark.parametrize("command", FILES, ids=" ".join)
+def test_a_file_in_no_folder_is_refused_before_anything(command: tuple[str, ...], tmp_path: Path) -> None:
+    refused((*command, tmp_path / "missing" / "x.html"), "no folder", "missing")
+
+
+@pytest.mark.parametrize("command", FOLDERS, ids=" ".join)
+def test_a_folder_that_is_a_file_is_refused_before_anything(command: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "there").write_text("")
+    refused((*command, tmp_path / "there" / "x"), "there is a file")
+
+
+def test_a_file_that_is_a_folder_is_refused(tmp_path: Path) -> None:
+    refused(("report", "s", "--out", tmp_path), "is a folder")

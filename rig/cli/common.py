@@ -51,9 +51,27 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+_answered = False
+
+
 def emit_json(value: Mapping[str, object]) -> None:
     """Print the one JSON object of a command."""
+    global _answered
+    _answered = True
     print(json.dumps(value))
+
+
+def begin_answer() -> None:
+    """Begin a command, which has printed no JSON object yet."""
+    global _answered
+    _answered = False
+
+
+def emit_error(message: str, kind: str, code: int) -> None:
+    """Print what ended a command that was asked for JSON, unless it has printed its object already."""
+    if "--json" in sys.argv and not _answered:
+        with suppress(OSError, ValueError):
+            emit_json({"error": {"kind": kind, "message": message, "exit_code": code}})
 
 
 def exit_code(error: RigError) -> Exit:

@@ -1,7 +1,8 @@
 """`rig fakes`: simulated devices that speak the wire protocols of the real ones."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,6 +12,11 @@ from rig.cli.places import file_place
 fakes = typer.Typer(
     no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
 )
+TOLD = (
+    "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served", "missed",
+    "withheld", "clients", "faults",
+)  # fmt: skip
+"""What people are told of each fake; --json has all of it."""
 ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that 'rig fakes serve' wrote.")]
 
 
@@ -118,5 +124,26 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
     if json:
         emit_json(state)
         return
-    for key, value in state.items():
-        print(f"{key}: {value}")
+    print("\n".join(_for_people(state)))
+
+
+def _for_people(state: Mapping[str, Any]) -> list[str]:
+    """Write the state of the world in lines: what it is, and what each device has served."""
+    x, y, z = state["tool_m"]
+    held = f"held with {state['force_n']:.2f} N" if state["held"] else "not held"
+    turned = f"turned {state['turn_deg']:+.1f} deg"
+    lines = [
+        f"tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, {'moving' if state['tool_moving'] else 'at rest'}",
+        f"fingers at {state['finger_counts']:.0f} counts",
+        "no object" if state["object"] is None else f"object {state['object']}, {held}, {turned}",
+    ]
+    for name, counted in state["devices"].items():
+        told = (f"{key.replace('_', ' ')} {_word(counted[key])}" for key in TOLD if key in counted)
+        lines.append(f"{name}: {', '.join(told)}")
+    return lines
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)

@@ -11,7 +11,7 @@ from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.benchmark.commands import benchmark
 from rig.cli.calibrate.commands import calibrate
-from rig.cli.common import Exit, exit_code, say, stop_on_signals
+from rig.cli.common import Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
@@ -81,21 +81,34 @@ def main() -> None:
     # What is wrong with a picture is said in our own line, not in OpenCV's beside it.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     stop_on_signals()
+    begin_answer()
     try:
-        with guarded_output():
+        with guarded_output() as said:
             app()
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
-        _end(f"{error}{notes}", exit_code(error))
+        _end(f"{error}{notes}", type(error).__name__, exit_code(error))
     except OSError as error:  # of a file that nobody thought could fail
-        _end(f"{error.filename or 'a file'}: {error.strerror or error}", Exit.FAULT)
+        _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
+    except SystemExit as end:
+        if isinstance(end.code, int) and end.code != 0:
+            emit_error(_in_the_box(said.tail()), "UsageError", end.code)
+        raise
 
 
-def _end(message: str, code: Exit) -> None:
+def _in_the_box(text: str) -> str:
+    """What stands in the frame that a wrong option is answered with; else the last line."""
+    framed = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
+    lines = framed or text.strip().splitlines()[-1:]
+    return " ".join(lines)
+
+
+def _end(message: str, kind: str, code: Exit) -> None:
     """Say in one line why it ended, whatever the message is made of."""
     from drivers.formats import without_passwords
 
     with suppress(OSError, ValueError):
         text = without_passwords(message).encode("utf-8", "backslashreplace").decode()
         say("rig: " + " ".join(text.splitlines()))
+        emit_error(" ".join(text.splitlines()), kind, code)
     sys.exit(code)

@@ -8,8 +8,11 @@ from typing import Any, TextIO
 
 from drivers.errors import RecordingError
 
+TAIL = 4000
+"""Characters of what was said that are kept."""
 
-class _Output:
+
+class Output:
     """A stream of this process that ends no command.
 
     Where nobody reads any more (`| head`), the rest goes nowhere: the command has other work to do, which
@@ -18,12 +21,18 @@ class _Output:
 
     def __init__(self, stream: TextIO, needed: bool) -> None:
         self._stream, self._needed = stream, needed
+        self._newest = ""
+
+    def tail(self) -> str:
+        """The end of what was written."""
+        return self._newest
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
         """Write a text. Raises `RecordingError`."""
+        self._newest = (self._newest + text)[-TAIL:]
         try:
             return self._stream.write(text)
         except OSError as error:
@@ -46,13 +55,17 @@ class _Output:
 
 
 @contextmanager
-def guarded_output() -> Iterator[None]:
-    """Let nothing that is printed end the program. Raises `RecordingError` for results that are lost."""
+def guarded_output() -> Iterator[Output]:
+    """Let nothing that is printed end the program; give what goes to standard error.
+
+    Raises `RecordingError` for results that are lost.
+    """
     out, err = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Output(out, needed=True), _Output(err, needed=False)  # type: ignore[assignment]
+    said = Output(err, needed=False)
+    sys.stdout, sys.stderr = Output(out, needed=True), said  # type: ignore[assignment]
     try:
         try:
-            yield
+            yield said
         finally:
             sys.stdout.flush()
             sys.stderr.flush()

@@ -96,7 +96,8 @@ def _replay_one(
         result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began
     trial_table(result.summary, simulated, wall_s, to_stderr=json)
-    say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")
+    if result.identical is not None:
+        say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")
     if json:
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
         emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})

@@ -57,10 +57,9 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     elif good:
         console.print(_session_table(good))
     estimators = ", ".join(sorted({str(row.estimator) for row in good})) or "none"
-    identical = sum(row.identical is True for row in good)
-    console.print(
-        f"estimator {estimators}; {identical} of {len(good)} lifts exactly as stored", highlight=False
-    )
+    asked = [row.identical for row in good if row.identical is not None]
+    same = f"; {sum(asked)} of {len(asked)} lifts exactly as stored" if asked else ""
+    console.print(f"estimator {estimators}{same}", highlight=False)
     for row in rows:
         if row.problem:
             console.print(f"broken: {row.problem}", highlight=False, soft_wrap=True, markup=False)
@@ -77,9 +76,15 @@ def results_json(rows: "list[ReplayRow]") -> dict[str, object]:
         "estimators": sorted({str(row.estimator) for row in good}),
         "sessions": len({row.session for row in good}),
         "broken": [{"session": row.session, "problem": row.problem} for row in rows if row.problem],
-        "identical": sum(row.identical is True for row in good),
+        "identical": _identical(good),
         **summary_json(summarize_table(good)),
     }
+
+
+def _identical(rows: "list[ReplayRow]") -> int | None:
+    """How many rows are exactly as stored, of those that are to be; None where none is."""
+    asked = [row.identical for row in rows if row.identical is not None]
+    return sum(asked) if asked else None
 
 
 def row_note(row: "ReplayRow") -> str:

@@ -117,8 +117,8 @@ def trial(
     settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects)
     simulated = "SIMULATED " if config.simulated else ""
-    lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
+    lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
     person = ConsoleOperator(ask, agreed=yes)
     with (
         may_be_continued(folder, out, resume, no_report),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.errors import InputError, RigError
 from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import replay_lift, session_settings
+from rig.experiments.replay import repeats, replay_lift, session_settings
 from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
@@ -28,12 +28,16 @@ Key = tuple[str, int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class ReplayTask:
-    """One recorded lift to replay, in whatever process or on whatever machine sees its folder."""
+    """One recorded lift to replay, in whatever process or on whatever machine sees its folder.
+
+    repeats: whether it is to give exactly the stored row.
+    """
 
     folder: Path
     settings: TrialSettings
     row: FinishedLift
     started: str
+    repeats: bool
 
     @property
     def key(self) -> Key:
@@ -78,7 +82,8 @@ def plan_replays(folders: list[Path], estimator: str | None, window: int | None)
             manifest = read_manifest(folder)
             if isinstance(manifest, TrialManifest):
                 settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
-                tasks += [ReplayTask(folder, settings, row, manifest.started) for row in usable.lifts]
+                again = repeats(folder, settings)
+                tasks += [ReplayTask(folder, settings, row, manifest.started, again) for row in usable.lifts]
                 broken += [(folder, problem) for problem in usable.problems]
             else:
                 left_out.append((folder, f"a '{manifest.kind}' session has no lifts to replay"))
@@ -130,7 +135,7 @@ def replay_task(task: ReplayTask) -> ReplayRow:
         row = replay_lift(task.folder, task.settings, task.row)
     except RigError as error:
         return unread_row(head, task.row, str(error))
-    return table_row(head, row, identical=row == task.row)
+    return table_row(head, row, identical=row == task.row if task.repeats else None)
 
 
 def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:

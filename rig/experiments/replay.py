@@ -22,12 +22,13 @@ from rig.tactile.estimators import EstimatorChoice, choose_estimator
 class Replay:
     """What a replay gave: its summary, rows, and how many lifts equal the stored ones bit for bit.
 
+    identical: None where they are not expected to: another estimator, or another way to measure the truth.
     problems: what could not be read, and is left out of all this.
     """
 
     summary: TrialSummary
     rows: list[FinishedLift]
-    identical: int
+    identical: int | None
     problems: tuple[str, ...] = ()
 
 
@@ -56,7 +57,9 @@ def run_replay(
     if not rows:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
-    identical = sum(row == stored[row.number] for row in in_order)
+    identical = None
+    if repeats(folder, settings):
+        identical = sum(row == stored[row.number] for row in in_order)
     return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
 
 
@@ -74,6 +77,11 @@ def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> Fin
     show_again(folder / row.recording, measurement)
     figures, _ = lift_result(measurement)
     return replace(row, **vars(figures))
+
+
+def repeats(folder: Path, settings: TrialSettings) -> bool:
+    """Whether these settings are to give a session's stored results again. Raises `SessionError`."""
+    return settings == session_settings(folder, None, None) and truth_note(folder) is None
 
 
 def truth_note(folder: Path) -> str | None:

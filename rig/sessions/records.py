@@ -180,8 +180,8 @@ class PoseRow:
 class ReplayRow:
     """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
 
-    identical: whether the replay gave exactly the stored row. problem: what kept a lift, or a whole
-    session (then of number 0), from being read; the figures are None then.
+    identical: whether the replay gave exactly the stored row, None where it was not to. problem: what kept
+    a lift, or a whole session (then of number 0), from being read; the figures are None then.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -73,6 +74,10 @@ def test_replay_says_how_many_lifts_are_identical(session: Path) -> None:
     done = rig("replay", str(session), "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["identical"] == 1
+    assert "1 of 1 lifts give exactly the stored results" in done.stderr
+    other = rig("replay", str(session), "--jobs", "1", "--estimator", "pca", "--json")
+    assert json.loads(other.stdout)["identical"] is None
+    assert "stored results" not in other.stderr
 
 
 def process(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -103,10 +108,60 @@ def test_the_version_help_and_completion_are_where_they_are_looked_for() -> None
     assert "[fakes]" in " ".join(rig("fakes", "serve", "-h").stdout.split())
 
 
+def test_the_fakes_tell_people_how_the_world_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = {
+        "start_ns": 5, "now_ns": 7, "tool_m": [0.45, 3.8e-16, 0.3], "tool_moving": False, "finger_counts": 6.0,
+        "object": "t1", "held": True, "force_n": 1.234, "turn_deg": -3.14159,
+        "devices": {
+            "arm": {"host": "127.0.0.1", "robot_mode": "RUNNING", "program_running": True, "tcp_m": [0.45]},
+            "gripper": {"requests": 3, "replies": 3, "written": "00ff", "faults": []},
+        },
+    }  # fmt: skip
+    monkeypatch.setattr(
+        "rig.bench.fakes_process.fakes_control", lambda config: SimpleNamespace(call=lambda _: state)
+    )
+    assert rig("fakes", "status", "--bench", "wire").stdout.splitlines() == [
+        "tool at (0.450, 0.000, 0.300) m, at rest",
+        "fingers at 6 counts",
+        "object t1, held with 1.23 N, turned -3.1 deg",
+        "arm: robot mode RUNNING, program running yes",
+        "gripper: requests 3, replies 3, faults none",
+    ]
+    assert json.loads(rig("fakes", "status", "--bench", "wire", "--json").stdout) == state
+
+
 def test_a_limit_below_zero_is_refused() -> None:
     done = rig("trial", "--max-mare", "-1")
     assert done.returncode == 2
     assert "greater than or equal to 0" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "said"),
+    [
+        (("trial", "--max-mare", "-1"), "UsageError", "--max-mare"),
+        (("trial", "--object", "wrnch"), "InputError", "wrench"),
+        (("replay", "nowhere"), "SessionError", "no such session"),
+        (("sessions", "nowhere"), "InputError", "nowhere"),
+        (("nothing",), "UsageError", "No such command"),
+    ],
+)
+def test_with_json_an_error_is_one_object_too(arguments: tuple[str, ...], kind: str, said: str) -> None:
+    done = rig(*arguments, "--json")
+    error = json.loads(done.stdout)["error"]
+    assert (error["kind"], error["exit_code"], done.returncode) == (kind, 2, 2)
+    assert said in error["message"]
+    assert done.stderr  # for people, as without
+
+
+def test_what_is_broken_after_all_else_is_no_second_object(session: Path, tmp_path: Path) -> None:
+    many = tmp_path / "many"
+    shutil.copytree(session, many / "good")
+    (many / "bad").mkdir()
+    (many / "bad" / "session.json").write_text("{")
+    done = rig("replay", many, "--jobs", "1", "--out", tmp_path / "out", "--json")
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["identical"] == 1
 
 
 def test_unknown_things_are_refused_with_what_exists(tmp_path: Path) -> None:

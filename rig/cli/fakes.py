@@ -13,8 +13,8 @@ fakes = typer.Typer(
     no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
 )
 TOLD = (
-    "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served", "missed",
-    "withheld", "clients", "faults",
+    "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served",
+    "missed", "withheld", "clients", "faults",
 )  # fmt: skip
 """What people are told of each fake; --json has all of it."""
 ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that 'rig fakes serve' wrote.")]

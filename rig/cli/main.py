@@ -20,7 +20,7 @@ from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.label_angle import label_angle
 from rig.cli.model import model
-from rig.cli.output import guarded_output
+from rig.cli.output import Output, guarded_output
 from rig.cli.play import play
 from rig.cli.record import record
 from rig.cli.replay import replay
@@ -84,12 +84,18 @@ def main() -> None:
     begin_answer()
     try:
         with guarded_output() as said:
-            app()
+            _run(said)
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
         _end(f"{error}{notes}", type(error).__name__, exit_code(error))
     except OSError as error:  # of a file that nobody thought could fail
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
+
+
+def _run(said: Output) -> None:
+    """Run the command that was typed; what typer says of a wrong option is a JSON object as well."""
+    try:
+        app()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
             emit_error(_in_the_box(said.tail()), "UsageError", end.code)

@@ -110,8 +110,8 @@ def test_the_version_help_and_completion_are_where_they_are_looked_for() -> None
 
 def test_the_fakes_tell_people_how_the_world_is(monkeypatch: pytest.MonkeyPatch) -> None:
     state = {
-        "start_ns": 5, "now_ns": 7, "tool_m": [0.45, 3.8e-16, 0.3], "tool_moving": False, "finger_counts": 6.0,
-        "object": "t1", "held": True, "force_n": 1.234, "turn_deg": -3.14159,
+        "start_ns": 5, "now_ns": 7, "tool_m": [0.45, 3.8e-16, 0.3], "tool_moving": False,
+        "finger_counts": 6.0, "object": "t1", "held": True, "force_n": 1.234, "turn_deg": -3.14159,
         "devices": {
             "arm": {"host": "127.0.0.1", "robot_mode": "RUNNING", "program_running": True, "tcp_m": [0.45]},
             "gripper": {"requests": 3, "replies": 3, "written": "00ff", "faults": []},

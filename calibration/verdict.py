@@ -84,3 +84,10 @@ def floor(value: float, weak_below: float, refuse_below: float, text: str) -> As
     if not value >= refuse_below:
         return Assessment(refusals=(said,))
     return Assessment(doubts=(said,)) if value < weak_below else Assessment()
+
+
+def rests_on(what: str, doubts: tuple[str, ...]) -> Assessment:
+    """A verdict is never better than what it rests on: one doubt that names the input and its doubts."""
+    if not doubts:
+        return Assessment()
+    return Assessment(doubts=(f"rests on a {what} that is not good ({'; '.join(doubts)})",))

@@ -1,15 +1,19 @@
 """Camera files: ROS `camera_info` written and read, OpenCV's YAML read."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.camera.model import Array, CameraModel
-from calibration.store import check_serials, load, read_yaml
+from calibration.camera.model import Array, CameraModel, CameraUncertainty
+from calibration.store import CalibrationFile, check_serials, load, read_yaml
 from drivers.errors import CalibrationError
 from drivers.formats import reason, shown
+
+TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""A lens' terms, in OpenCV's order."""
 
 
 def camera_info(model: CameraModel, name: str) -> dict[str, Any]:
@@ -33,10 +37,31 @@ def read_camera(path: Path, serial: str | None = None) -> CameraModel:
     """
     content = read_yaml(path)
     if "calibration" in content:
-        load(path, "camera", None if serial is None else {"camera": serial})
-    elif serial is not None and content.get("camera_name") not in (None, serial):
+        return calibrated(load(path, "camera", None if serial is None else {"camera": serial}), str(path))
+    if serial is not None and content.get("camera_name") not in (None, serial):
         check_serials(path, {"camera": str(content["camera_name"])}, {"camera": serial})
-    return camera_from(content, str(path))
+    return replace(camera_from(content, str(path)), uncertainty=unstated(path.name))
+
+
+def calibrated(file: CalibrationFile, where: str) -> CameraModel:
+    """The camera of a calibration, with its uncertainty. Raises `CalibrationError` naming what is damaged."""
+    quality = file.quality
+    if "covariance" not in quality:
+        return replace(camera_from(file.value, where), uncertainty=unstated(where))
+    try:
+        terms = tuple(TERMS.index(name) for name in quality["terms"])
+        covariance = np.asarray(quality["covariance"], np.float64).reshape(len(terms), len(terms))
+        if not np.isfinite(covariance).all() or (np.linalg.eigvalsh(covariance) < -1e-9).any():
+            raise ValueError("no covariance")
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f"{where}: its covariance is damaged ({reason(error)})") from error
+    known = CameraUncertainty(terms, covariance, file.assessment.doubts)
+    return replace(camera_from(file.value, where), uncertainty=known)
+
+
+def unstated(where: str) -> CameraUncertainty:
+    """The uncertainty of a camera of which nobody says how well it is known."""
+    return CameraUncertainty(doubts=(f"{where} states no uncertainty: rig calibrate camera measures it",))
 
 
 def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:

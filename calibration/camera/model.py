@@ -1,6 +1,6 @@
-"""A camera: pinhole with OpenCV's distortion, projecting points and rays."""
+"""A camera: pinhole with OpenCV's distortion, projecting points and rays; and how well it is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -38,16 +38,38 @@ LENS_MODELS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CameraUncertainty:
+    """How well a camera is known, for what rests on it.
+
+    terms: which of fx, fy, cx, cy and the eight distortion terms the covariance (P, P) is of, as in
+    `LensModel.free`. doubts: why its calibration is not good; each says what to do.
+    """
+
+    terms: tuple[int, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    doubts: tuple[str, ...] = ()
+
+    def one_sigma_steps(self) -> Array:
+        """(P, 12): steps of all terms whose outer products sum to the covariance; those of zero left out."""
+        scale = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        steps = np.zeros((len(values), 12))
+        steps[:, list(self.terms)] = (vectors * np.sqrt(np.maximum(values, 0.0))).T * scale
+        return steps[values > 0.0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:
     """A pinhole with a lens, the one camera outside the simulator.
 
     size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order. Pixel
-    centres are whole numbers (OpenCV's convention).
+    centres are whole numbers (OpenCV's convention). uncertainty: None where it is exact, as drawn.
     """
 
     size: tuple[int, int]
     matrix: Array
     distortion: Array
+    uncertainty: CameraUncertainty | None = None
 
     @classmethod
     def pinhole(cls, size: tuple[int, int], focal_px: float) -> "CameraModel":
@@ -55,6 +77,29 @@ class CameraModel:
         (width, height), f = size, focal_px
         matrix = np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
         return cls(size, matrix, np.zeros(5))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the camera is not known well; nothing where it is."""
+        return () if self.uncertainty is None else self.uncertainty.doubts
+
+    def off_by_one_sigma(self) -> list["CameraModel"]:
+        """Cameras as likely as this one, each off along one direction of its uncertainty.
+
+        What is worked out with each, less what is worked out with this one, are the columns of a root of
+        the covariance that the camera's uncertainty gives it.
+        """
+        if self.uncertainty is None:
+            return []
+        return [self._moved(step) for step in self.uncertainty.one_sigma_steps()]
+
+    def _moved(self, step: Array) -> "CameraModel":
+        """The camera with (12,) steps of fx, fy, cx, cy and the distortion added."""
+        matrix = self.matrix.copy()
+        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+        terms = 5 if len(self.distortion) <= 5 and not step[9:].any() else 8
+        distortion = np.pad(self.distortion, (0, terms - len(self.distortion))) + step[4 : 4 + terms]
+        return replace(self, matrix=matrix, distortion=distortion, uncertainty=None)
 
     def project(self, points: Array) -> Array:
         """Project (N, 3) points in camera axes to (N, 2) px."""

@@ -42,18 +42,32 @@ class Problem:
 
     X is the answer (base_T_camera or tcp_T_camera), Z where the target is (tcp_T_target or
     base_T_target). A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3);
-    a_t: (N, 3) m. points_m: (M, 3) on the target; pixels: (M, 2) px, undistorted; owner: (M,) the
-    sample of each point. focal, centre: (2,) px of the undistorted camera.
+    a_t: (N, 3) m. points_m: (M, 3) on the target; seen_px: (M, 2) px, as `camera` sees them, pixels:
+    the same undistorted; owner: (M,) the sample of each point.
     """
 
     ids: tuple[str, ...]
     a_R: Array  # noqa: N815
     a_t: Array
     points_m: Array
+    seen_px: Array
     pixels: Array
     owner: NDArray[np.int64]
-    focal: Array
-    centre: Array
+    camera: CameraModel
+
+    @property
+    def focal(self) -> Array:
+        """(2,) px."""
+        return self.camera.matrix[[0, 1], [0, 1]]
+
+    @property
+    def centre(self) -> Array:
+        """(2,) px."""
+        return self.camera.matrix[:2, 2]
+
+    def seen_by(self, camera: CameraModel) -> "Problem":
+        """The problem as if the pictures were another camera's."""
+        return replace(self, pixels=camera.undistorted(self.seen_px), camera=camera)
 
     def without(self, sample: int) -> "Problem":
         """The problem with one sample left out."""
@@ -66,7 +80,7 @@ class Problem:
         owner = np.repeat(np.arange(len(samples)), [len(r) for r in rows])
         return Problem(
             tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
-            self.points_m[chosen], self.pixels[chosen], owner, self.focal, self.centre,
+            self.points_m[chosen], self.seen_px[chosen], self.pixels[chosen], owner, self.camera,
         )  # fmt: skip
 
     def inverted(self) -> "Problem":
@@ -88,10 +102,10 @@ def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: S
         a_R=np.array([p.rotation.as_matrix() for p in poses]),
         a_t=np.array([p.position_m for p in poses]),
         points_m=np.vstack([s.view.board_m for s in samples]),
+        seen_px=seen,
         pixels=camera.undistorted(seen),
         owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
-        focal=np.array([camera.matrix[0, 0], camera.matrix[1, 1]]),
-        centre=camera.matrix[:2, 2].copy(),
+        camera=camera,
     )
 
 

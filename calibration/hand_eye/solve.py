@@ -14,7 +14,7 @@ from calibration.hand_eye.refine import Refined, refine
 from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem, usable_samples
 from calibration.hand_eye.target_pose import consistent_choice, target_poses
 from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
-from calibration.verdict import Assessment, Rejected, floor, limit
+from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -28,7 +28,24 @@ _MOST_REJECTED = 0.34
 _DRAWS = 6
 _WORST_RMS_PX = 5.0
 _LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
-_MORE = "position known to {value:.2f} mm only: add samples"
+BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """How a sigma is judged: above which it is weak and refused, what is said, the samples' remedy."""
+
+    weak: float
+    refused: float
+    text: str
+    cause: str
+    digits: str
+
+
+_POSITION = _Judged(1.0, 50.0, "position known to {value:.2f} mm only", ": add samples", ".2f")
+_ORIENTATION = _Judged(
+    0.1, 5.0, "orientation known to {value:.3f} degrees only", ": add samples with larger turns", ".3f"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,24 +114,31 @@ def _finish(
         return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
     spread = uncertainty(problem, final)
     sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
+    assessment = gate + _assess(final, spread, len(rejected), problem.camera)
     t = final.transforms
     return HandEyeResult(
-        setup, gate + _assess(final, spread, len(rejected)), rejected, motion, as_pose(t.x_R, t.x_t),
+        setup, assessment, rejected, motion, as_pose(t.x_R, t.x_t),
         as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, name, problem.ids, problem, final,
     )  # fmt: skip
 
 
-def _assess(final: Refined, spread: Uncertainty, rejected: int) -> Assessment:
+def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraModel) -> Assessment:
     return (
         limit(final.rms_px, 1.5, _WORST_RMS_PX, _LOOSE)
-        + limit(1e3 * float(np.linalg.norm(spread.sigma_m)), 1.0, 50.0, _MORE)
-        + limit(
-            float(np.degrees(np.linalg.norm(spread.sigma_rad))), 0.1, 5.0,
-            "orientation known to {value:.3f} degrees only: add samples with larger turns",
-        )
+        + _assess_sigma(1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, _POSITION)
+        + _assess_sigma(np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), _ORIENTATION)
         + floor(spread.samples, 10, FEWEST_SAMPLES, "{value} samples used; 15 are good")
         + limit(rejected, 0.15 * (spread.samples + rejected), np.inf, "{value} samples left out, see why")
+        + rests_on("camera", camera.doubts)
     )  # fmt: skip
+
+
+def _assess_sigma(sigma: Array, from_camera: Array, judged: "_Judged") -> Assessment:
+    """A doubt names what limits the answer: the camera, where more than half the variance is its."""
+    whole, part = float(np.linalg.norm(sigma)), float(np.linalg.norm(from_camera))
+    limits = f", {part:{judged.digits}} of it by the camera's intrinsics: {BETTER_CAMERA}"
+    cause = limits if 2 * part**2 > whole**2 else judged.cause
+    return limit(whole, judged.weak, judged.refused, judged.text + cause)
 
 
 def robust_start(problem: Problem) -> tuple[Refined, str]:

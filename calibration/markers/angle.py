@@ -17,11 +17,12 @@ from calibration.markers.planar import (
     PlaneReference,
     fit_plane,
     in_plane_angle,
+    turn_sigma_deg,
     wrapped_deg,
 )
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
-from calibration.verdict import Assessment, floor, limit
+from calibration.verdict import Assessment, floor, limit, rests_on
 from drivers.errors import CalibrationError
 from drivers.types import Image
 
@@ -96,7 +97,8 @@ class MarkerReport:
     """What a still series of pictures says about the measurement.
 
     plane: of the reference. rest_deg: (N,) the angles at rest, deg; sigma_deg: their one sigma.
-    drift_deg: change from the first to the last quarter. refused: pictures by reason.
+    drift_deg: change from the first to the last quarter. refused: pictures by reason. plane_sigma_deg,
+    camera_sigma_deg: what the corners at rest and the camera add to a turn by `TURN_DEG`.
     """
 
     assessment: Assessment
@@ -105,6 +107,12 @@ class MarkerReport:
     sigma_deg: float
     drift_deg: float
     refused: dict[str, int]
+    plane_sigma_deg: float
+    camera_sigma_deg: float
+
+
+TURN_DEG = 30.0
+"""A turn as large as a slip's: what a plane or a camera that is off does, grows with it."""
 
 
 def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerReport:
@@ -128,9 +136,21 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     quarter = max(len(rest) // 4, 1)
     drift = float(rest[-quarter:].mean() - rest[:quarter].mean())
     sigma = float(rest.std(ddof=1))
-    return MarkerReport(
-        _assess(plane, sigma, drift, len(rest) / len(answers)), plane, rest, sigma, drift, refused
+    parts = turn_sigma_deg(plane, TURN_DEG)
+    doubts = rests_on("camera", () if plane.camera is None else plane.camera.doubts)
+    assessment = _assess(plane, sigma, drift, len(rest) / len(answers)) + _assess_turn(*parts) + doubts
+    return MarkerReport(assessment, plane, rest, sigma, drift, refused, *parts)
+
+
+def _assess_turn(plane_deg: float, camera_deg: float) -> Assessment:
+    """A doubt names what limits a turn."""
+    cause = (
+        f"{camera_deg:.3f} of it by the camera's intrinsics: calibrate the camera again, tilted, nearer views"
+        if camera_deg > plane_deg
+        else "by the corners at rest: more light, larger markers, less tilt"
     )
+    text = f"a turn of {TURN_DEG:.0f} degrees is known to {{value:.3f}} degrees only, " + cause
+    return limit(float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0, text)
 
 
 def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:

@@ -6,7 +6,7 @@ corners, this is the most accurate of the known ways at every tilt (the pixel fo
 1 degree at 15 degrees of tilt, the rotation magnitude of a pose is worst for a frontal camera).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +33,17 @@ _MUST_AGREE = 6
 class PlaneReference:
     """The markers' plane as seen in a static reference.
 
-    plane_T_image: (1 + P, 3, 3), maps undistorted px to the plane (unit: a marker's side, x
-    right, y up); the first is the answer, each other is off by one sigma along one direction of
-    the fit's uncertainty. template: (1 + P, 8) complex, the reference corners in that plane,
-    centred. normal_camera: (3,) unit vector towards the camera in camera axes, None without
-    intrinsics; likewise tilt_deg, the angle between it and the optical axis, and distance_sides, from
-    the camera to the middle of both markers, in marker sides. scatter_px: one
-    sigma of a corner coordinate over the reference frames; fit_px: rms by which the mean corners
-    miss two perfect squares.
+    corners_px: (2, 4, 2), their mean. plane_T_image: (1 + P + L, 3, 3), maps undistorted px to the plane
+    (unit: a marker's side, x right, y up); the first is the answer, each other is off by one sigma along one
+    direction of the fit's uncertainty (P) or of the camera's (L: the cameras `off`, which undistort by
+    themselves). template: (1 + P + L, 8) complex, the reference corners in that plane, centred.
+    normal_camera: (3,) unit vector towards the camera in camera axes, None without intrinsics; likewise
+    tilt_deg, the angle between it and the optical axis, and distance_sides, from the camera to the middle of
+    both markers, in marker sides. scatter_px: one sigma of a corner coordinate over the reference frames;
+    fit_px: rms by which the mean corners miss two perfect squares.
     """
 
+    corners_px: Array
     plane_T_image: Array  # noqa: N815
     template: NDArray[np.complex128]
     side_px: float
@@ -50,9 +51,17 @@ class PlaneReference:
     scatter_px: float
     fit_px: float
     camera: CameraModel | None
+    off: tuple[CameraModel, ...]
     normal_camera: Array | None
     tilt_deg: float | None
     distance_sides: float | None
+
+    def undistorted(self, corners_px: Array) -> Array:
+        """(1 + P + L, 8, 2) px: the corners as each homography takes them."""
+        seen = corners_px if self.camera is None else self.camera.undistorted(corners_px)
+        same = np.broadcast_to(seen, (len(self.plane_T_image) - len(self.off), *seen.shape))
+        each = [camera.undistorted(corners_px) for camera in self.off]
+        return np.concatenate([same, np.reshape(each, (-1, *seen.shape))]).reshape(-1, 8, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +69,8 @@ class PlanarAngle:
     """The markers' turn since the reference.
 
     angle_deg: in (-180, 180], positive counter-clockwise as the camera sees it. sigma_deg: one
-    sigma of this frame's corners and of the reference's homography together, without the
-    reference's own zero. residual_px: rms distance of the six nearest corners from a rigid turn. scale:
+    sigma of this frame's corners, of the reference's homography and of the camera together, without
+    the reference's own zero. residual_px: rms distance of the six nearest corners from a rigid turn. scale:
     growth since the reference. in_plane: False where residual or scale tell of another motion; the
     angle then means little.
     """
@@ -93,20 +102,32 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
             "check that both are flat, equal in size and undamaged"
         )
     shifted = np.vstack([parameters, parameters + spread])
-    inverse = np.array([np.linalg.inv(model.image_T_plane(p)) for p in shifted])
+    off = () if camera is None else tuple(camera.off_by_one_sigma())
+    seen_off = [_seen_by(other, mean) for other in off]
+    inverse = np.array([np.linalg.inv(model.image_T_plane(p)) for p in shifted] + seen_off)
     normal, middle = model.normal(parameters), model.middle(parameters)
-    return PlaneReference(
+    reference = PlaneReference(
+        corners_px=mean,
         plane_T_image=inverse,
-        template=_in_plane(inverse, ideal),
+        template=np.empty(0, np.complex128),
         side_px=side,
         frames=len(corners_px),
         scatter_px=scatter,
         fit_px=fit,
         camera=camera,
+        off=off,
         normal_camera=normal,
         tilt_deg=None if normal is None else float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2]))),
         distance_sides=None if middle is None else float(np.linalg.norm(middle)),
     )
+    return replace(reference, template=_in_plane(inverse, reference.undistorted(mean)))
+
+
+def _seen_by(camera: CameraModel, mean_px: Array) -> Array:
+    """(3, 3) `plane_T_image` as this camera would have it."""
+    ideal = camera.undistorted(mean_px)
+    model = CameraPlane(ideal, camera.matrix)
+    return np.linalg.inv(model.image_T_plane(solve(model, ideal, 0.0)[0]))
 
 
 def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
@@ -119,12 +140,11 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
     """
     if not np.isfinite(corners_px).all():
         raise CalibrationError("markers: a corner is not a finite number; refuse the frame instead")
-    camera = reference.camera
-    ideal = corners_px if camera is None else camera.undistorted(corners_px)
+    ideal = reference.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
     weights = _agreement(points[:1], template[:1], reference)
     turn, missed, size = _rigid_turn(points, template, weights)
-    from_reference = float(np.linalg.norm(np.angle(turn[1:] * turn[0].conj())))
+    from_reference = float(np.linalg.norm(_apart(turn)))
     # 16 coordinates less rotation, scale and two of translation; of corners that count
     freedom = max(2.0 * weights.sum() - 4.0, 1.0)
     from_frame = np.sqrt((weights * missed[0] ** 2).sum() / freedom / size[0])
@@ -138,6 +158,31 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
         scale=scale,
         in_plane=residual <= max(0.75, 0.02 * reference.side_px) and abs(scale - 1.0) <= 0.1,
     )
+
+
+def turn_sigma_deg(reference: PlaneReference, turn_deg: float) -> tuple[float, float]:
+    """One sigma of a turn by that much that stems from the reference's corners, and from the camera.
+
+    Both grow with the turn: a plane taken for more or less tilted than it is turns circles to ellipses.
+    """
+    ideal, plane_T_image = reference.undistorted(reference.corners_px), reference.plane_T_image[0]  # noqa: N806
+    rays = np.column_stack([ideal[0], np.ones(8)]) @ plane_T_image.T
+    points = (rays[:, 0] + 1j * rays[:, 1]) / rays[:, 2]
+    turned = points.mean() + (points - points.mean()) * np.exp(1j * np.radians(turn_deg))
+    back = np.linalg.solve(plane_T_image, np.stack([turned.real, turned.imag, np.ones(8)])).T
+    seen = back[:, :2] / back[:, 2:]
+    if reference.camera is not None:
+        seen = reference.camera.project(np.linalg.solve(reference.camera.matrix, back.T).T)
+    found = _in_plane(reference.plane_T_image, reference.undistorted(seen.reshape(2, 4, 2)))
+    apart = _apart(_rigid_turn(found, reference.template, np.ones(8))[0])
+    split = len(apart) - len(reference.off)
+    parts = np.degrees([np.linalg.norm(apart[:split]), np.linalg.norm(apart[split:])])
+    return float(parts[0]), float(parts[1])
+
+
+def _apart(turn: NDArray[np.complex128]) -> Array:
+    """(V - 1,) rad by which the turns that are off by one sigma differ from the first."""
+    return np.angle(turn[1:] * turn[0].conj())
 
 
 def _rigid_turn(
@@ -172,9 +217,9 @@ def wrapped_deg(angle_deg: float) -> float:
 
 
 def _in_plane(plane_T_image: Array, ideal_px: Array) -> NDArray[np.complex128]:  # noqa: N803
-    """(V, 8) complex, centred: the corners through each of V homographies."""
-    flat = ideal_px.reshape(-1, 2)
-    rays = np.column_stack([flat, np.ones(len(flat))]) @ plane_T_image.transpose(0, 2, 1)
+    """(V, 8) complex, centred: (V, 8, 2) px corners through each of V homographies."""
+    flat = np.concatenate([ideal_px, np.ones((*ideal_px.shape[:2], 1))], axis=2)
+    rays = flat @ plane_T_image.transpose(0, 2, 1)
     points = (rays[..., 0] + 1j * rays[..., 1]) / rays[..., 2]
     return points - points.mean(axis=1, keepdims=True)
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from calibration.camera.files import read_camera
+from calibration.camera.files import read_camera, unstated
 from calibration.camera.model import CameraModel
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
@@ -50,7 +50,8 @@ class Station:
         self.say(
             f"camera as the bench file says: f {camera.focal_px:g} px; better: rig calibrate camera first"
         )
-        return CameraModel.pinhole(camera.size_px, camera.focal_px)
+        model = CameraModel.pinhole(camera.size_px, camera.focal_px)
+        return replace(model, uncertainty=unstated("the bench file"))
 
     def raw(self, name: str) -> Path:
         """An empty folder for raw samples: those of an earlier run, maybe of another target, are removed."""

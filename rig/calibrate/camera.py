@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.camera.checks import assess_camera, board_tilts_deg, tilt_spread_deg
-from calibration.camera.files import camera_info
+from calibration.camera.files import TERMS, camera_info
 from calibration.camera.intrinsics import CameraFit, calibrate_camera
 from calibration.camera.projection_sigma import projection_sigma_px
 from calibration.targets.boards import Target
@@ -63,11 +63,10 @@ def _refused(
 
 
 def _quality(result: CameraFit, target: Target, projected: figures.Array) -> dict[str, object]:
-    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     return {
         "target": target.spec,
         "lens_model": result.fit.lens.name,
-        "terms": [names[i] for i in result.fit.lens.free],
+        "terms": [TERMS[i] for i in result.fit.lens.free],
         "sigma": result.sigma,
         "covariance": result.covariance,
         "fit_rms_px": result.fit.rms_px,

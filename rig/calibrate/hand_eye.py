@@ -104,9 +104,11 @@ def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
     if result.spread is not None:
         quality |= {
             "covariance_order": "rotation vector about the child's axes (rad), translation in the parent (m)",
-            "covariance": result.spread.larger,
+            "covariance": result.spread.covariance,
             "covariance_of_fit": result.spread.fit,
             "covariance_leave_one_out": result.spread.jackknife,
+            "covariance_from_camera": result.spread.camera,
+            "covariance_of_target": result.spread.target,
             "rms_px": result.rms_px,
             "held_out_rms_px": float(np.sqrt((result.spread.held_out_px**2).mean())),
             "closed_form": result.closed_form,
@@ -118,15 +120,19 @@ def _numbers(result: HandEyeResult) -> dict[str, str]:
     if result.pose is None or result.spread is None or result.motion is None:
         return {}
     parent, child, _ = FRAMES[result.setup]
-    mm, deg = 1e3 * result.spread.sigma_m, np.degrees(result.spread.sigma_rad)
+    spread = result.spread
+    mm, deg = 1e3 * spread.sigma_m, np.degrees(spread.sigma_rad)
+    camera_mm, camera_deg = 1e3 * spread.camera_sigma_m, np.degrees(spread.camera_sigma_rad)
     place = ", ".join(f"{v:.5f}" for v in result.pose.position_m)
     return {
         f"{parent}_T_{child}, position": f"{place} m",
         "orientation (xyzw)": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
         "one sigma, position": " / ".join(f"{v:.2f}" for v in mm) + " mm",
         "one sigma, orientation": " / ".join(f"{v:.3f}" for v in deg) + " degrees",
+        "of that from the camera": f"{np.linalg.norm(camera_mm):.2f} mm, "
+        f"{np.linalg.norm(camera_deg):.3f} degrees",
         "samples used are missed by": f"{result.rms_px:.2f} px, left out by "
-        f"{np.sqrt((result.spread.held_out_px**2).mean()):.2f} px",
+        f"{np.sqrt((spread.held_out_px**2).mean()):.2f} px",
         "observability": f"turns up to {result.motion.max_angle_deg:.0f} degrees, ratio "
         f"{result.motion.translation_ratio:.2f}, gap {result.motion.rotation_gap:.2g}",
     }

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.camera.model import CameraModel
-from calibration.markers.angle import MarkerAngle, assess_markers
+from calibration.markers.angle import TURN_DEG, MarkerAngle, assess_markers
 from calibration.markers.tracker import MarkerTracker
 from drivers.images import read_image
 from rig.calibrate import figures
@@ -32,11 +32,14 @@ def markers_from_folder(
         "side_px": plane.side_px,
         "tilt_deg": plane.tilt_deg,
         "angle_sigma_deg": report.sigma_deg,
+        "turn_sigma_deg": float(np.hypot(report.plane_sigma_deg, report.camera_sigma_deg)),
     }
     quality = {
         "corner_scatter_px": plane.scatter_px,
         "square_fit_px": plane.fit_px,
         "drift_deg": report.drift_deg,
+        "turn_sigma_plane_deg": report.plane_sigma_deg,
+        "turn_sigma_camera_deg": report.camera_sigma_deg,
         "refused_pictures": report.refused,
         "plane_T_image": plane.plane_T_image[0],
     }
@@ -46,6 +49,8 @@ def markers_from_folder(
         if plane.tilt_deg is None
         else f"{plane.tilt_deg:.1f} degrees",
         "angle at rest, one sigma": f"{report.sigma_deg:.4f} degrees",
+        f"a turn of {TURN_DEG:.0f} degrees, one sigma": f"{value['turn_sigma_deg']:.4f} degrees, "
+        f"{report.camera_sigma_deg:.4f} of it by the camera",
         "drift": f"{report.drift_deg:+.4f} degrees",
     }
     shown = figures.lines(

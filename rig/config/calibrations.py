@@ -7,9 +7,10 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
-from calibration.camera.files import camera_from
+from calibration.camera.files import calibrated
 from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
@@ -116,14 +117,13 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
 
 
 def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> CalibrationsInUse:
-    camera = camera_from(file.value, where)
+    camera = calibrated(file, where)
     if camera.size != size_px:
         raise CalibrationError(
             f"{where}: was made of pictures of {camera.size} px, the bench file has size_px = "
             f"{list(size_px)}; calibrate at that size, or correct it"
         )
-    matrix, distortion = camera.matrix.ravel().tolist(), camera.distortion.tolist()
-    return CalibrationsInUse(camera=CameraInUse(matrix=tuple(matrix), distortion=tuple(distortion)))
+    return CalibrationsInUse(camera=CameraInUse.of(camera))
 
 
 def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
@@ -132,7 +132,18 @@ def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
         return None
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
     a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
-    return CalibrationsInUse(base_T_camera=PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d)))
+    place = PlaceInUse(
+        position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=_turn_sigma_rad(file)
+    )
+    return CalibrationsInUse(base_T_camera=place)
+
+
+def _turn_sigma_rad(file: CalibrationFile) -> float:
+    """One sigma of the camera's orientation about the axis known worst; 0 where the file does not say."""
+    if "covariance" not in file.quality:
+        return 0.0
+    turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
+    return float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
 
 
 def _tactile(file: CalibrationFile, where: str) -> CalibrationsInUse | None:

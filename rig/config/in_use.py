@@ -6,7 +6,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from calibration.camera.model import CameraModel
+from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.poses import pose_fault
 from drivers.types import Pose
 from rig.config.fields import Strict
@@ -17,6 +17,7 @@ TimeShift = Annotated[float, Field(ge=-1.0, le=1.0)]
 Counts = Annotated[float, Field(ge=0, le=255)]
 Opening = Annotated[float, Field(ge=-0.2, le=0.2)]
 """m; below zero where the fingers would close beyond each other."""
+Term = Annotated[int, Field(ge=0, le=11)]
 OpeningPairs = tuple[tuple[float, float], ...]
 
 
@@ -39,21 +40,52 @@ class FileInUse(Strict):
 
 
 class CameraInUse(Strict):
-    """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order."""
+    """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order.
+
+    terms, covariance: how well they are known, row by row, as in `CameraUncertainty`; empty in sessions
+    from before that was kept.
+    """
 
     matrix: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
     distortion: Annotated[tuple[float, ...], Field(min_length=5, max_length=8)]
+    terms: Annotated[tuple[Term, ...], Field(max_length=12)] = ()
+    covariance: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, camera: CameraModel) -> Self:
+        """Of a calibrated camera."""
+        known = camera.uncertainty or CameraUncertainty()
+        return cls(
+            matrix=tuple(camera.matrix.ravel().tolist()),
+            distortion=tuple(camera.distortion.tolist()),
+            terms=known.terms,
+            covariance=tuple(known.covariance.ravel().tolist()),
+        )
+
+    @model_validator(mode="after")
+    def _is_a_covariance(self) -> Self:
+        if len(self.covariance) != len(self.terms) ** 2:
+            raise ValueError(
+                f"a covariance of {len(self.terms)} terms has not {len(self.covariance)} numbers"
+            )
+        return self
 
     def camera_model(self, size_px: tuple[int, int]) -> CameraModel:
         """The camera, for pictures of the bench file's width and height (checked when it was found)."""
-        return CameraModel(size_px, np.reshape(self.matrix, (3, 3)), np.array(self.distortion))
+        count = len(self.terms)
+        known = CameraUncertainty(self.terms, np.reshape(self.covariance, (count, count))) if count else None
+        return CameraModel(size_px, np.reshape(self.matrix, (3, 3)), np.array(self.distortion), known)
 
 
 class PlaceInUse(Strict):
-    """`base_T_camera`: position in m, quaternion xyzw."""
+    """`base_T_camera`: position in m, quaternion xyzw.
+
+    turn_sigma_rad: one sigma of its orientation about the axis known worst; 0 where nobody says.
+    """
 
     position_m: tuple[float, float, float]
     quaternion_xyzw: tuple[float, float, float, float]
+    turn_sigma_rad: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
 
     @model_validator(mode="after")
     def _is_a_place(self) -> Self:

@@ -214,6 +214,11 @@ class BenchConfig(BenchSection):
         found = self.calibrations.base_T_camera
         return self.camera.base_T_camera() if found is None else found.pose()
 
+    def camera_turn_sigma_rad(self) -> float:
+        """One sigma of `base_T_camera`'s orientation, as calibrated; 0 where nobody says."""
+        found = self.calibrations.base_T_camera
+        return 0.0 if found is None else found.turn_sigma_rad
+
     def object_distance_m(self) -> float:
         """From where the camera stands (`base_T_camera`) to an object in its place, m."""
         return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, self.table.position_m)))

@@ -153,6 +153,7 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
         settings.bench.base_T_camera(),
         settings.bench.camera_model(),
         search_everywhere=not settings.estimator.skip,
+        camera_turn_sigma_rad=settings.bench.camera_turn_sigma_rad(),
     )
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
     shifts = settings.bench.calibrations.time_shift_s

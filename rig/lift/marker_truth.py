@@ -67,6 +67,11 @@ class _Zero:
         turn = (camera_R_tcp * self.camera_R_tcp.inv()).as_quat()
         return float(np.degrees(2.0 * np.arctan2(turn[:3] @ self.axis, turn[3])))
 
+    def tipped_rad(self, camera_R_tcp: Rotation) -> float:  # noqa: N803
+        """How far the wrist has turned about other axes: what a camera that is off by an angle sees of it."""
+        turn = (camera_R_tcp * self.camera_R_tcp.inv()).as_rotvec()
+        return float(np.linalg.norm(np.cross(turn, self.axis)))
+
 
 class MarkerTruth:
     """Measures the object's angle while a lift runs, or again from its stored pictures.
@@ -75,7 +80,8 @@ class MarkerTruth:
     time. ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
     base_T_camera: from the hand-eye calibration. camera: the external one, as calibrated; without it the
     markers' tilt is unknown, lens distortion stays, and the wrist is taken off about the camera's axis
-    instead of the markers' normal. search_everywhere: search each whole picture.
+    instead of the markers' normal. search_everywhere: search each whole picture. camera_turn_sigma_rad: one
+    sigma of base_T_camera's orientation; with it the wrist's share of an angle is as unsure.
     """
 
     def __init__(
@@ -85,9 +91,11 @@ class MarkerTruth:
         base_T_camera: Pose,  # noqa: N803
         camera: CameraModel | None = None,
         search_everywhere: bool = False,
+        camera_turn_sigma_rad: float = 0.0,
     ) -> None:
         self._angle = MarkerAngle(MarkerTracker(ids, dictionary, search_everywhere), camera)
         self._camera_R_base = base_T_camera.rotation.inv()
+        self._camera_sigma = camera_turn_sigma_rad
         self._sightings: list[_Sighting] = []
         self._unseen: list[tuple[int, Refusal]] = []
         self._late = 0
@@ -208,9 +216,11 @@ class MarkerTruth:
         return angles
 
     def _add(self, angles: "_Angles", sighting: _Sighting, zero: _Zero) -> None:
-        angles.add(
-            sighting.time_ns, self._angle.turn(sighting.corners_px), zero.wrist_deg(sighting.camera_R_tcp)
+        wrist = sighting.camera_R_tcp
+        sigma_deg = float(
+            np.degrees(self._camera_sigma * zero.tipped_rad(wrist)) if self._camera_sigma else 0.0
         )
+        angles.add(sighting.time_ns, self._angle.turn(sighting.corners_px), zero.wrist_deg(wrist), sigma_deg)
 
     def _too_few(self, count: int, from_ns: int, to_ns: int) -> str:
         reasons = Counter(str(reason) for time_ns, reason in self._unseen if from_ns <= time_ns <= to_ns)
@@ -231,7 +241,9 @@ class _Angles:
         self.sigma_deg: list[float] = []
         self.out_of_plane = 0
 
-    def add(self, time_ns: int, turn: PlanarAngle | Refusal, wrist_deg: float) -> None:
+    def add(
+        self, time_ns: int, turn: PlanarAngle | Refusal, wrist_deg: float, wrist_sigma_deg: float
+    ) -> None:
         if isinstance(turn, Refusal):
             self.out_of_plane += 1
             return
@@ -239,7 +251,7 @@ class _Angles:
         near = self.angle_deg[-1] if joined else 0.0
         self.time_ns.append(time_ns)
         self.angle_deg.append(near + wrapped_deg(turn.angle_deg - wrist_deg - near))
-        self.sigma_deg.append(turn.sigma_deg)
+        self.sigma_deg.append(float(np.hypot(turn.sigma_deg, wrist_sigma_deg)))
 
 
 def interpolate(series: TruthSeries, time_ns: int) -> float | None:

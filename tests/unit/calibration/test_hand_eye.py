@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.hand_eye.closed_form import CLOSED_FORMS, nearest_rotation, park, shah
 from calibration.hand_eye.guidance import next_pose, progress
 from calibration.hand_eye.observability import observability
@@ -133,6 +134,68 @@ def test_the_region_holds_the_truth_about_as_often_as_it_says() -> None:
         assert result.spread is not None
         held.append(result.spread.holds(truth.error_vector(result.pose)))
     assert 0.85 <= np.mean(held) <= 1.0
+
+
+def unsure_camera(rng: np.random.Generator | None) -> CameraModel:
+    """A camera as calibrated, its focal lengths known to 6 px of 980; off by what that says, if drawn."""
+    covariance = np.array([[36.0, 35.0, 0, 0], [35.0, 36.0, 0, 0], [0, 0, 4.0, 0], [0, 0, 0, 4.0]])
+    known = CameraUncertainty((0, 1, 2, 3), covariance)
+    off = np.zeros(4) if rng is None else rng.multivariate_normal(np.zeros(4), covariance)
+    matrix = CAMERA.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += off
+    return CameraModel(CAMERA.size, matrix, np.zeros(5), known)
+
+
+def test_the_region_holds_the_truth_of_a_camera_that_is_off_as_it_says() -> None:
+    held, held_without = [], []
+    for seed in range(16):
+        rng = np.random.default_rng((11, seed))
+        truth, samples = general_scene(rng, 12)
+        result = calibrate_hand_eye(samples, unsure_camera(rng), Setup.EYE_TO_HAND)
+        assert result.pose is not None
+        assert result.spread is not None
+        error = truth.error_vector(result.pose)
+        held.append(result.spread.holds(error))
+        alone = larger_of(result.spread.fit, result.spread.jackknife)
+        held_without.append(replace(result.spread, covariance=alone).holds(error))
+    assert np.mean(held) >= 0.85
+    assert np.mean(held_without) <= 0.35, "the samples alone cannot know"
+
+
+def test_a_verdict_names_the_input_that_limits_it() -> None:
+    _, samples = general_scene(np.random.default_rng(1), 20)
+    exact = calibrate_hand_eye(samples, CAMERA, Setup.EYE_TO_HAND)
+    assert exact.assessment.verdict is Verdict.GOOD
+    assert exact.spread is not None
+    assert not exact.spread.camera.any()
+    unsure = calibrate_hand_eye(samples, unsure_camera(None), Setup.EYE_TO_HAND)
+    assert unsure.assessment.verdict is Verdict.WEAK
+    assert "of it by the camera's intrinsics: calibrate the camera again" in str(unsure.assessment)
+    few = calibrate_hand_eye(samples[:6], CAMERA, Setup.EYE_TO_HAND)
+    assert "add samples" in str(few.assessment)
+
+
+def test_a_verdict_is_no_better_than_the_cameras() -> None:
+    _, samples = general_scene(np.random.default_rng(1), 20)
+    doubted = CameraUncertainty(doubts=("corners cover 20% of the picture",))
+    result = calibrate_hand_eye(samples, replace(CAMERA, uncertainty=doubted), Setup.EYE_TO_HAND)
+    assert result.assessment.doubts == (
+        "rests on a camera that is not good (corners cover 20% of the picture)",
+    )
+
+
+def test_a_lens_that_is_known_badly_moves_the_answer_as_refits_say() -> None:
+    """The camera's part is what the answer changes with a camera that is one sigma off: no linearisation."""
+    _, samples = general_scene(np.random.default_rng(6), 12)
+    terms = CameraUncertainty((4,), np.array([[0.02**2]]))
+    result = calibrate_hand_eye(samples, replace(CAMERA, uncertainty=terms), Setup.EYE_TO_HAND)
+    bent = CameraModel(CAMERA.size, CAMERA.matrix, np.array([0.02, 0, 0, 0, 0]))
+    other = calibrate_hand_eye(samples, bent, Setup.EYE_TO_HAND)
+    assert result.spread is not None
+    assert other.pose is not None
+    assert result.pose is not None
+    moved_m = np.abs(np.subtract(other.pose.position_m, result.pose.position_m))
+    assert result.spread.camera_sigma_m == pytest.approx(moved_m, rel=0.05, abs=1e-5)
 
 
 def test_the_larger_covariance_is_no_smaller_than_either() -> None:

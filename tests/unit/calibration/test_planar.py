@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.model import CameraModel
-from calibration.markers.planar import fit_plane, in_plane_angle
+from calibration.camera.model import CameraModel, CameraUncertainty
+from calibration.markers.planar import fit_plane, in_plane_angle, turn_sigma_deg
 from drivers.errors import CalibrationError
 
 KNOWN = CameraModel.pinhole((640, 480), 700.0)
@@ -81,6 +81,41 @@ def test_noise_is_answered_with_an_honest_sigma(tilt, known):
     assert np.std(errors) < 0.06
     assert abs(np.mean(errors)) < 0.015
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+TERMS = np.diag([14.0, 14.0, 5.0, 5.0, 0.02]) ** 2 + np.pad([[0, 190], [190, 0]], (0, 3))
+"""Focal lengths known to 2 % and together, the middle to 5 px, and k1."""
+
+
+def camera_off(rng):
+    """A camera as a calibration gives it: off, and saying by how much."""
+    step = rng.multivariate_normal(np.zeros(5), TERMS)
+    matrix = CAMERA.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+    known = CameraUncertainty((0, 1, 2, 3, 4), TERMS)
+    return CameraModel((640, 480), matrix, np.array([step[4], 0, 0, 0, 0]), known)
+
+
+def test_a_camera_that_is_off_is_answered_with_an_honest_sigma():
+    rng = np.random.default_rng(8)
+    errors, sigmas, from_camera = [], [], []
+    for _ in range(80):
+        reference = fit_plane(still((25.0, 15.0), 0.02, seed=int(rng.integers(999))), camera_off(rng))
+        answer = in_plane_angle(corners(30.0, (25.0, 15.0), (0.05, 0.04)), reference)
+        errors.append(answer.angle_deg - 30.0)
+        sigmas.append(answer.sigma_deg)
+        from_camera.append(turn_sigma_deg(reference, 30.0)[1])
+    rms = np.sqrt(np.mean(np.square(errors)))
+    assert np.mean(from_camera) == pytest.approx(rms, rel=0.3)
+    # squares that fit worse because of the camera count once more, as noise: sigma is on the large side
+    assert rms < np.mean(sigmas) < 2.0 * rms
+
+
+def test_what_a_plane_and_a_camera_do_grows_with_the_turn():
+    reference = fit_plane(still((25.0, 15.0), 0.02), camera_off(np.random.default_rng(3)))
+    assert turn_sigma_deg(reference, 0.0) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert sum(turn_sigma_deg(reference, 30.0)) > 2.0 * sum(turn_sigma_deg(reference, 10.0))
+    assert turn_sigma_deg(fit_plane(still((25.0, 15.0), 0.02), KNOWN), 30.0)[1] == 0.0
 
 
 @settings(deadline=None, max_examples=50)

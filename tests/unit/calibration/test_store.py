@@ -1,5 +1,6 @@
 """Calibration files: written, read back, and refused where they do not belong."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -39,6 +40,37 @@ def test_a_file_comes_back_as_it_was(tmp_path: Path) -> None:
     read = read_camera(tmp_path / "camera.yaml", "C1")
     assert np.array_equal(read.matrix, CAMERA.matrix)
     assert np.array_equal(read.distortion, CAMERA.distortion)
+
+
+def test_a_camera_comes_back_with_its_uncertainty(tmp_path: Path) -> None:
+    quality = {"terms": ["fx", "fy", "k1"], "covariance": np.diag([4.0, 4.0, 1e-4])}
+    save(replace(camera_file(), quality=quality), tmp_path / "camera.yaml")
+    known = read_camera(tmp_path / "camera.yaml").uncertainty
+    assert known is not None
+    assert known.terms == (0, 1, 4)
+    assert known.doubts == ("few views",)
+    off = [model.matrix[0, 0] - 600.0 for model in read_camera(tmp_path / "camera.yaml").off_by_one_sigma()]
+    assert np.hypot.reduce(off) == pytest.approx(2.0)
+
+
+def test_a_camera_of_unstated_uncertainty_says_so(tmp_path: Path) -> None:
+    save(camera_file(), tmp_path / "camera.yaml")
+    assert "states no uncertainty" in read_camera(tmp_path / "camera.yaml").doubts[0]
+
+
+@pytest.mark.parametrize(
+    "quality",
+    [
+        {"terms": ["fx", "fy"], "covariance": np.eye(3)},
+        {"terms": ["focal"], "covariance": np.eye(1)},
+        {"terms": ["fx", "fy"], "covariance": np.array([[1.0, 3.0], [3.0, 1.0]])},
+        {"terms": 3, "covariance": "none"},
+    ],
+)
+def test_a_damaged_covariance_is_said_to_be(tmp_path: Path, quality: dict[str, object]) -> None:
+    save(replace(camera_file(), quality=quality), tmp_path / "camera.yaml")
+    with pytest.raises(CalibrationError, match="its covariance is damaged"):
+        read_camera(tmp_path / "camera.yaml")
 
 
 def test_a_time_without_a_zone_is_utc() -> None:

@@ -32,12 +32,14 @@ PLACE = {"setup": "eye-to-hand", "translation_m": [0.4, -0.6, 0.2], "quaternion_
 
 
 def keep(
-    folder: Path, kind: str, serials: dict, value: dict, refused: str = "", simulated: bool = True
-) -> Path:
+    folder: Path, kind: str, serials: dict, value: dict, refused: str = "", simulated: bool = True,
+    quality: dict | None = None,
+) -> Path:  # fmt: skip
     assessment = Assessment(refusals=(refused,)) if refused else Assessment()
     path = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    save(CalibrationFile(kind, serials, value, assessment, created, inputs={"simulated": simulated}), path)
+    made = {"simulated": simulated}
+    save(CalibrationFile(kind, serials, value, assessment, created, quality or {}, inputs=made), path)
     return path
 
 
@@ -58,6 +60,21 @@ def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.Monk
     assert bench.calibrations.time_shift_s == {"SIM-C0001": -0.004}
     # the copy in a session is what a replay reads
     assert BenchConfig.model_validate(bench.model_dump(mode="json")) == bench
+
+
+def test_what_is_known_of_camera_and_place_is_used_too(tmp_path: Path) -> None:
+    lens = {"terms": ["fx", "fy"], "covariance": [[4.0, 1.0], [1.0, 4.0]]}
+    keep(tmp_path, "camera", CAMERA_SERIAL, camera_info(CAMERA, "SIM-C0001"), quality=lens)
+    turns = np.diag([1e-6, 4e-6, 1e-6, 1e-8, 1e-8, 1e-8]).tolist()
+    keep(tmp_path, "hand-eye", CAMERA_SERIAL, PLACE, quality={"covariance": turns})
+    found = find_calibrations(load_bench("fake"), tmp_path)
+    bench = load_bench("fake").model_copy(update={"calibrations": found})
+    stored = BenchConfig.model_validate(bench.model_dump(mode="json"))
+    known = stored.camera_model().uncertainty
+    assert known is not None
+    assert known.terms == (0, 1)
+    assert known.covariance.tolist() == lens["covariance"]
+    assert stored.camera_turn_sigma_rad() == pytest.approx(0.002)
 
 
 def test_without_calibrations_the_bench_is_as_its_file_says(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """The true angle of a lift: zero, wrist, gaps, refusals, and its interpolation."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.model import CameraModel
+from calibration.camera.model import CameraModel, CameraUncertainty
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
@@ -46,9 +48,9 @@ def known(scene):
 class Lift:
     """Feeds a measurement with pictures of an object on a wrist."""
 
-    def __init__(self, scene, camera=None):
+    def __init__(self, scene, camera=None, place_sigma_rad=0.0):
         self.scene = scene
-        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, camera)
+        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, camera, camera_turn_sigma_rad=place_sigma_rad)
         self.rng = np.random.default_rng(7)
         self.time_ns = 0
 
@@ -61,8 +63,9 @@ class Lift:
     def see(self, turn_deg, wrist_deg=0.0, up_m=0.0):
         self.show(self.picture(turn_deg, up_m), wrist_deg)
 
-    def show(self, image, wrist_deg=0.0):
-        wrist = Pose.from_rotation((0.0, 0.0, 0.5), about_y(wrist_deg) * DOWN)
+    def show(self, image, wrist_deg=0.0, wrist_tip_deg=0.0):
+        tip = Rotation.from_euler("x", wrist_tip_deg, degrees=True)
+        wrist = Pose.from_rotation((0.0, 0.0, 0.5), tip * about_y(wrist_deg) * DOWN)
         self.truth.update(image, self.time_ns, wrist)
         self.time_ns += FRAME_NS
 
@@ -97,6 +100,20 @@ def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_camera)
         assert series.tilt_deg == pytest.approx(np.hypot(6.0, 4.0), abs=1.0)
     else:
         assert series.tilt_deg is None
+
+
+def test_sigma_carries_the_cameras_and_where_it_stands(scene):
+    exact = known(scene)
+    unsure = replace(exact, uncertainty=CameraUncertainty((0, 1), np.full((2, 2), 15.0**2) + np.eye(2)))
+    sigmas = {}
+    for name, lift in {
+        "exact": Lift(scene, exact), "lens": Lift(scene, unsure), "place": Lift(scene, exact, 0.01),
+    }.items():  # fmt: skip
+        lift.rest()
+        lift.show(lift.picture(25.0), wrist_tip_deg=10.0)
+        sigmas[name] = lift.truth.series().sigma_deg[-1]
+    assert sigmas["lens"] > 1.2 * sigmas["exact"]
+    assert sigmas["place"] == pytest.approx(np.hypot(sigmas["exact"], 0.01 * 10.0), rel=0.05)
 
 
 @pytest.mark.parametrize("with_camera", [True, False])

@@ -8,8 +8,6 @@ import signal
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Tests start hundreds of programs: what one has compiled, the next ones read.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-# A suite under nohup ignores hangups, and so would all that it starts.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 from pathlib import Path
 
@@ -20,6 +18,9 @@ from rig.config import BenchConfig
 from rig.config.write import write_bench
 from support.benches import lighter
 from support.fuzz import PROFILE
+
+# A suite under nohup ignores hangups, and so would all that it starts.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 pytest_plugins = ("support.side_by_side", "support.in_real_time", "support.drawn_sensor")
 

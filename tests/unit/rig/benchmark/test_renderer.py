@@ -1,0 +1,68 @@
+"""The second renderer: its pictures show what it says, and estimators are scored on it as in a trial."""
+
+import cv2
+import numpy as np
+import pytest
+
+from rig.benchmark.renderer.benchmark import DrawnLift, RendererResult, answer_lift, as_json, lift_table
+from rig.benchmark.renderer.lifts import LIFT_NS, draw_course, frames
+from rig.benchmark.renderer.sensor import GelCamera
+from rig.benchmark.renderer.shapes import KIND_NAMES, draw_face
+from rig.tactile.estimators import choose_estimator
+
+BLADE, SOFT = KIND_NAMES.index("blade"), KIND_NAMES.index("soft with lines")
+
+
+def pressed(kind: int, angle_deg: float) -> np.ndarray:
+    """How much a face changes the picture, (H, W)."""
+    camera, noise = GelCamera(3), np.random.default_rng(0)
+    empty = camera.picture(None, 0.0, (0.0, 0.0), 0.0, noise).astype(float)
+    seen = camera.picture(draw_face(kind, kind, 0), np.radians(angle_deg), (0.0, 0.0), 0.6, noise)
+    return cv2.GaussianBlur(np.abs(seen - empty).sum(axis=2), (0, 0), 2.0)
+
+
+def axis_deg(change: np.ndarray) -> float:
+    """The long axis of what has changed, counter-clockwise as seen, modulo 180."""
+    rows, columns = np.nonzero(change > 0.4 * change.max())
+    (dx, dy) = np.linalg.eigh(np.cov(columns, rows))[1][:, 1]
+    return float(np.degrees(np.arctan2(-dy, dx))) % 180.0
+
+
+@pytest.mark.parametrize("angle_deg", [-50.0, -25.0, 25.0, 50.0])
+def test_a_face_turns_counter_clockwise_as_seen(angle_deg: float) -> None:
+    off = axis_deg(pressed(BLADE, angle_deg)) - axis_deg(pressed(BLADE, 0.0)) - angle_deg
+    assert abs((off + 90.0) % 180.0 - 90.0) < 15.0  # the picture cuts a long face off
+
+
+def test_a_soft_body_rests_while_its_lines_turn() -> None:
+    one, other = (cv2.GaussianBlur(pressed(SOFT, angle), (0, 0), 12.0) for angle in (0.0, 60.0))
+    assert np.corrcoef(one.ravel(), other.ravel())[0, 1] > 0.9
+
+
+def test_a_lift_is_drawn_from_its_seed_and_begins_at_rest() -> None:
+    one, again, other = (next(image for _, image in frames(seed, 0)) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert (one != other).any()
+    course = draw_course(1)
+    before = [i for i in range(len(course.turn_deg)) if course.time_ns(i) < LIFT_NS]
+    assert not course.turn_deg[before].any()
+    assert len({draw_course(seed).turn_deg[-1] for seed in range(20)}) > 15
+
+
+@pytest.fixture(scope="module")
+def told() -> DrawnLift:
+    return answer_lift([choose_estimator("slip")], BLADE)["slip"]
+
+
+def test_a_lift_is_answered_and_scored_as_a_trial_scores(told: DrawnLift) -> None:
+    assert told.kind == "blade"
+    assert told.score.answered > 0.95
+    assert told.score.re is not None
+    assert told.score.re.mean_deg < 1.0
+    assert told.wrong == 0.0
+
+
+def test_its_table_has_a_row_for_each_kind_of_face(told: DrawnLift) -> None:
+    result = RendererResult({"slip": (told,)}, (), 0, 1.0)
+    assert [row[1] for row in lift_table(result).rows] == ["all", "blade"]
+    assert as_json(result)["simulated"] is True

@@ -60,8 +60,8 @@ def _line(config: BenchConfig, motion: PlannedMotion) -> str:
     tilt = (motion.base_T_tcp.rotation * TOOL_DOWN.inv()).as_rotvec(degrees=True)
     turns = ", ".join(f"{angle:+.1f}" for angle in tilt)
     return (
-        f"{motion.what}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {1e3 * height_m:.0f} mm over the mark, hand turned by "
-        f"({turns}) deg, up to {motion.speed_m_s:.3f} m/s, reach {_reach_m(config, motion):.2f} m"
+        f"{motion.what}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {1e3 * height_m:.0f} mm over the mark, hand turned "
+        f"by ({turns}) deg, up to {motion.speed_m_s:.3f} m/s, reach {_reach_m(config, motion):.2f} m"
     )
 
 

@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -101,6 +102,19 @@ def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
     lift.take(Message("figures", {**LIFT, **FIGURES}))
     assert lift.angles() == "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg"
     assert lift.frames() == "frames/s D1 60, D2 60, camera -; dropped 3"
+
+
+def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
+    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
+    from rig.live.scene import layout
+
+    def names(part: Any) -> list[str]:
+        own = [part.name] if getattr(part, "name", None) else []
+        return own + [name for inner in getattr(part, "contents", ()) or () for name in names(inner)]
+
+    real, simulated = (names(layout(["D1"], mark).root_container) for mark in ("", "SIMULATED "))
+    assert {"camera and markers", "D1", "angle, deg", "arm"} <= set(real)
+    assert simulated == [f"SIMULATED {name}" for name in real]
 
 
 def test_the_time_left_counts_lifts_in_progress_and_never_stands_still(

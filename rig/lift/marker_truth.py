@@ -230,8 +230,8 @@ class MarkerTruth:
         if came < FEWEST_FRAMES:
             return (
                 f"external camera: only {came} frames came in {span_s:.2f} s ({count} show both markers), "
-                f"the zero needs {FEWEST_FRAMES}: the computer is too busy, or the camera's connection too slow; "
-                "end other programs, then see rig doctor"
+                f"the zero needs {FEWEST_FRAMES}: the computer is too busy, or the camera's connection "
+                "too slow; end other programs, then see rig doctor"
             )
         return (
             f"external camera: {count} frames in {span_s:.2f} s show both markers ({misses}), the zero "

@@ -36,6 +36,13 @@ def require_room(limits: GripperLimits, width_m: float) -> None:
         )
 
 
+def way_to(here: Pose, base_T_grasp: Pose) -> tuple[Pose, ...]:  # noqa: N803
+    """The way on which a hand comes down around an object: up where it is low, across, down."""
+    above = base_T_grasp.translated(z_m=CLEARANCE_M)
+    risen = here.translated(z_m=max(0.0, above.position_m[2] - here.position_m[2]))
+    return here, risen, above, base_T_grasp
+
+
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> None:  # noqa: N803
     """Rise if the hand is low, open the fingers a little wider than the object, and come down around it.
 
@@ -44,9 +51,7 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     """
     require_room(bench.gripper.limits, width_m)
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
-    here = bench.arm.state().base_T_tcp
-    risen = here.translated(z_m=max(0.0, above.position_m[2] - here.position_m[2]))
-    check_way(bench.arm.limits, (here, risen, above, base_T_grasp))
+    check_way(bench.arm.limits, way_to(bench.arm.state().base_T_tcp, base_T_grasp))
     _rise_to(bench, above.position_m[2])
     open_around(bench, width_m)
     bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))

@@ -1,6 +1,6 @@
 """What calibrations on a bench share: the bench, raw samples, and contact as the fingertips see it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,11 +11,14 @@ from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.images import encode_png
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from protocols.capture_touch import Touch
 from protocols.home import home_plan
 from protocols.observer import Phase
 from protocols.operator import Operator
+from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator
+from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
 from rig.tactile.contact.background import mean_background
@@ -28,7 +31,8 @@ class Station:
     """Where and how a calibration is collected.
 
     config: of the bench. seed: of what is drawn. folder: of calibration files; raw
-    samples go into subfolders of it. person: who is asked. say: takes lines of progress.
+    samples go into subfolders of it. person: who is asked. say: takes lines of progress. before: is given
+    the whole plan before anything is reached.
     """
 
     config: BenchConfig
@@ -36,6 +40,8 @@ class Station:
     folder: Path
     person: ConsoleOperator
     say: Callable[[str], None]
+    before: Callable[[Plan], None] = lambda plan: None
+    _folders: list[Path] = field(default_factory=list)
 
     def camera(self) -> CameraModel:
         """The bench's camera: as calibrated where its file is here, else the bench file's pinhole.
@@ -54,31 +60,53 @@ class Station:
         return replace(model, uncertainty=unstated("the bench file"))
 
     def raw(self, name: str) -> Path:
-        """An empty folder for raw samples: those of an earlier run, maybe of another target, are removed."""
+        """Where raw samples go: a folder that is there, and empty, once the bench is `connected`."""
         folder = self.folder / f"{name}-samples"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
-                old.unlink()
-        except OSError as error:
-            raise RecordingError(
-                f"{folder}: cannot be written ({error.strerror}); choose another --out"
-            ) from error
+        self._folders.append(folder)
         return folder
 
     @contextmanager
-    def connected(self, introduction: str, from_home: bool = False) -> Iterator[tuple[Bench, Operator]]:
+    def connected(
+        self, introduction: str, from_home: bool = False, motions: Sequence[PlannedMotion] = ()
+    ) -> Iterator[tuple[Bench, Operator]]:
         """The bench, connected, and who is asked at it.
 
         introduction: what will move; at a real bench agreed to first. from_home: whether the arm goes
-        home first. Raises `OperatorStopError` unless agreed, `DeviceError`.
+        home first. motions: as far as they are known beforehand. Samples of an earlier run, maybe of another
+        target, are removed then, not before. Raises `OperatorStopError` unless agreed, `DeviceError`.
         """
-        first = f"{home_plan(home_pose(self.config), 'First')} " if from_home else ""
+        first = [home_plan(home_pose(self.config), "First")] if from_home else []
+        plan = make_plan(self.config, [*first, introduction], motions)
+        self.before(plan)
         with (
-            session_bench(self.config, self.person, f"{first}{introduction} Agree?") as benches,
+            session_bench(self.config, self.person, f"{plan.text()}\nAgree?") as benches,
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
+            for folder in self._folders:
+                _emptied(folder)
             yield bench, operator
+
+
+def _emptied(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
+            old.unlink()
+    except OSError as error:
+        raise RecordingError(
+            f"{folder}: cannot be written ({error.strerror}); choose another --out"
+        ) from error
+
+
+def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[PlannedMotion]:
+    """The ways to where the fingers close on something, each from home."""
+    home = home_pose(config)
+    return [
+        PlannedMotion(
+            f"{touch.id} {touch.name}", touch.base_T_grasp, way_to(home, touch.base_T_grasp), TRAVEL_SPEED_M_S
+        )
+        for touch in touches
+    ]
 
 
 @dataclass(slots=True)

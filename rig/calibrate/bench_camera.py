@@ -6,7 +6,7 @@ from protocols.capture_still import capture_still
 from protocols.grasps import find_grasp_file
 from protocols.readiness import agree_to_carry
 from rig.calibrate.bench import Station, write_picture
-from rig.calibrate.bench_hand_eye import facing_poses
+from rig.calibrate.bench_hand_eye import facing_poses, visits
 from rig.calibrate.camera import camera_from_folder
 from rig.calibrate.markers import markers_from_folder
 from rig.calibrate.result import CalibrationResult
@@ -31,7 +31,8 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
 
     with station.connected(
         f"The arm will visit {count} poses around {config.camera.look_at_m} m at up to {SPEED_M_S} m/s, "
-        f"tilted by up to 35 degrees, with the board {target.spec} on the tool."
+        f"tilted by up to 35 degrees, with the board {target.spec} on the tool.",
+        motions=visits(left),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")

@@ -17,7 +17,7 @@ from protocols.capture_touch import Touch
 from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
-from rig.calibrate.bench import Station, TouchObserver, grasp_at
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.from_tables import sync_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
@@ -44,6 +44,7 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
         f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
         from_home=True,
+        motions=touch_motions(config, [touch]),
     ) as (bench, operator):
         camera = config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)

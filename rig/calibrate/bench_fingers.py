@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from calibration.store import write_text
 from drivers.errors import InputError
 from protocols.capture_touch import Touch, capture_openings
-from rig.calibrate.bench import Station, TouchObserver, grasp_at
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.from_tables import gripper_from_folder
 from rig.calibrate.result import CalibrationResult
 
@@ -38,6 +38,7 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
     with station.connected(
         f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them.",
         from_home=True,
+        motions=touch_motions(config, touches),
     ) as (bench, operator):
         watch = TouchObserver(tuple(tip.sensor.serial for tip in bench.fingertips))
         capture_openings(

@@ -1,5 +1,6 @@
 """Hand-eye calibration on a bench: poses are chosen and visited, samples kept as files, then solved."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
+from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_result
 from rig.calibrate.result import CalibrationResult
@@ -50,7 +52,9 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
     around = config.camera.look_at_m if mount == "tool" else config.table.position_m
     with station.connected(
         f"The arm will visit {count} poses around {around} m at up to {SPEED_M_S} m/s, tilted by up to "
-        f"35 degrees, with the target {target.spec} {where}."
+        f"35 degrees, with the target {target.spec} {where}; it chooses from these "
+        "places, and leaves out what would be refused.",
+        motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
@@ -61,6 +65,11 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         session.samples, camera, serial, setup, str(session.raw), session.rejected, target
     )
     return result.marked(config.simulated)
+
+
+def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
+    """The motions to poses with their ids, wherever the arm comes from."""
+    return [PlannedMotion(f"{name} visited", pose, (pose,), SPEED_M_S) for name, pose in poses]
 
 
 def facing_poses(

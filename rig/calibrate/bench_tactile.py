@@ -12,7 +12,7 @@ from drivers.images import load_image
 from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
-from rig.calibrate.bench import Station, TouchObserver, grasp_at, write_picture
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_picture
 from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.tactile import tactile_from_folder
 from rig.config import BenchConfig
@@ -59,6 +59,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
         f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
         f"{_GRIP_COUNTS[1]} counts past contact.",
         from_home=True,
+        motions=touch_motions(config, touches),
     ) as (bench, operator):
         watch = TouchObserver(tuple(folders))
 

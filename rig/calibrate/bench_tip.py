@@ -5,12 +5,15 @@ from scipy.spatial.transform import Rotation
 
 from calibration.tool_tip import FEWEST, calibrate_pivot
 from drivers.types import Pose, Vector3
-from protocols.capture_pivot import SPEED_M_S, PivotCapture, capture_pivot
+from protocols.capture_pivot import FIRST_ABOVE_M, SPEED_M_S, PivotCapture, capture_pivot
 from protocols.readiness import agree_to_carry
+from rig.bench.assembly import TOOL_DOWN
+from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
 from rig.calibrate.from_tables import tcp_from_folder
 from rig.calibrate.result import CalibrationResult
+from rig.config import BenchConfig
 
 _LARGEST_TILT_DEG = 30.0
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
@@ -33,7 +36,8 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
 
     with station.connected(
         f"The arm will step where you say until a tip in the hand sits in a small hole on the table, rise, "
-        f"tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, at {SPEED_M_S} m/s."
+        f"tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, at {SPEED_M_S} m/s.",
+        motions=_tilted(config, count),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         capture_pivot(
@@ -41,6 +45,16 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
         )
     write_poses(raw, [pose_row(name, pose) for name, pose in seated])
     return tcp_from_folder(raw, config.name).marked(config.simulated)
+
+
+def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
+    """The tilts above the mark, as far as they are known: the tool as it stands, taken to point down."""
+    above = Pose(config.table.position_m).translated(z_m=FIRST_ABOVE_M).position_m
+    poses = [Pose.from_rotation(above, turn * TOOL_DOWN) for turn in tilts(count)]
+    return [
+        PlannedMotion(f"{i:02d} tilted above the hole", pose, (pose,), SPEED_M_S)
+        for i, pose in enumerate(poses, start=1)
+    ]
 
 
 def tilts(count: int) -> list[Rotation]:

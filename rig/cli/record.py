@@ -15,6 +15,7 @@ from rig.cli.common import (
     emit_json,
     say,
 )
+from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.report import NoReportOption, report_after
 from rig.cli.resuming import continued, given, may_be_continued
 
@@ -43,6 +44,7 @@ def record(
     out: OutOption = None,
     resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -70,7 +72,7 @@ def record(
     from rig.cli.printing import OneMessage, WorkProgress
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.pose_attempt import RecordSettings
-    from rig.experiments.record import describe_recording, run_record
+    from rig.experiments.record import recording_plan, run_record
     from rig.sessions.manifest import RecordManifest
 
     began = time.perf_counter()
@@ -90,12 +92,15 @@ def record(
     settings = RecordSettings(config, seed, grasps, poses, images, randomise)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
+    plan = recording_plan(settings)
+    if dry:
+        dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
     note = OneMessage(_note, lambda row: row.fault)
     with (
         may_be_continued(folder, out, resume, no_report),
         session_bench(
-            config, person, describe_recording(settings), variation_seed=settings.variation_seed
+            config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
         ) as benches,
         WorkProgress(poses, "poses") as bar,
     ):

@@ -18,6 +18,7 @@ from rig.cli.common import (
     say,
     trial_jobs,
 )
+from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.report import NoReportOption, report_after
 from rig.cli.resuming import continued, given, may_be_continued, say_done
 
@@ -68,6 +69,7 @@ def trial(
     out: OutOption = None,
     resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
     live: Annotated[
@@ -84,6 +86,8 @@ def trial(
 
       rig trial --lifts 1 --object wrench --object 7 --estimator ellipse
 
+      rig trial --bench my_bench.toml --dry-run
+
       rig trial --resume
 
       rig trial --resume --out sessions/campaign
@@ -98,7 +102,7 @@ def trial(
     from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.lift_attempt import TrialSettings
-    from rig.experiments.trial import describe_plan, resolve_objects, run_trial
+    from rig.experiments.trial import resolve_objects, run_trial, trial_plan
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
     from rig.sessions.manifest import TrialManifest
@@ -119,10 +123,13 @@ def trial(
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
     lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
+    plan = trial_plan(settings, ids, lifts)
+    if dry:
+        dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
     with (
         may_be_continued(folder, out, resume, no_report),
-        session_bench(config, person, describe_plan(settings, ids, lifts), realtime) as benches,
+        session_bench(config, person, f"{plan.text()}\nBegin?", realtime) as benches,
         live_session(live, live_to) as (feed, inbox),
         TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done) as progress,
     ):

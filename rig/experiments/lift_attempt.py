@@ -4,6 +4,7 @@ import io
 import time
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
+from importlib.metadata import version
 
 import cv2
 import numpy as np
@@ -27,7 +28,9 @@ from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result, stage_times
 from rig.live.feed import LiveFeed
 from rig.live.observer import LiveObserver
+from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.layout import recording_file
+from rig.sessions.manifest import DISTRIBUTION, SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
 from rig.sessions.timing import LatencyTimes, LiftTiming
@@ -109,9 +112,9 @@ def attempt_lift(
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     stream = io.BytesIO()
-    recorder = LiftRecorder(stream)
-    measurement = new_measurement(settings, recorder)
     head = _head(task, plan, seed, settings.bench.simulated)
+    recorder = LiftRecorder(stream, _about(settings, head))
+    measurement = new_measurement(settings, recorder)
     shown = LiveObserver(measurement, live, head) if live.listeners else None
     with closing(shown) if shown else nullcontext():
         course = _carry_out(benches, task, seed, plan, shown or measurement)
@@ -128,6 +131,41 @@ def attempt_lift(
         capture_to_angle=course.latency or None,
     )
     return Attempt(row, timing, fault, {task.recording: stream.getvalue()}, _warning(row))
+
+
+def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
+    """What the lift's recording says of itself; a simulated one nothing that differs between equal seeds."""
+    bench = settings.bench
+    shown = (
+        "object",
+        "name",
+        "lift",
+        "number",
+        "attempt",
+        "position",
+        "grip_counts",
+        "lift_height_m",
+        "seed",
+    )
+    values = {key: str(getattr(head, key)) for key in shown} | {
+        "bench": bench.name,
+        "simulated": "SIMULATED" if bench.simulated else "no",
+        "session_seed": str(settings.seed),
+        "estimator": settings.estimator.name,
+        "window": str(settings.estimator.window),
+        "tool_version": version(DISTRIBUTION),
+        "schema_version": str(SCHEMA_VERSION),
+        "signs": ", ".join(f"{t.serial} on finger {t.finger} {t.sign:+d}" for t in bench.tactile),
+        "angles": "degrees, counter-clockwise as the external camera sees them, from the end of phase A",
+    }
+    clock = SystemClock()
+    return RecordingAbout(
+        values,
+        SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - clock.now_ns(),
+        bench.camera.serial,
+        bench.camera_model(),
+        {bench.camera.serial: bench.base_T_camera(), "table": Pose(bench.table.position_m)},
+    )
 
 
 def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, course: "_Course") -> LiftRow:

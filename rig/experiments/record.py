@@ -18,8 +18,9 @@ from protocols.grasps import grasp_poses
 from protocols.home import home_plan
 from protocols.readiness import free_hand
 from protocols.record_grasps import record_reference
-from protocols.steps import TRAVEL_SPEED_M_S
+from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
+from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
@@ -56,21 +57,27 @@ def record_manifest(settings: RecordSettings) -> RecordManifest:
     )
 
 
-def describe_recording(settings: RecordSettings) -> str:
-    """Say where a recording will move the arm and how firmly the fingers will close, pose by pose."""
+def recording_plan(settings: RecordSettings) -> Plan:
+    """Return where a recording will move the arm and how firmly the fingers will close, pose by pose.
+
+    Raises `InputError` for an object that the fingers do not open around.
+    """
     table = Pose(settings.bench.table.position_m)
-    lines = [
-        home_plan(home_pose(settings.bench), "Before each pose"),
+    home = home_pose(settings.bench)
+    head = [
+        home_plan(home, "Before each pose"),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):",
     ]
+    motions = []
     for task in _all_tasks(settings):
         plan = plan_pose(settings, task.pose, task.images, table)
-        x, y, z = plan.base_T_grasp.position_m
-        lines.append(
-            f"  {task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg: "
-            f"({x:.3f}, {y:.3f}, {z:.3f}) m, up to {plan.grips[-1][0]} counts past contact"
+        what = (
+            f"{task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg, "
+            f"up to {plan.grips[-1][0]} counts past contact"
         )
-    return "\n".join([*lines, "Begin?"])
+        way = way_to(home, plan.base_T_grasp)
+        motions.append(PlannedMotion(what, plan.base_T_grasp, way, TRAVEL_SPEED_M_S))
+    return make_plan(settings.bench, head, motions)
 
 
 def run_record(

@@ -8,9 +8,10 @@ from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
 from protocols.home import home_plan
-from protocols.slip_trial import LIFT_S
-from protocols.steps import TRAVEL_SPEED_M_S
+from protocols.slip_trial import LIFT_S, LiftPlan
+from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
+from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
@@ -49,21 +50,30 @@ def resolve_objects(names: list[str] | None) -> list[str]:
     return ids
 
 
-def describe_plan(settings: TrialSettings, objects: list[str], lifts: int) -> str:
-    """Say what a trial will do with the arm and the gripper, lift by lift."""
+def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
+    """Return what a trial will do with the arm and the gripper, lift by lift.
+
+    Raises `InputError` for an object that the fingers do not open around.
+    """
     table = Pose(settings.bench.table.position_m)
-    lines = [
-        home_plan(home_pose(settings.bench), "Before each lift"),
+    home = home_pose(settings.bench)
+    head = [
+        home_plan(home, "Before each lift"),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
     ]
-    for task in _all_tasks(objects, lifts):
-        plan = plan_lift(settings, task, table)
-        x, y, z = plan.base_T_grasp.position_m
-        lines.append(
-            f"  {task.name:>6} {plan.object_name}: grasp at ({x:.3f}, {y:.3f}, {z:.3f}) m, "
-            f"{plan.grip_counts} counts past contact, lift {plan.lift_height_m:.3f} m in {LIFT_S} s"
-        )
-    return "\n".join([*lines, "Begin?"])
+    motions = [
+        _lift_motion(task, plan_lift(settings, task, table), home) for task in _all_tasks(objects, lifts)
+    ]
+    return make_plan(settings.bench, head, motions)
+
+
+def _lift_motion(task: LiftTask, plan: LiftPlan, home: Pose) -> PlannedMotion:
+    what = (
+        f"{task.name:>6} {plan.object_name}, {plan.grip_counts} counts past contact, lifted "
+        f"{plan.lift_height_m:.3f} m in {LIFT_S} s"
+    )
+    rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
+    return PlannedMotion(what, plan.base_T_grasp, (*way_to(home, plan.base_T_grasp), rise), TRAVEL_SPEED_M_S)
 
 
 def run_trial(

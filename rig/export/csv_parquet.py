@@ -38,7 +38,8 @@ from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 
 WHEN: Columns = {
-    "number": int, "object": str, "name": str, "lift": int, "phase": str, "t_s": float, "t_lift_s": float,
+    "session": str, "number": int, "object": str, "name": str, "lift": int, "phase": str,
+    "t_s": float, "t_lift_s": float,
 }  # fmt: skip
 ANGLE_COLUMNS: Columns = {
     **WHEN, "source": str, "angle_deg": float, "sigma_deg": float, "state": str, "contact_area_px": float,
@@ -50,11 +51,13 @@ ARM_COLUMNS: Columns = {**WHEN, **dict.fromkeys((*POSE, *JOINTS, *WRENCH), float
 GRIPPER_COLUMNS: Columns = {**WHEN, "position_counts": int, "current_counts": int, "moving": bool}
 FRAME_COLUMNS: Columns = {**WHEN, "source": str, "sequence": int}
 POSE_COLUMNS: Columns = {
-    "pose": int, "attempt": int, "position": str, "orientation_deg": float, "accepted": bool, "fault": str,
+    "session": str, "pose": int, "attempt": int, "position": str, "orientation_deg": float,
+    "accepted": bool, "fault": str,
     "rejected_frames": int, "images": int, "seed": int, "simulated": bool,
 }  # fmt: skip
 IMAGE_COLUMNS: Columns = {
-    "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int, "serial": str,
+    "session": str, "file": str, "pose": int, "position": str, "orientation_deg": float, "grip_counts": int,
+    "serial": str,
     "time_s": float, "contact_area_px": float,
 }  # fmt: skip
 FUSED, TRUTH = "fused", "markers"
@@ -72,12 +75,22 @@ class ExportTable:
 
 def export_csv(request: ExportRequest) -> Exported:
     """Write each table as CSV. Raises `SessionError` for a damaged recording."""
-    return _export(request, "csv", csv_bytes)
+    return _export(request, "csv", lambda columns, lines: csv_bytes(columns, lines))
 
 
 def export_parquet(request: ExportRequest) -> Exported:
     """Write each table as Parquet. Raises `SessionError`, and `InputError` without pyarrow."""
-    return _export(request, "parquet", parquet_bytes)
+    manifest = request.manifest
+    about = {
+        "session": request.session.name,
+        "kind": manifest.kind,
+        "started": manifest.started,
+        "bench": getattr(manifest, "bench", ""),
+        "simulated": simulated_mark(manifest).strip() or "no",
+        "tool_version": manifest.tool_version,
+        "conventions": " ".join((__doc__ or "").split("\n\n", 1)[-1].split()),
+    }
+    return _export(request, "parquet", lambda columns, lines: parquet_bytes(columns, lines, about))
 
 
 def session_tables(request: ExportRequest) -> list[ExportTable]:
@@ -121,7 +134,13 @@ def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, 
     phases = sorted((time_ns, phase.value) for phase, time_ns in phase_times(path).items())
     starts = [time_ns for time_ns, _ in phases]
     lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT.value)
-    identity = {"number": row.number, "object": row.object, "name": row.name, "lift": row.lift}
+    identity = {
+        "session": request.session.name,
+        "number": row.number,
+        "object": row.object,
+        "name": row.name,
+        "lift": row.lift,
+    }
     pose: tuple[float, ...] = ()
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == ARM_TOPIC:
@@ -158,8 +177,11 @@ def _values(path: Path, topic: str, sequence: int, data: bytes, pose: tuple[floa
 
 
 def _recording_tables(request: ExportRequest) -> list[ExportTable]:
-    poses: list[Line] = [{**asdict(pose), "images": len(pose.images)} for pose in request.poses]
+    session = {"session": request.session.name}
+    poses: list[Line] = [{**session, **asdict(pose), "images": len(pose.images)} for pose in request.poses]
     images: list[Line] = [
-        {**asdict(pose), **asdict(image)} for pose in request.accepted_poses for image in pose.images
+        {**session, **asdict(pose), **asdict(image)}
+        for pose in request.accepted_poses
+        for image in pose.images
     ]
     return [ExportTable("poses", POSE_COLUMNS, poses), ExportTable("images", IMAGE_COLUMNS, images)]

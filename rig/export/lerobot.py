@@ -12,6 +12,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.config import BenchConfig
 from rig.export.episodes import Episode, read_episode
 from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
 from rig.export.result import Exported, ExportRequest, simulated_mark
@@ -48,8 +49,7 @@ def export_lerobot(request: ExportRequest) -> Exported:
     why = "a recording has images at rest, no episodes; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     pyarrow_modules()
-    camera = manifest.config.camera
-    fps, lifts = round(camera.rate_hz), request.finished_lifts
+    fps, lifts = round(manifest.config.camera.rate_hz), request.finished_lifts
     tasks = sorted({_task(lift) for lift in lifts})
     statistics = FeatureStatistics()
     episodes: list[Line] = []
@@ -57,7 +57,7 @@ def export_lerobot(request: ExportRequest) -> Exported:
     first = 0
     for number, lift in enumerate(lifts):
         episode = read_episode(request.session / lift.recording, fps)
-        keys = {serial: _image_key(serial, camera.serial) for serial in episode.images}
+        keys = {serial: _image_key(serial, manifest.config) for serial in episode.images}
         features = features or _features(episode, keys)
         columns = _columns(episode, number, first, tasks.index(_task(lift)), fps)
         pictures = {key: _pictures(episode, serial, number) for serial, key in keys.items()}
@@ -74,8 +74,10 @@ def _task(lift: FinishedLift) -> str:
     return f"lift the {lift.name} and feel it turn"
 
 
-def _image_key(serial: str, camera_serial: str) -> str:
-    return f"observation.images.{'camera' if serial == camera_serial else serial}"
+def _image_key(serial: str, bench: BenchConfig) -> str:
+    """The same for each bench, whatever sensor is on a finger: "camera", "finger_b"."""
+    fingers = {tactile.serial: f"finger_{tactile.finger.lower()}" for tactile in bench.tactile}
+    return f"observation.images.{'camera' if serial == bench.camera.serial else fingers.get(serial, serial)}"
 
 
 def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:

@@ -22,7 +22,8 @@ CARD = """# {session}
 - `angle.estimate_deg`, `angle.truth_deg`: the object's turn since the grasp, estimated from the
   fingertips and measured from its markers, degrees, counter-clockwise as the camera sees it. Where
   `..._known` is false there was no answer at that step, and the last one stands.
-- Images are the stored JPEGs, each the latest at its step ({fps} steps a second).
+- Images are the stored JPEGs, each the latest at its step ({fps} steps a second), by what took them:
+  {sources}.
 """
 
 
@@ -71,7 +72,19 @@ def write_meta(
     parquet.write_table(arrow.Table.from_pylist(episodes), out / EPISODES_PATH)
     parquet.write_table(_tasks_table(tasks), out / "meta/tasks.parquet")
     mark = simulated_mark(request.manifest)
-    (out / "README.md").write_text(CARD.format(session=request.session.name, mark=mark, fps=fps))
+    sources = _sources(request)
+    (out / "README.md").write_text(
+        CARD.format(session=request.session.name, mark=mark, fps=fps, sources=sources)
+    )
+
+
+def _sources(request: ExportRequest) -> str:
+    """Which sensor stands behind which key."""
+    bench = getattr(request.manifest, "config", None)
+    if bench is None:
+        return "see the session"
+    tips = [f"`finger_{t.finger.lower()}` {t.serial} (sign {t.sign:+d})" for t in bench.tactile]
+    return ", ".join([*tips, f"`camera` {bench.camera.serial}"])
 
 
 def _tasks_table(tasks: list[str]) -> Any:

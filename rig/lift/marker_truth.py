@@ -226,6 +226,13 @@ class MarkerTruth:
         reasons = Counter(str(reason) for time_ns, reason in self._unseen if from_ns <= time_ns <= to_ns)
         misses = ", ".join(f"{n} x {reason}" for reason, n in sorted(reasons.items())) or "none refused"
         span_s = (to_ns - from_ns) / NS_PER_S
+        came = count + sum(reasons.values())
+        if came < FEWEST_FRAMES:
+            return (
+                f"external camera: only {came} frames came in {span_s:.2f} s ({count} show both markers), "
+                f"the zero needs {FEWEST_FRAMES}: the computer is too busy, or the camera's connection "
+                "too slow; end other programs, then see rig doctor"
+            )
         return (
             f"external camera: {count} frames in {span_s:.2f} s show both markers ({misses}), the zero "
             f"needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"

@@ -24,10 +24,14 @@ from rig.sessions.images import stored
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TouchDebounce
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
+OUTLINE_EVERY_S = 0.1
+OUTLINE_STEP = 4
+"""Points of an outline lie a pixel apart; each so-many-th is kept."""
 ZERO_S = 0.4
 """How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed).
 
@@ -52,6 +56,8 @@ class TipTrack:
     zero_deg: float | None = None
     zero_sample: SlipSample | None = None
     touch: TouchDebounce = field(default_factory=TouchDebounce)
+    finder: ContactFinder | None = None
+    outlined_ns: int | None = None
 
     def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
         """Sign an estimate and take it from its zero; without a zero there is no answer."""
@@ -198,6 +204,7 @@ class LiftMeasurement:
         if tip.estimator is None:
             tip.reference.append(frame.image)
             return
+        self._outline(tip, frame)
         sample = tip.estimator.update(frame.image, frame.time_ns)
         tip.samples.append(sample)
         tip.touch.update(sample.state is not State.NO_CONTACT)
@@ -207,12 +214,22 @@ class LiftMeasurement:
             self.fused.append(fused)
             self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
 
+    def _outline(self, tip: TipTrack, frame: Frame) -> None:
+        """Keep the contact's outline now and then, for who looks at the recording; no angle depends on it."""
+        due = tip.outlined_ns is None or frame.time_ns - tip.outlined_ns >= to_ns(OUTLINE_EVERY_S)
+        if self._recorder is None or tip.finder is None or not due:
+            return
+        tip.outlined_ns = frame.time_ns
+        line = tip.finder.find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]
+        self._recorder.contact(frame.serial, [line] if len(line) else [], frame.time_ns)
+
     def _make_estimators(self) -> None:
         for serial, tip in self.tips.items():
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
             tip.estimator = self._estimator.make(background, self._aspects.get(serial), tip.sign)
+            tip.finder = ContactFinder(background) if self._recorder else None
             tip.reference = []
 
     def _set_zero(self, time_ns: int) -> None:

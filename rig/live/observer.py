@@ -19,7 +19,7 @@ MOST_PER_S = 10.0
 """Pictures of one source, and sets of figures, in a second of real time."""
 PICTURE_LONG_SIDE_PX = 320
 PICTURE_QUALITY = 80
-LIFT_KEYS = ("number", "attempt", "object", "name", "lift")
+LIFT_KEYS = ("number", "attempt", "object", "name", "lift", "simulated")
 """What tells lookers-on which lift a message is about."""
 RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""

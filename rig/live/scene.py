@@ -31,9 +31,9 @@ class RerunScene:
     def __init__(self, save: Path | None) -> None:
         self._stream = rr.RecordingStream(APPLICATION)
         if save is None:
-            self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=_layout([]))
+            self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=layout([]))
         else:
-            self._stream.save(save, default_blueprint=_layout([]))
+            self._stream.save(save, default_blueprint=layout([]))
         for name, colour in (("estimate", ESTIMATE_RGB), ("markers", TRUTH_RGB)):
             self._stream.log(
                 f"angle/{name}", rr.SeriesLines(colors=[colour], names=[f"{name}, deg"]), static=True
@@ -44,6 +44,7 @@ class RerunScene:
         self._began_ns: int | None = None
         self._offset_s = 0.0
         self._latest_s = 0.0
+        self._mark = ""
 
     def show(self, message: Message) -> None:
         """Show a message of the process that is followed: the first that says anything."""
@@ -52,6 +53,7 @@ class RerunScene:
         if values["sender"] != self._sender:
             return
         if (values["number"], values["attempt"]) != self._lift:
+            self._mark = "SIMULATED " if values.get("simulated") else ""
             self._begin((values["number"], values["attempt"]), values["name"])
         show = {"frame": self._frame, "arm": self._arm, "phase": self._phase, "figures": self._figures}
         if message.kind in show:
@@ -66,7 +68,7 @@ class RerunScene:
         self._lift, self._began_ns = lift, None
         self._offset_s = self._latest_s + BETWEEN_LIFTS_S if self._latest_s else 0.0
         self._stream.set_time(TIMELINE, duration=self._offset_s)
-        self._stream.log("events", rr.TextLog(f"lift {lift[0]}: {name}"))
+        self._stream.log("events", rr.TextLog(f"{self._mark}lift {lift[0]}: {name}"))
 
     def _at(self, time_ns: int) -> None:
         """Set the time: the lifts' own, one after the other."""
@@ -94,7 +96,7 @@ class RerunScene:
         """Give a fingertip that was not seen before its place."""
         if serial not in self._serials:
             self._serials = sorted([*self._serials, serial])
-            self._stream.send_blueprint(_layout(self._serials))
+            self._stream.send_blueprint(layout(self._serials, self._mark))
 
     def _arm(self, values: dict[str, Any], _: bytes) -> None:
         self._at(values["time_ns"])
@@ -120,12 +122,14 @@ class RerunScene:
             self._stream.log(path, rr.Scalars(angle_deg))
 
 
-def _layout(serials: list[str]) -> rrb.Blueprint:
-    """Pictures above, angles below, the arm and what happened beside them."""
-    fingertips = [rrb.Spatial2DView(origin=f"tactile/{serial}", name=serial) for serial in serials]
-    pictures = rrb.Horizontal(rrb.Spatial2DView(origin="camera", name="camera and markers"), *fingertips)
-    angles = rrb.TimeSeriesView(origin="angle", name="angle, deg")
-    arm = rrb.Spatial3DView(origin="arm", name="arm")
-    events = rrb.TextLogView(origin="events", name="events")
+def layout(serials: list[str], mark: str = "") -> rrb.Blueprint:
+    """Pictures above, angles below, the arm and what happened beside them. mark: before each view's name."""
+    fingertips = [rrb.Spatial2DView(origin=f"tactile/{serial}", name=f"{mark}{serial}") for serial in serials]
+    pictures = rrb.Horizontal(
+        rrb.Spatial2DView(origin="camera", name=f"{mark}camera and markers"), *fingertips
+    )
+    angles = rrb.TimeSeriesView(origin="angle", name=f"{mark}angle, deg")
+    arm = rrb.Spatial3DView(origin="arm", name=f"{mark}arm")
+    events = rrb.TextLogView(origin="events", name=f"{mark}events")
     sides = rrb.Horizontal(rrb.Vertical(pictures, angles), rrb.Vertical(arm, events), column_shares=[3, 1])
     return rrb.Blueprint(sides, collapse_panels=True)

@@ -78,8 +78,9 @@ def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
     log = Path(f"{address}.log")
     with log.open("w") as said:
         process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True
-        )
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True,
+            env=viewer_environment(),
+        )  # fmt: skip
     try:
         _wait_until_ready(process, log)
         yield process
@@ -90,6 +91,12 @@ def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
             )
     finally:
         _end(process)
+
+
+def viewer_environment() -> dict[str, str]:
+    """The environment in which rerun finds its own viewer: beside this Python, activated or not."""
+    beside = str(Path(sys.executable).parent)
+    return {**os.environ, "PATH": os.pathsep.join(filter(None, (beside, os.environ.get("PATH"))))}
 
 
 def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:

@@ -9,6 +9,7 @@ from rig.pages.figure import PX_PER_INCH, WIDTH_PX, drawing, placed, svg
 from rig.pages.palette import ESTIMATE, INK, MUTED, PHASE, STATES, TRUTH
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Chart
+from rig.results.metrics import Floats
 
 SIGMAS = 2.0
 """Width of the band around the estimate: 95 % of a normal error."""
@@ -18,6 +19,8 @@ _LEAST_SPAN_DEG = 2.0
 _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX, _STATE_PX = 50.0, 18.0, 8.0, 36.0, 8.0
 _SHADED, _PLAIN = "B", ("A", "C")
 _AFTER_S = 0.15
+_MOST_BEFORE = (5.0, 95.0)
+"""Percentiles of what fingertips say in A that a picture reaches over: first contacts may say anything."""
 
 
 def lift_chart(
@@ -80,11 +83,11 @@ def runs(curve: Curve) -> list[tuple[float, float, str]]:
 
 
 def shown_range(lift: LiftCurves) -> tuple[float, float]:
-    """From where to where a lift is drawn, s: the last second of A to the end of C."""
+    """From where to where a lift is drawn, s: all of A to the end of C."""
     if not lift.phases_s:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         return float(times.min(initial=0.0)), float(times.max(initial=0.0))
-    begins = max(lift.phases_s.get("A", -1.0), lift.phases_s.get("B", 0.0) - 1.0)
+    begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
     return begins, lift.phases_s.get("lower", float(lift.truth.time_s.max(initial=begins))) + _AFTER_S
 
 
@@ -95,9 +98,24 @@ def angle_range(lift: LiftCurves) -> tuple[float, float]:
     for curve in (lift.estimate, lift.truth):
         seen = curve.angle_deg[(curve.time_s >= start) & (curve.time_s <= end)]
         values.append(seen[np.isfinite(seen)])
+    for _, angles in before_lift(lift):
+        values.append(np.percentile(angles, _MOST_BEFORE))
     low, high = float(np.concatenate(values).min()), float(np.concatenate(values).max())
     room = max(0.08 * (high - low), (_LEAST_SPAN_DEG - (high - low)) / 2, 0.1)
     return low - room, high + room
+
+
+def before_lift(lift: LiftCurves) -> list[tuple[Floats, Floats]]:
+    """Each fingertip's angles in phase A, s and deg: they are put together from the lift on alone."""
+    if "A" not in lift.phases_s or "B" not in lift.phases_s:
+        return []
+    found = []
+    for tip in lift.tips.values():
+        answered = tip.answered
+        inside = (answered.time_s >= lift.phases_s["A"]) & (answered.time_s < lift.phases_s["B"])
+        if inside.any():
+            found.append((answered.time_s[inside], answered.angle_deg[inside]))
+    return found
 
 
 def _curves(axes: Axes, lift: LiftCurves, until_s: float) -> None:
@@ -113,6 +131,9 @@ def _curves(axes: Axes, lift: LiftCurves, until_s: float) -> None:
                 times, angles - spread, angles + spread, color=colour.light, alpha=0.22, linewidth=0
             )
         axes.plot(times, angles, color=colour.light, dashes=dashes)
+    for times, angles in before_lift(lift):
+        known = times <= until_s
+        axes.plot(times[known], angles[known], color=ESTIMATE.light, linewidth=0.8, alpha=0.7)
 
 
 def _phases(axes: Axes, lift: LiftCurves) -> None:
@@ -145,6 +166,11 @@ def key(states: bool = True) -> list[dict[str, str]]:
     lines = [
         {"kind": "line", "colour": ESTIMATE.css, "text": f"estimated angle, with its {SIGMAS:g} sigma band"},
         {"kind": "dash", "colour": TRUTH.css, "text": "marker angle"},
+        {
+            "kind": "line",
+            "colour": ESTIMATE.css,
+            "text": "thin: each fingertip's angle in phase A, before the lift",
+        },
         {"kind": "fill", "colour": PHASE.css, "text": "phase B: the arm lifts"},
         {
             "kind": "dash",

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.images import encode_jpeg
 from drivers.types import Image
-from protocols.grasps import find_grasp_file
+from protocols.grasps import find_grasp_file, grasp_poses
 from rig.pages.page import render
 from rig.report.calibrations import calibration_notices, calibration_table
 from rig.report.header import header
@@ -26,7 +26,7 @@ from rig.report.strips import JPEG_QUALITY
 from rig.report.text import made_text
 
 THUMB_PX = (72, 96)
-ACROSS, GAP_PX = 8, 3
+ACROSS, GAP_PX, LABEL_PX = 8, 3, 15
 _BETWEEN = 120
 """Grey between the images, between a white page and a black one."""
 FEWEST_FOR_AXES = 20
@@ -37,6 +37,7 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
     """Return the report of a recording as one HTML page."""
     now = now or datetime.now(UTC)
     by_serial = _by_serial(recording)
+    gaps = [gap for serial, taken in by_serial.items() for gap in _gaps(serial, taken)]
     maps = [place_map(serial, taken) for serial, taken in by_serial.items()]
     return render(
         "rig.report",
@@ -45,7 +46,8 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
         manifest=recording.manifest,
         head=header(recording.manifest, f"Recording of {_object_names(recording)}"),
         tiles=_tiles(recording),
-        warnings=_notices(recording, by_serial, now),
+        warnings=_notices(recording, gaps, now),
+        gaps=gaps if _whole(recording) else [],
         poses=_pose_table(recording),
         charts=[*maps, axis_histogram(by_serial)] if by_serial else [],
         sheets=_sheets(recording),
@@ -103,27 +105,41 @@ def _pose_table(recording: Recording) -> Table:
     return Table(columns, rows, text=(0, 1, 5))
 
 
-def _notices(recording: Recording, by_serial: dict[str, list[Taken]], now: datetime) -> list[Notice]:
+def _notices(recording: Recording, gaps: Sequence[str], now: datetime) -> list[Notice]:
     found = [*recording.problems]
     if recording.manifest.status != "complete":
-        advice = f"Go on with the same command and --resume --out {recording.folder}."
+        advice = f"Go on with rig record --resume --out {recording.folder}."
         done = sum(row.accepted for row in recording.rows)
         found.append(Notice("bad", f"Unfinished: {done} of {recording.manifest.poses} poses.", advice))
-    for serial, taken in by_serial.items():
-        found += _gaps(serial, taken)
+    if not _whole(recording):
+        advice = "Take more of the poses in the object's file: --poses 15 is all of them."
+        found += [Notice("warn", f"{gap}.", advice) for gap in gaps]
     found += calibration_notices(recording.manifest, now)
-    return found or [Notice("good", "Nothing stands out.", "Every part of both sensors was touched.")]
+    if found:
+        return found
+    touched = "All poses of the object's file are here; below stands what they do not reach."
+    if not gaps:
+        touched = "Every part of both sensors was touched, at every orientation."
+    return [Notice("good", "Nothing stands out.", touched)]
 
 
-def _gaps(serial: str, taken: Sequence[Taken]) -> list[Notice]:
+def _whole(recording: Recording) -> bool:
+    """Whether all poses of the object's file were taken: what is not reached then, the file has not."""
+    try:
+        wanted = len(grasp_poses(find_grasp_file(recording.manifest.objects[0])))
+    except (InputError, IndexError):
+        return False
+    return sum(row.accepted for row in recording.rows) >= wanted
+
+
+def _gaps(serial: str, taken: Sequence[Taken]) -> list[str]:
+    """Where a sensor was not touched, and at which orientations not, in words."""
     found = []
     if cells := untouched_cells(taken):
-        advice = "A network trained on this knows no contacts there: grasp further out, or at other heights."
-        found.append(Notice("warn", f"{serial} was never touched {joined(cells)}.", advice))
-    if len(axes_deg(taken)) >= FEWEST_FOR_AXES and (gaps := empty_orientations(taken)):
-        names = joined([f"{low:+.0f} to {high:+.0f}" for low, high in gaps])
-        advice = "Turn the hand or the object further, or record another object at these orientations."
-        found.append(Notice("warn", f"{serial} saw no long axis at {names} degrees.", advice))
+        found.append(f"{serial} was never touched {joined(cells)}")
+    if len(axes_deg(taken)) >= FEWEST_FOR_AXES and (empty := empty_orientations(taken)):
+        names = joined([f"{low:+.0f} to {high:+.0f}" for low, high in empty])
+        found.append(f"{serial} saw no long axis at {names} degrees")
     return found
 
 
@@ -135,35 +151,51 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
     return [
         {
             "title": f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°",
-            "caption": f"{len(taken)} images, grips of {_grips(taken)} counts",
-            "jpeg": encode_jpeg(_montage(taken), JPEG_QUALITY),
+            "caption": f"{len(taken)} images of {_sensors(taken)}, grips of {_grips(taken)}",
+            "jpeg": encode_jpeg(montage(taken), JPEG_QUALITY),
         }
         for pose, taken in sorted(poses.items())
     ]
 
 
+def _sensors(taken: Sequence[Taken]) -> str:
+    return joined(sorted({image.about.serial for image in taken}))
+
+
 def _grips(taken: Sequence[Taken]) -> str:
     counts = [image.about.grip_counts for image in taken]
-    return f"{min(counts)} to {max(counts)}"
+    return f"{min(counts)} to {max(counts)} counts past contact"
 
 
-def _montage(taken: Sequence[Taken]) -> Image:
-    """Put the images side by side, each fingertip's on rows of its own."""
-    by_serial: dict[str, list[Image]] = {}
+def montage(taken: Sequence[Taken]) -> Image:
+    """Put the images side by side: below each sensor's name its images, each above its grip."""
+    by_serial: dict[str, list[Taken]] = {}
     for image in taken:
-        by_serial.setdefault(image.about.serial, []).append(_thumb(image))
-    rows = [
-        thumbs[start : start + ACROSS]
-        for _, thumbs in sorted(by_serial.items())
-        for start in range(0, len(thumbs), ACROSS)
-    ]
-    width, height = (side + GAP_PX for side in THUMB_PX)
-    sheet = np.full((len(rows) * height, ACROSS * width, 3), _BETWEEN, np.uint8)
-    for y, thumbs in enumerate(rows):
-        for x, thumb in enumerate(thumbs):
-            top, left = y * height, x * width
-            sheet[top : top + THUMB_PX[1], left : left + THUMB_PX[0]] = thumb
-    return sheet
+        by_serial.setdefault(image.about.serial, []).append(image)
+    bands = []
+    for serial, own in sorted(by_serial.items()):
+        bands.append(_written(serial, ACROSS * (THUMB_PX[0] + GAP_PX)))
+        bands += [_row(own[start : start + ACROSS]) for start in range(0, len(own), ACROSS)]
+    return np.concatenate(bands)
+
+
+def _row(taken: Sequence[Taken]) -> Image:
+    width, height = THUMB_PX[0] + GAP_PX, THUMB_PX[1]
+    row = np.full((height + LABEL_PX, ACROSS * width, 3), _BETWEEN, np.uint8)
+    for x, image in enumerate(taken):
+        left = x * width
+        row[:height, left : left + THUMB_PX[0]] = _thumb(image)
+        row[height:, left : left + width] = _written(f"{image.about.grip_counts} counts", width)
+    return row
+
+
+def _written(text: str, width: int) -> Image:
+    """A line of text, (LABEL_PX, width, 3) uint8."""
+    band = np.full((LABEL_PX, width, 3), _BETWEEN, np.uint8)
+    cv2.putText(
+        band, text, (2, LABEL_PX - 4), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (255, 255, 255), 1, cv2.LINE_AA
+    )
+    return band
 
 
 def _thumb(image: Taken) -> Image:

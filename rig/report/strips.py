@@ -23,6 +23,7 @@ from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
 JPEG_QUALITY = 85
+CAMERA_LONG_SIDE_PX = 320
 _WHITE = (255, 255, 255)
 _ARM_SHARE = 0.30
 """Half length of the drawn axes, as a share of the frame's height."""
@@ -30,10 +31,11 @@ _ARM_SHARE = 0.30
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of a strip: JPEG bytes and what it shows."""
+    """One picture of a strip: JPEG bytes, what it shows, and its width and height in px."""
 
     jpeg: bytes
     caption: str
+    size_px: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,8 +66,31 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) ->
         time_s = (frame.time_ns - zero_ns) / NS_PER_S
         estimate, truth = angles_at(lift, serial, time_s)
         picture = drawn(frame.image, tip, estimate, truth)
-        stills.append(Still(encode_jpeg(picture, JPEG_QUALITY), caption(time_s, estimate, truth)))
+        stills.append(_still(picture, caption(time_s, estimate, truth)))
     return stills
+
+
+def camera_strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str) -> list[Still]:
+    """The camera's pictures at the same moments, smaller. Raises `SessionError` where there are none."""
+    frames = list(recorded_frames(path, serial))
+    if not frames:
+        raise SessionError(f"{path}: holds no pictures of the camera {serial}")
+    stills = []
+    for time_s in moments(lift):
+        frame = _nearest(frames, zero_ns + round(time_s * NS_PER_S))
+        seen_s = (frame.time_ns - zero_ns) / NS_PER_S
+        scale = min(1.0, CAMERA_LONG_SIDE_PX / max(frame.image.shape[:2]))
+        small = cv2.resize(frame.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        truth = float(truth_at(lift.truth, np.array([seen_s]))[0])
+        stills.append(
+            _still(np.asarray(small, np.uint8), f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}")
+        )
+    return stills
+
+
+def _still(picture: Image, text: str) -> Still:
+    height, width = picture.shape[:2]
+    return Still(encode_jpeg(picture, JPEG_QUALITY), text, (width, height))
 
 
 def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:

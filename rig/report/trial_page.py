@@ -14,7 +14,7 @@ from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
-from rig.report.strips import Still, strip
+from rig.report.strips import Still, camera_strip, strip
 from rig.report.text import interval_text, made_text, mare_short, mare_text
 from rig.report.trial_charts import (
     coverage_chart,
@@ -125,9 +125,13 @@ def _worst(trial: Trial) -> list[dict[str, object]]:
 def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
     strips: dict[str, list[Still]] = {}
     problem: Notice | None = None
-    for serial, sign in trial.manifest.signs.items():
+    path, signs = trial.folder / lift.row.recording, trial.manifest.signs
+    for serial in trial.manifest.serials:
         try:
-            strips[serial] = strip(trial.folder / lift.row.recording, curves, lift.zero_ns, serial, sign)
+            if serial in signs:
+                strips[serial] = strip(path, curves, lift.zero_ns, serial, signs[serial])
+            else:
+                strips[f"camera {serial}, marker angle"] = camera_strip(path, curves, lift.zero_ns, serial)
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}

@@ -1,22 +1,34 @@
 """Writes one lift as MCAP, which standard viewers open.
 
 Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
-schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns.
+schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns, plus one offset
+for the whole file, which makes them dates (`RecordingAbout`).
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO
 
+import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.message import Message
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
+from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.types import ArmState, Frame, GripperState
+from rig.sessions.about import (
+    CALIBRATION_TOPIC,
+    CLOCK_OFFSET,
+    CONTACT_PREFIX,
+    TRANSFORMS_TOPIC,
+    RecordingAbout,
+    contact_outline,
+)
 
 ARM_TOPIC = "/arm/tcp"
 JOINTS_TOPIC = "/arm/joints"
@@ -70,9 +82,14 @@ class RecordedAngle:
 
 
 class LiftRecorder:
-    """Writes the messages of one lift to a binary stream; `close` completes the file."""
+    """Writes the messages of one lift to a binary stream; `close` completes the file.
 
-    def __init__(self, stream: IO[bytes]) -> None:
+    about: what the file says of itself.
+    """
+
+    def __init__(self, stream: IO[bytes], about: RecordingAbout | None = None) -> None:
+        self._about = about or RecordingAbout()
+        self._described = about is None
         # Images are compressed already; chunks of a few frames let viewers jump, and are what is read and
         # held to its checksum at once; that of all data is for what lies between them. They save nothing
         # from a crash: a lift is recorded in memory and reaches the disk when it is over.
@@ -80,19 +97,21 @@ class LiftRecorder:
             stream, chunk_size=512 * 1024, compression=CompressionType.NONE, enable_data_crcs=True
         )
         self._writer.start()
+        if self._about.values:
+            self._writer.add_metadata("rig", dict(self._about.values))
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
     def image(self, frame: Frame, jpeg: bytes) -> None:
         """Keep a frame's encoded bytes as received."""
         message = CompressedImage(frame_id=frame.serial, data=jpeg, format="jpeg")
-        message.timestamp.FromNanoseconds(frame.time_ns)
+        message.timestamp.FromNanoseconds(self._date(frame.time_ns))
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 
     def arm(self, state: ArmState) -> None:
         """Keep the arm's state."""
         message = PoseInFrame(frame_id="base")
-        message.timestamp.FromNanoseconds(state.time_ns)
+        message.timestamp.FromNanoseconds(self._date(state.time_ns))
         position, quaternion = message.pose.position, message.pose.orientation
         position.x, position.y, position.z = state.base_T_tcp.position_m
         quaternion.x, quaternion.y, quaternion.z, quaternion.w = state.base_T_tcp.quaternion_xyzw
@@ -110,7 +129,8 @@ class LiftRecorder:
         self._json(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
 
     def phase(self, phase: str, time_ns: int) -> None:
-        """Keep where a phase begins."""
+        """Keep where a phase begins; before the first one, where camera and table are."""
+        self._describe_once(time_ns)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
     def angle(self, topic: str, angle: RecordedAngle) -> None:
@@ -118,6 +138,28 @@ class LiftRecorder:
         value = {"angle_deg": angle.angle_deg, "sigma_deg": angle.sigma_deg, "state": angle.state}
         area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
         self._json(topic, "rig.Angle", angle.time_ns, {**value, **area})
+
+    def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
+        """Keep the outline of a fingertip's contact, (N, 2) px each; none where nothing is touched."""
+        message = contact_outline(outline_px, self._date(time_ns))
+        self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
+
+    def _describe_once(self, time_ns: int) -> None:
+        if self._described:
+            return
+        self._described = True
+        date = self._date(time_ns)
+        self._protobuf(TRANSFORMS_TOPIC, self._about.transforms(date), time_ns, 0)
+        if (calibration := self._about.calibration(date)) is not None:
+            self._protobuf(CALIBRATION_TOPIC, calibration, time_ns, 0)
+
+    def _date(self, time_ns: int) -> int:
+        return time_ns + self._about.clock_offset_ns
+
+    def _channel_metadata(self) -> dict[str, str]:
+        """With each channel, because a file's summary repeats channels, and is held to a checksum."""
+        offset = self._about.clock_offset_ns
+        return {CLOCK_OFFSET: str(offset)} if offset else {}
 
     def close(self) -> None:
         """Complete the file (index and summary)."""
@@ -127,10 +169,14 @@ class LiftRecorder:
         """Keep a small JSON value under one of this module's schemas."""
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
-                topic=topic, message_encoding=MessageEncoding.JSON, schema_id=self._json_schema(schema)
+                topic=topic,
+                message_encoding=MessageEncoding.JSON,
+                schema_id=self._json_schema(schema),
+                metadata=self._channel_metadata(),
             )
         data = json.dumps(value, separators=(",", ":")).encode()
-        self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
+        date = self._date(time_ns)
+        self._writer.add_message(self._channels[topic], date, data, date)
 
     def _json_schema(self, name: str) -> int:
         if name not in self._schemas:
@@ -140,18 +186,20 @@ class LiftRecorder:
             )
         return self._schemas[name]
 
-    def _protobuf(
-        self, topic: str, message: CompressedImage | PoseInFrame, time_ns: int, sequence: int
-    ) -> None:
+    def _protobuf(self, topic: str, message: Message, time_ns: int, sequence: int) -> None:
         if topic not in self._channels:
             name = type(message).__name__
             if name not in self._schemas:
                 self._schemas[name] = register_schema(self._writer, type(message))
             self._channels[topic] = self._writer.register_channel(
-                topic=topic, message_encoding=MessageEncoding.Protobuf, schema_id=self._schemas[name]
+                topic=topic,
+                message_encoding=MessageEncoding.Protobuf,
+                schema_id=self._schemas[name],
+                metadata=self._channel_metadata(),
             )
+        date = self._date(time_ns)
         self._writer.add_message(
-            self._channels[topic], time_ns, message.SerializeToString(), time_ns, sequence
+            self._channels[topic], date, message.SerializeToString(deterministic=True), date, sequence
         )
 
 

@@ -24,6 +24,7 @@ from mcap.stream_reader import StreamReader
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.formats import reason
+from rig.sessions.about import CLOCK_OFFSET
 
 MOST_CHUNK = 64_000_000
 """Bytes of an unpacked chunk; the recorder's hold half a megabyte, and a picture."""
@@ -46,16 +47,21 @@ RecordedMessage = tuple[str, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class _Summary:
-    """begin: where the summary is. topics: by channel. chunks: in the order in which they were written."""
+    """begin: where the summary is. topics, offsets_ns: by channel. chunks: in the order of writing.
+
+    offsets_ns: from the bench's clock to the dates that are stored.
+    """
 
     begin: int
     topics: dict[int, str]
+    offsets_ns: dict[int, int]
     chunks: list[ChunkIndex]
 
 
 def recorded_messages(path: Path, *topics: str) -> Iterator[RecordedMessage]:
     """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics.
 
+    time_ns: by the bench's clock, whatever date the file gives it.
     Raises `SessionError` for a recording that is missing, and at the first chunk that is damaged.
     """
     try:
@@ -90,7 +96,13 @@ def _messages(stream: IO[bytes], topics: set[str]) -> Iterator[RecordedMessage]:
             continue
         for channel, sequence, time_ns, data in _records(_chunk(stream, index, number, len(summary.chunks))):
             if channel in wanted:
-                yield wanted[channel], time_ns, sequence, data
+                yield wanted[channel], _bench_time(time_ns, summary.offsets_ns[channel]), sequence, data
+
+
+def _bench_time(time_ns: int, offset_ns: int) -> int:
+    if not 0 <= time_ns - offset_ns <= _LAST_NS:
+        raise ValueError("a message's time is before its clock's beginning")
+    return time_ns - offset_ns
 
 
 def _check_all(stream: IO[bytes]) -> None:
@@ -131,16 +143,17 @@ def _summary(stream: IO[bytes]) -> _Summary:
 
 def _checked(begin: int, data: bytes, size: int) -> _Summary:
     """Take the summary apart; refuse one that stands for more than fits."""
-    topics, chunks = {}, []
+    topics, offsets_ns, chunks = {}, {}, []
     for record in StreamReader(io.BytesIO(data), skip_magic=True, emit_chunks=True).records:
         if isinstance(record, Channel):
             topics[record.id] = record.topic
+            offsets_ns[record.id] = int(record.metadata.get(CLOCK_OFFSET, "0"))
         elif isinstance(record, ChunkIndex):
             chunks.append(record)
     unpacked = sum(chunk.uncompressed_size for chunk in chunks)
     if unpacked > MOST_RATIO * size or max((c.uncompressed_size for c in chunks), default=0) > MOST_CHUNK:
         raise ValueError(f"{size / 1e6:.1f} MB that stand for {unpacked / 1e6:.0f} MB, more than is unpacked")
-    return _Summary(begin, topics, chunks)
+    return _Summary(begin, topics, offsets_ns, chunks)
 
 
 def _chunk(stream: IO[bytes], index: ChunkIndex, number: int, count: int) -> memoryview:

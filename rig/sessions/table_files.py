@@ -12,6 +12,11 @@ from drivers.errors import InputError
 
 Columns = Mapping[str, type]
 """Names in their order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
+UNITS = {
+    "_deg": "deg", "_rad": "rad", "_s": "s", "_px": "px", "_nm": "N m", "_n": "N", "_m": "m",
+    "_counts": "counts",
+}  # fmt: skip
+"""By the end of a column's name."""
 Line = dict[str, object]
 
 
@@ -24,14 +29,28 @@ def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> bytes:
     return text.getvalue().encode()
 
 
-def parquet_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> bytes:
-    """Return a table as Parquet. Raises `InputError` where pyarrow is not installed."""
+def parquet_bytes(
+    columns: Columns, lines: Iterable[Mapping[str, object]], about: Mapping[str, str] | None = None
+) -> bytes:
+    """Return a table as Parquet, with each column's unit, and `about` as the file's metadata.
+
+    Raises `InputError` where pyarrow is not installed.
+    """
     arrow, parquet = pyarrow_modules()
     kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_()}
-    schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()])
+    described = [
+        arrow.field(name, kinds[kind], metadata={"unit": unit} if (unit := unit_of(name)) else None)
+        for name, kind in columns.items()
+    ]
+    schema = arrow.schema(described, metadata=dict(about) if about else None)
     sink = io.BytesIO()
     parquet.write_table(arrow.Table.from_pylist(list(lines), schema=schema), sink)
     return sink.getvalue()
+
+
+def unit_of(column: str) -> str | None:
+    """Return the unit that a column's name says; None for texts, numbers and quaternions."""
+    return next((unit for end, unit in UNITS.items() if column.endswith(end)), None)
 
 
 def read_csv(path: Path, columns: Columns) -> list[Line]:

@@ -9,7 +9,7 @@ import yaml
 from calibration.hand_eye.samples import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
-from drivers.errors import InputError, OperatorStopError
+from drivers.errors import DeviceError, InputError
 from drivers.types import Frame
 from fakes.devices.plan import unit_seed
 from fakes.gel.sensor import GelSensor
@@ -99,14 +99,18 @@ def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
         assert filed.page.read_text().count("data:image/png;base64,") >= 3
 
 
-def test_a_real_bench_is_asked_before_anything_is_reached(tmp_path: Path) -> None:
+def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(tmp_path: Path) -> None:
     values = load_bench("wire").model_dump()
     values["arm"]["host"] = values["gripper"]["host"] = "192.0.2.1"
     values["camera"]["address"] = "/dev/video9"
     path = tmp_path / "bench.toml"
     write_bench(path, as_real(BenchConfig.model_validate({**values, "name": "real"})))
-    with pytest.raises(OperatorStopError):
-        collect_tip(station(tmp_path, bench=str(path), agreed=False), 4)
+    earlier = tmp_path / "tcp-samples" / "poses.csv"
+    earlier.parent.mkdir()
+    earlier.write_text("an afternoon's work")
+    with pytest.raises(DeviceError, match="5 of 5 devices cannot be read, nothing was started"):
+        collect_tip(station(tmp_path, bench=str(path), agreed=True), 4)
+    assert earlier.read_text() == "an afternoon's work"
 
 
 def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:

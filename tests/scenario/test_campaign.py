@@ -119,7 +119,7 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     assert len({(line.session, line.number) for line in lines}) == len(lines) == 4
     other = rig(*command, "--estimator", "ellipse")
     assert other.returncode == 2
-    assert "another estimator" in other.stderr
+    assert "estimator nothing, not ellipse" in other.stderr
 
 
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:

@@ -44,6 +44,12 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
         kinds = {"string": str, "int64": int, "double": float, "bool": bool}
         columns = {column.name: kinds[str(column.type)] for column in table.schema}
         assert read_csv(tmp_path / "csv" / f"{name}.csv", columns) == table.to_pylist()
+        units = {column.name: (column.metadata or {}).get(b"unit", b"").decode() for column in table.schema}
+        for column, unit in (("t_lift_s", "s"), ("angle_deg", "deg"), ("force_x_n", "N"), ("x_m", "m")):
+            assert units.get(column, unit) == unit
+        assert table.schema.metadata[b"simulated"] == b"SIMULATED"
+        assert table.schema.metadata[b"session"].decode() == one_lift.name
+        assert set(table["session"].to_pylist()) == {one_lift.name}
     row = read_finished_lifts(one_lift)[0]
     lift = parquet.read_table(tmp_path / "parquet/lifts.parquet").to_pylist()[0]
     assert (lift["re_mean_deg"], lift["object"]) == (row.re.mean_deg if row.re else None, "t2")
@@ -145,7 +151,7 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     assert data["observation.state"][0].as_py() == pytest.approx(data["action"][0].as_py(), abs=0.05)
     assert data["observation.state"][1].as_py() == data["action"][0].as_py()
     stored = {frame.jpeg for frame in recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001")}
-    kept = [image["bytes"] for image in data["observation.images.SIM-D0001"].to_pylist()]
+    kept = [image["bytes"] for image in data["observation.images.finger_b"].to_pylist()]
     assert set(kept) <= stored
     assert len(set(kept)) == len(kept)
     row = read_finished_lifts(one_lift)[0]
@@ -157,7 +163,10 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     np.testing.assert_allclose(stats["observation.state"]["mean"], state.mean(axis=0), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(stats["observation.state"]["std"], state.std(axis=0), rtol=1e-3, atol=1e-6)
     assert np.array(stats["observation.images.camera"]["mean"]).shape == (3, 1, 1)
-    assert "SIMULATED" in (out / "README.md").read_text()
+    card = (out / "README.md").read_text()
+    assert "SIMULATED" in card
+    assert "`finger_b` SIM-D0001 (sign +1), `finger_c` SIM-D0002 (sign -1), `camera` SIM-C0001" in card
+    assert not any("SIM-D" in name for name in info["features"])
 
 
 def test_lerobots_own_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from rig.cli.calibrate.options import (
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
+from rig.cli.dry_run import DryRunOption
 
 
 def camera(
@@ -29,6 +30,7 @@ def camera(
     poses: PosesOption = 20,
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -57,7 +59,7 @@ def camera(
 
     wanted = parse_target(target)
     if source is None:
-        result = collect_camera(station(bench, seed, out, yes), wanted, poses)
+        result = collect_camera(station(bench, seed, out, yes, dry, json), wanted, poses)
     else:
         result = camera_from_folder(source, pattern, wanted, serial, keep_all)
     file_and_say(result, out, bench, json)
@@ -72,6 +74,7 @@ def hand_eye(
     poses: PosesOption = 20,
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -105,7 +108,7 @@ def hand_eye(
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
     if source is None:
-        result = collect_hand_eye(station(bench, seed, out, yes), wanted, Setup(setup), poses)
+        result = collect_hand_eye(station(bench, seed, out, yes, dry, json), wanted, Setup(setup), poses)
     else:
         if camera_file is None:
             raise InputError(
@@ -128,6 +131,7 @@ def markers(
     object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -149,7 +153,7 @@ def markers(
     from rig.calibrate.markers import markers_from_folder
 
     if source is None:
-        result = collect_markers(station(bench, seed, out, yes), object_name)
+        result = collect_markers(station(bench, seed, out, yes, dry, json), object_name)
     else:
         lens = None if camera_file is None else read_camera(camera_file)
         result = markers_from_folder(source, pattern, ids, dictionary, lens, serial)

@@ -1,15 +1,18 @@
 """What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli.common import ask, emit_json, say, tell
+from rig.cli.dry_run import dry_run
 from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
+    from rig.bench.plan import Plan
     from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult, Filed
 
@@ -31,13 +34,24 @@ PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures 
 PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
 
 
-def station(bench: str, seed: int, out: Path | None, yes: bool) -> "Station":
-    """Where a calibration is collected, and who is asked before something moves. Raises `InputError`."""
+def station(
+    bench: str, seed: int, out: Path | None, yes: bool, dry: bool = False, json: bool = False
+) -> "Station":
+    """Where a calibration is collected, and who is asked before something moves. Raises `InputError`.
+
+    dry: show what would be done, as `dry_run` does, and end.
+    """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
     from rig.config import load_bench
 
-    return Station(load_bench(bench), seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say)
+    config = load_bench(bench)
+    before = partial(dry_run, config, json=json) if dry else _nothing
+    return Station(config, seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say, before)
+
+
+def _nothing(plan: "Plan") -> None:
+    """Go on."""
 
 
 def _folder(out: Path | None, bench: str) -> Path:

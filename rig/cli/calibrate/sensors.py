@@ -12,6 +12,7 @@ from rig.cli.calibrate.options import (
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
+from rig.cli.dry_run import DryRunOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
@@ -30,6 +31,7 @@ def tactile(
     serial: Annotated[str, typer.Option("--serial", help="Of the sensor.")] = "unknown",
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -59,10 +61,12 @@ def tactile(
     if source is not None:
         file_and_say(tactile_from_folder(source, serial, mm_per_px), out, bench, json)
     elif balls_mm:
-        file_all(collect_presses(station(bench, seed, out, yes), balls_mm, presses), out, bench, json)
+        file_all(
+            collect_presses(station(bench, seed, out, yes, dry, json), balls_mm, presses), out, bench, json
+        )
     else:
         # nothing moves, so there is nothing to agree to
-        file_all(collect_references(station(bench, seed, out, yes=True)), out, bench, json)
+        file_all(collect_references(station(bench, seed, out, True, dry, json)), out, bench, json)
 
 
 def gripper(
@@ -74,6 +78,7 @@ def gripper(
     serial: Annotated[str, typer.Option("--serial", help="Of the gripper.")] = "unknown",
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -98,7 +103,7 @@ def gripper(
     if source is not None:
         result = gripper_from_folder(source, serial)
     else:
-        result = collect_openings(station(bench, seed, out, yes), blocks_mm or _BLOCKS_MM)
+        result = collect_openings(station(bench, seed, out, yes, dry, json), blocks_mm or _BLOCKS_MM)
     file_and_say(result, out, bench, json)
 
 
@@ -108,6 +113,7 @@ def tcp(
     serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -132,7 +138,7 @@ def tcp(
     if source is not None:
         result = tcp_from_folder(source, serial)
     else:
-        result = collect_tip(station(bench, seed, out, yes), poses)
+        result = collect_tip(station(bench, seed, out, yes, dry, json), poses)
     file_and_say(result, out, bench, json)
 
 
@@ -149,6 +155,7 @@ def sync(
     ] = "gauge:30",
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
+    dry: DryRunOption = False,
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
@@ -173,4 +180,6 @@ def sync(
     if source is not None:
         file_and_say(sync_from_folder(source, first, second, search), out, bench, json)
     else:
-        file_all(collect_streams(station(bench, seed, out, yes), object_name, search), out, bench, json)
+        file_all(
+            collect_streams(station(bench, seed, out, yes, dry, json), object_name, search), out, bench, json
+        )

@@ -1,9 +1,12 @@
 """The live view's messages: lost rather than waited for, and lifts as a terminal shows them."""
 
 import os
+import shutil
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +15,7 @@ from drivers.errors import InputError
 from fakes.clock import SimulatedClock
 from rig.cli.printing import lift_note
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
-from rig.live.session import check_viewer
+from rig.live.session import check_viewer, viewer_environment
 from rig.live.terminal import LiftInView, TrialView
 from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import FinishedLift
@@ -101,6 +104,27 @@ def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
     lift.take(Message("figures", {**LIFT, **FIGURES}))
     assert lift.angles() == "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg"
     assert lift.frames() == "frames/s D1 60, D2 60, camera -; dropped 3"
+
+
+def test_the_viewer_is_found_though_the_environment_is_not_activated(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
+    monkeypatch.setenv("PATH", "/usr/bin:/bin")
+    found = shutil.which("rerun", path=viewer_environment()["PATH"])
+    assert found is not None
+    assert Path(found).parent == Path(sys.executable).parent
+
+
+def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
+    pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
+    from rig.live.scene import layout
+
+    def names(part: Any) -> list[str]:
+        own = [part.name] if getattr(part, "name", None) else []
+        return own + [name for inner in getattr(part, "contents", ()) or () for name in names(inner)]
+
+    real, simulated = (names(layout(["D1"], mark).root_container) for mark in ("", "SIMULATED "))
+    assert {"camera and markers", "D1", "angle, deg", "arm"} <= set(real)
+    assert simulated == [f"SIMULATED {name}" for name in real]
 
 
 def test_the_time_left_counts_lifts_in_progress_and_never_stands_still(

@@ -1,5 +1,7 @@
 """The person at the bench: asked before anything moves, and no oftener than needed."""
 
+from typing import Any
+
 import pytest
 
 from drivers.bench import Bench
@@ -15,8 +17,8 @@ from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import describe_recording
-from rig.experiments.trial import describe_plan
+from rig.experiments.record import recording_plan
+from rig.experiments.trial import trial_plan
 from rig.tactile.estimators import choose_estimator
 
 
@@ -32,9 +34,39 @@ def real_bench() -> BenchConfig:
 
 def test_the_plan_says_what_will_move() -> None:
     settings = TrialSettings(real_bench(), 0, choose_estimator())
-    plan = describe_plan(settings, ["t1"], 2)
-    for part in ("m/s", "counts past contact", "lift 0.", "t1/1", "t1/2", "Begin?"):
-        assert part in plan
+    plan = trial_plan(settings, ["t1"], 2)
+    assert not plan.refused
+    for part in (
+        "m/s",
+        "counts past contact",
+        "lifted 0.",
+        "t1/1",
+        "t1/2",
+        "over the mark",
+        "reach 0.",
+        "deg",
+    ):
+        assert part in plan.text()
+    for part in ("workspace (0.150,", "0.5 m/s", "joints -360 to 360 deg", "counts, open", "kept out of"):
+        assert part in plan.text()
+
+
+@pytest.mark.parametrize(
+    ("section", "changes", "said"),
+    [
+        ("arm", {"limits": {"workspace_max_m": (0.75, 0.35, 0.05)}}, "leaves the workspace"),
+        ("arm", {"limits": {"max_speed_m_s": 0.2}}, "0.250 m/s is more than 0.2 m/s"),
+        ("table", {"position_m": (0.74, 0.34, 0.25)}, "it reaches 0.85 m"),
+    ],
+)
+def test_the_plan_says_what_would_be_refused(section: str, changes: dict[str, Any], said: str) -> None:
+    values = real_bench().model_dump()
+    values[section] = {**values[section], **changes}
+    plan = trial_plan(TrialSettings(BenchConfig.model_validate(values), 0, choose_estimator()), ["t1"], 1)
+    assert len(plan.refused) == 1
+    assert plan.refused[0].startswith("t1/1 wrench: ")
+    assert said in plan.refused[0]
+    assert f"WOULD BE REFUSED: {plan.refused[0]}" in plan.text()
 
 
 def test_an_object_wider_than_the_hand_opens_is_refused_before_anybody_is_asked() -> None:
@@ -43,11 +75,11 @@ def test_an_object_wider_than_the_hand_opens_is_refused_before_anybody_is_asked(
     bench = BenchConfig.model_validate(values)
     wide = next(f for f in load_grasp_files().values() if max(p.width_m for p in f.position) > 0.09)
     with pytest.raises(InputError, match=r"too wide.*open 90\.0 mm"):
-        describe_recording(RecordSettings(bench, 0, wide, 15, 225))
+        recording_plan(RecordSettings(bench, 0, wide, 15, 225))
     narrow = values["gripper"]["limits"] | {"max_opening_m": 0.015}
     bench = BenchConfig.model_validate(values | {"gripper": values["gripper"] | {"limits": narrow}})
     with pytest.raises(InputError, match=r"object t1 wrench, .*too wide"):
-        describe_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
+        trial_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
 
 
 def test_without_agreement_nothing_is_connected_and_the_plan_says_where_the_slider_stands(

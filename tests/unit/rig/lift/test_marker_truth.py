@@ -190,6 +190,17 @@ def test_a_zero_with_too_few_frames_says_what_was_seen(scene):
         lift.truth.series()
 
 
+def test_frames_that_did_not_come_are_no_matter_of_markers_or_light(scene):
+    lift = Lift(scene)
+    for _ in range(6):
+        lift.see(0.0)
+    with pytest.raises(CalibrationError) as raised:
+        lift.truth.set_zero(0, lift.time_ns + 600 * MS)
+    assert "only 6 frames came" in str(raised.value)
+    assert "too busy" in str(raised.value)
+    assert "light" not in str(raised.value)
+
+
 def test_a_slow_camera_takes_its_zero_from_further_back_but_not_from_the_grasp(scene):
     lift = Lift(scene)
     for k in range(8):

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.report.curves import signed_errors
+from rig.report.curves import Curve, signed_errors
+from rig.report.lift_chart import angle_range, before_lift, shown_range
+from rig.report.recording import read_recording
+from rig.report.recording_page import LABEL_PX, THUMB_PX, montage
 from rig.report.session import read_trial
 from rig.report.trial_page import object_table
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
-from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
 
 
@@ -77,8 +81,23 @@ def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page
         "wrench, lift 2",
     ):
         assert title in titles
-    assert page.images == 2 * 2 * 6  # two lifts, two fingertips, six moments
+    assert page.images == 2 * 3 * 6  # two lifts, two fingertips and the camera, six moments
+    assert "camera CAM, marker angle" in page.text
     assert len(page.ids) == len(set(page.ids))
+
+
+def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
+    manifest = read_manifest_of(trial, TrialManifest, "no trial")
+    curves = read_trial(trial, manifest).lifts[0].curves
+    assert curves is not None
+    times = np.arange(-3.0, 0.0, 0.1)
+    tip = Curve(times, np.full(times.size, 0.5), np.full(times.size, 0.1), ("tracking",) * times.size)
+    early = replace(curves, phases_s={**curves.phases_s, "A": -2.95}, tips={"T1": tip})
+    assert shown_range(early)[0] == -2.95
+    ((shown_s, angles_deg),) = before_lift(early)
+    assert shown_s.min() > -2.95
+    assert set(angles_deg) == {0.5}
+    assert angle_range(early)[1] > 0.5
 
 
 def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
@@ -221,7 +240,33 @@ def test_a_recording_shows_its_poses_contacts_and_failed_attempts(
     assert found.images == 2
     assert sum("Where contacts fell" in name for name in found.figures) == 2
     assert "T1 was never touched" in found.text
-    assert "6 images, grips of 0 to 5 counts" in found.text
+    assert "6 images of T1 and T2, grips of 0 to 5 counts past contact" in found.text
+
+
+def test_a_recording_of_all_poses_is_not_warned_of_what_its_pose_file_fixes(
+    drawn_recording: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = drawn_recording(tmp_path / "s")
+    assert "--poses 15" in page_of(folder).text
+    monkeypatch.setattr("rig.report.recording_page.grasp_poses", lambda _: [None, None])
+    found = page_of(folder)
+    assert "Nothing stands out." in found.text
+    assert "--poses 15" not in found.text
+    assert "Not reached by the poses of the object's file: T1 was never touched" in found.text
+
+
+def test_a_contact_sheet_names_sensor_and_grip_in_the_picture(drawn_recording: Any, tmp_path: Path) -> None:
+    folder = drawn_recording(tmp_path / "s")
+    manifest = read_manifest_of(folder, RecordManifest, "no recording")
+    taken = [image for image in read_recording(folder, manifest).taken if image.row.pose == 1]
+    sheet = montage(taken)
+    assert sheet.shape[0] == 2 * (LABEL_PX + THUMB_PX[1] + LABEL_PX)
+    other = [replace(image, about=replace(image.about, grip_counts=9)) for image in taken]
+    renamed = [replace(image, about=replace(image.about, serial=f"A{image.about.serial}")) for image in taken]
+    below = slice(LABEL_PX + THUMB_PX[1], 2 * LABEL_PX + THUMB_PX[1])
+    assert (montage(other)[below] != sheet[below]).any()
+    assert (montage(other)[:LABEL_PX] == sheet[:LABEL_PX]).all()
+    assert (montage(renamed)[:LABEL_PX] != sheet[:LABEL_PX]).any()
 
 
 def test_images_that_cannot_be_read_are_named(drawn_recording: Any, tmp_path: Path) -> None:

@@ -1,0 +1,122 @@
+"""What a run would do with the arm and the fingers, said beforehand: poses, limits, refusals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.errors import OutOfLimitsError
+from drivers.keep_out import check_way
+from drivers.types import ArmLimits, Pose
+from rig.bench.assembly import TOOL_DOWN
+from rig.config import BenchConfig
+
+ARM_REACH_M = 0.85
+"""Of a UR5e, from its shoulder to the flange (data sheet)."""
+SHOULDER_M = (0.0, 0.0, 0.1625)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMotion:
+    """One place the hand goes to: `way` ends there, or leads through it, straight from pose to pose.
+
+    what: for people, as "t1/1 wrench, 5 counts past contact". base_T_tcp: where the fingers close, or the
+    picture is taken. speed_m_s: the highest on the way.
+    """
+
+    what: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    way: tuple[Pose, ...]
+    speed_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run would do, line by line, and what of it would be refused, and why."""
+
+    lines: tuple[str, ...]
+    refused: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """All of it as one text."""
+        refused = [f"  WOULD BE REFUSED: {reason}" for reason in self.refused]
+        return "\n".join([*self.lines, *refused])
+
+
+def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[PlannedMotion]) -> Plan:
+    """Return the plan of a run. head: what is said before the motions. config: with their limits.
+
+    Joint angles are not known before the controller is asked, which is done before each motion.
+    """
+    limits = _limits(config) if motions else []
+    lines = [*head, *(f"  {_line(config, motion)}" for motion in motions), *limits]
+    refused = (_refused(config, motion) for motion in motions)
+    return Plan(tuple(lines), tuple(reason for reason in refused if reason))
+
+
+def _line(config: BenchConfig, motion: PlannedMotion) -> str:
+    x, y, z = motion.base_T_tcp.position_m
+    height_m = z - config.table.position_m[2]
+    tilt = (motion.base_T_tcp.rotation * TOOL_DOWN.inv()).as_rotvec(degrees=True)
+    turns = ", ".join(f"{angle:+.1f}" for angle in tilt)
+    return (
+        f"{motion.what}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {1e3 * height_m:.0f} mm over the mark, hand turned "
+        f"by ({turns}) deg, up to {motion.speed_m_s:.3f} m/s, reach {_reach_m(config, motion):.2f} m"
+    )
+
+
+def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
+    """How far the flange gets from the shoulder."""
+    flange = config.arm.flange_T_tcp().inverse()
+    ends = [(pose @ flange).position_m for pose in (motion.base_T_tcp, *motion.way)]
+    return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())
+
+
+def _limits(config: BenchConfig) -> list[str]:
+    arm, fingers = config.arm_limits(), config.gripper_limits()
+    joints = config.arm.limits
+    boxes = [f"{b.name} {_point(b.min_m)} to {_point(b.max_m)} m" for b in arm.keep_out]
+    return [
+        f"Limits: workspace {_point(arm.workspace_min_m)} to {_point(arm.workspace_max_m)} m, "
+        f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {arm.max_contact_force_n:g} N on "
+        f"the way down, reach {ARM_REACH_M:g} m, joints {_angles(joints.joint_min_deg)} to "
+        f"{_angles(joints.joint_max_deg)} deg, fingers {fingers.min_counts} to {fingers.max_counts} counts, "
+        f"open {1e3 * fingers.widest_m:.0f} mm.",
+        f"The hand is kept out of: {'; '.join(boxes) or 'nothing'}.",
+    ]
+
+
+def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
+    """Say why a motion would be refused, None where it would not."""
+    limits = config.arm_limits()
+    try:
+        for pose in motion.way:
+            _require_inside(limits, pose)
+        if motion.speed_m_s > limits.max_speed_m_s:
+            raise OutOfLimitsError(
+                f"arm: {motion.speed_m_s:.3f} m/s is more than {limits.max_speed_m_s:g} m/s"
+            )
+        if (reach := _reach_m(config, motion)) > ARM_REACH_M:
+            raise OutOfLimitsError(
+                f"arm: the flange would be {reach:.2f} m away, it reaches {ARM_REACH_M:g} m"
+            )
+        check_way(limits, motion.way)
+    except OutOfLimitsError as error:
+        return f"{motion.what.partition(',')[0].strip()}: {error}"
+    return None
+
+
+def _require_inside(limits: ArmLimits, pose: Pose) -> None:
+    low, high = limits.workspace_min_m, limits.workspace_max_m
+    if any(not lo <= v <= hi for lo, v, hi in zip(low, pose.position_m, high, strict=True)):
+        raise OutOfLimitsError(
+            f"arm: {_point(pose.position_m)} m leaves the workspace {_point(low)} to {_point(high)} m"
+        )
+
+
+def _point(point: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
+
+
+def _angles(angles: Sequence[float]) -> str:
+    return f"{angles[0]:g}" if len(set(angles)) == 1 else "(" + ", ".join(f"{a:g}" for a in angles) + ")"

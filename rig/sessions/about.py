@@ -1,0 +1,86 @@
+"""What a recording says of itself, so that it can be understood without its session."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from numpy.typing import NDArray
+
+from calibration.camera.model import CameraModel
+from drivers.types import Pose
+
+CALIBRATION_TOPIC = "/camera/calibration"
+TRANSFORMS_TOPIC = "/tf"
+CONTACT_PREFIX = "/contact/"
+CLOCK_OFFSET = "clock_offset_ns"
+"""Key in the metadata of each channel: what was added to the bench's clock, so that times are dates."""
+SIMULATED_EPOCH_NS = 946_684_800_000_000_000
+"""2000-01-01 UTC: when every simulated lift begins, so that equal seeds give equal bytes."""
+_OUTLINE_RGBA = (0.0, 0.62, 0.45, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingAbout:
+    """What a recording says of itself.
+
+    values: by name, for people and programs, as "object" and "seed". clock_offset_ns: from the bench's
+    monotonic clock to the time of day, once for the whole file. camera_serial, camera: the external
+    camera. frames: poses in the base by the name of what is there.
+    """
+
+    values: Mapping[str, str] = field(default_factory=dict)
+    clock_offset_ns: int = 0
+    camera_serial: str = ""
+    camera: CameraModel | None = None
+    frames: Mapping[str, Pose] = field(default_factory=dict)
+
+    def calibration(self, time_ns: int) -> CameraCalibration | None:
+        """The camera as Foxglove's schema has it: row by row, distortion in OpenCV's order."""
+        model = self.camera
+        if model is None:
+            return None
+        width, height = model.size
+        rational = np.asarray(model.distortion).size > 5
+        message = CameraCalibration(
+            frame_id=self.camera_serial,
+            width=width,
+            height=height,
+            distortion_model="rational_polynomial" if rational else "plumb_bob",
+            D=np.asarray(model.distortion, float).ravel().tolist(),
+            K=np.asarray(model.matrix, float).ravel().tolist(),
+            R=np.eye(3).ravel().tolist(),
+            P=np.column_stack([model.matrix, np.zeros(3)]).ravel().tolist(),
+        )
+        message.timestamp.FromNanoseconds(time_ns)
+        return message
+
+    def transforms(self, time_ns: int) -> FrameTransforms:
+        """Where camera and table are in the arm's base."""
+        message = FrameTransforms()
+        for name, pose in self.frames.items():
+            transform = message.transforms.add(parent_frame_id="base", child_frame_id=name)
+            transform.timestamp.FromNanoseconds(time_ns)
+            place, turn = transform.translation, transform.rotation
+            place.x, place.y, place.z = pose.position_m
+            turn.x, turn.y, turn.z, turn.w = pose.quaternion_xyzw
+        return message
+
+
+def contact_outline(outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> ImageAnnotations:
+    """Return closed lines over a fingertip's image. outline_px: (N, 2) each, 0 the middle of the first pixel.
+
+    Without a line the annotation is empty, and takes away the one before.
+    """
+    message = ImageAnnotations()
+    for line in outline_px:
+        drawn = message.points.add(type=PointsAnnotation.LINE_LOOP, thickness=1.0)
+        drawn.timestamp.FromNanoseconds(time_ns)
+        colour = drawn.outline_color
+        colour.r, colour.g, colour.b, colour.a = _OUTLINE_RGBA
+        for x, y in line:
+            drawn.points.add(x=float(x) + 0.5, y=float(y) + 0.5)
+    return message

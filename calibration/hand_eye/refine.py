@@ -79,9 +79,9 @@ def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
     to_camera = at.x_R.T @ a_R
     by_pose = np.concatenate(
         [
-            _cross(seen),
+            cross_matrices(seen),
             np.broadcast_to(-at.x_R.T, a_R.shape),
-            -to_camera @ at.z_R @ _cross(problem.points_m),
+            -to_camera @ at.z_R @ cross_matrices(problem.points_m),
             to_camera,
         ],
         axis=2,
@@ -99,7 +99,7 @@ def moved(at: Transforms, step: Array) -> Transforms:
     return Transforms(at.x_R @ turns[0], at.x_t + step[3:6], at.z_R @ turns[1], at.z_t + step[9:])
 
 
-def _cross(vectors: Array) -> Array:
+def cross_matrices(vectors: Array) -> Array:
     """(M, 3, 3) matrices of the cross product with each of (M, 3) vectors."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)

@@ -62,7 +62,7 @@ def hand_eye_result(
     return CalibrationResult(
         "hand-eye",
         {"camera": serial},
-        _value(result),
+        place_value(result.setup, result.pose, result.target),
         _quality(result, target),
         result.assessment,
         _numbers(result),
@@ -82,14 +82,15 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _value(result: HandEyeResult) -> dict[str, object]:
-    if result.pose is None or result.target is None:
+def place_value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
+    """The value of a hand-eye file; nothing where there is no answer."""
+    if pose is None or target is None:
         return {}
-    parent, child, holder = FRAMES[result.setup]
+    parent, child, holder = FRAMES[setup]
     return {
-        "setup": str(result.setup),
-        **_transform(parent, child, result.pose),
-        "target": _transform(holder, "target", result.target),
+        "setup": str(setup),
+        **_transform(parent, child, pose),
+        "target": _transform(holder, "target", target),
     }
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
 from calibration.time_offset import TimedSignal, make_stream
+from calibration.turning_rate import turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, InputError
 from drivers.formats import read_csv_rows, reason, shown
@@ -48,8 +49,11 @@ def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
 
 
 def read_stream(path: Path) -> TimedSignal:
-    """A stream from a CSV: time_ns (or t_s) and value. Raises `InputError`, `CalibrationError`."""
-    rows = [row for _, row in read_csv_rows(path, ("value",))]
+    """A stream from a CSV: time_ns (or t_s), and value or an orientation, qx, qy, qz, qw, that turns.
+
+    Raises `InputError`, `CalibrationError`.
+    """
+    rows = [row for _, row in read_csv_rows(path, ())]
     if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:
         raise InputError(f"{path}: has no column time_ns or t_s")
     try:
@@ -57,6 +61,9 @@ def read_stream(path: Path) -> TimedSignal:
             times = np.array([_whole(row["time_ns"]) for row in rows], np.int64)
         else:
             times = np.array([_nanoseconds(row["t_s"]) for row in rows], np.int64)
+        if rows and "value" not in rows[0] and "qw" in rows[0]:
+            turns = np.array([[float(row[name]) for name in ("qx", "qy", "qz", "qw")] for row in rows])
+            return turning_rate(times, turns, path.name)
         values = np.array([float(row["value"]) for row in rows])
     except (KeyError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: a time or value is not a number ({reason(error)})") from error

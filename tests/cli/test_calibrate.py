@@ -13,7 +13,9 @@ import yaml
 from fakes.studio.marker_pictures import MarkerPictures
 from fakes.studio.presses import SimulatedGel
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
+from rig.benchmark.calibration.hand_eye_scenes import general_scene
 from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
+from rig.calibrate.bench_hand_eye import pose_row
 from support.command_line import rig
 
 
@@ -89,6 +91,22 @@ def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path
     assert again["value"]["translation_m"] == pytest.approx(done["value"]["translation_m"], abs=1e-6)
     apart = figures("compare", done["file"], again["file"])
     assert apart["worst_in_workspace_mm"] < 0.01
+
+
+def test_hand_eye_from_poses_of_the_target_needs_no_camera(tmp_path: Path) -> None:
+    truth, samples = general_scene(np.random.default_rng(2), 15)
+    rows = {"poses.csv": [], "targets.csv": []}
+    for sample in samples:
+        seen = truth.x.inverse() @ sample.base_T_tcp @ truth.z
+        rows["poses.csv"].append(pose_row(sample.id, sample.base_T_tcp))
+        rows["targets.csv"].append(pose_row(sample.id, seen))
+    rows["targets.csv"][3] = rows["targets.csv"][3].replace(samples[3].id, "99", 1)
+    for name, lines in rows.items():
+        (tmp_path / name).write_text("\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *lines]) + "\n")
+    done = figures("hand-eye", "--from", tmp_path, "--out", tmp_path / "out")
+    assert np.linalg.norm(np.subtract(done["value"]["translation_m"], truth.x.position_m)) < 1e-3
+    assert {r["id"] for r in done["rejected"]} == {samples[3].id, "99"}
+    assert done["quality"]["noise_found"]["robot_m"] < 1e-3
 
 
 def test_a_camera_and_the_markers_on_the_simulated_bench(tmp_path: Path) -> None:

@@ -89,6 +89,9 @@ def hand_eye(
     x_m, y_m, z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them): base_T_tcp.
     Pictures and poses are paired by id, never by their order. The answer's quaternion is xyzw.
 
+    With targets.csv instead of pictures, the target's poses in the camera (camera_T_target) in the same
+    columns, as another detector gave them, no --camera is needed: the noise of both is found from the pairs.
+
     Examples:
       rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
 
@@ -103,12 +106,15 @@ def hand_eye(
     from drivers.errors import InputError
     from rig.calibrate.bench_hand_eye import collect_hand_eye
     from rig.calibrate.hand_eye import hand_eye_from_folder
+    from rig.calibrate.pose_pairs import TARGETS, hand_eye_from_poses
 
     if setup not in list(Setup):
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
     if source is None:
         result = collect_hand_eye(station(bench, seed, out, yes, dry, json), wanted, Setup(setup), poses)
+    elif (source / TARGETS).is_file():
+        result = hand_eye_from_poses(source, serial, Setup(setup))
     else:
         if camera_file is None:
             raise InputError(

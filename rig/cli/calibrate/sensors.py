@@ -166,7 +166,8 @@ def sync(
     camera and both fingertips are put on the arm's clock.
 
     The folder of --from holds <name>.csv of both streams: time_ns (or t_s) and value, anything that
-    the motion changes; the longer, faster and less regular, the better.
+    the motion changes; the longer, faster and less regular, the better. Or an orientation, qx, qy, qz, qw:
+    then how fast it turns is compared, which two sensors on one body see alike.
 
     Examples:
       rig calibrate sync --bench fake

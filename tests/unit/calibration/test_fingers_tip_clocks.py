@@ -10,6 +10,7 @@ from calibration.fingers.force import fit_force
 from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import TimedSignal, make_stream, time_offset, unwrapped
 from calibration.tool_tip import calibrate_pivot
+from calibration.turning_rate import turning_rate
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose
@@ -27,6 +28,38 @@ def test_a_wiggle_gives_the_offset_within_its_sigma() -> None:
         sigmas.append(found.sigma_s)
     assert np.percentile(np.abs(errors), 95) < 1e-3
     assert 0.5 < np.std(errors) / np.mean(sigmas) < 2.0
+
+
+def test_two_pose_streams_tell_their_offset_by_how_fast_they_turn() -> None:
+    """The second sees the motion from elsewhere, 80 ms late, at 30 Hz with noise and half its frames."""
+    rng = np.random.default_rng(2)
+
+    def turn(t: np.ndarray) -> Rotation:
+        return Rotation.from_rotvec(
+            np.stack([0.4 * np.sin(1.7 * t), 0.5 * np.sin(2.9 * t + 1), 0.3 * np.sin(4.1 * t)], axis=1)
+        )
+
+    robot_s, camera_s = np.arange(0, 12, 0.002), np.sort(rng.choice(np.arange(0, 12, 1 / 30), 200, False))
+    noise = Rotation.from_rotvec(rng.normal(0, 2e-3, (len(camera_s), 3)))
+    mounted, placed = Rotation.random(2, rng=3)
+    robot = turning_rate((robot_s * 1e9).astype(np.int64), turn(robot_s).as_quat(), "robot")
+    late = ((camera_s + 0.08) * 1e9).astype(np.int64)
+    camera = turning_rate(late, (placed * turn(camera_s) * mounted * noise).as_quat(), "camera")
+    found = time_offset(robot, camera)
+    assert found.offset_s == pytest.approx(-0.08, abs=5e-3)
+
+
+def test_orientations_that_are_none_are_left_out_or_refused() -> None:
+    times = np.arange(60) * 10_000_000
+    turns = Rotation.from_rotvec(np.outer(np.arange(60) * 0.01, [0, 0, 1.0])).as_quat()
+    turns[5] = np.nan
+    turns[7] = 0.0
+    rate = turning_rate(times, turns, "camera")
+    assert rate.values == pytest.approx(1.0, rel=1e-6)
+    with pytest.raises(CalibrationError, match="no two orientations"):
+        turning_rate(times, np.zeros((60, 4)), "camera")
+    with pytest.raises(CalibrationError, match="quaternions"):
+        turning_rate(times, turns[:, :3], "camera")
 
 
 def test_the_sign_says_what_to_add_to_the_second_stream() -> None:

@@ -1,0 +1,275 @@
+"""Hand-eye from pairs of poses: checks, robust starts, weights by the noise found, rejection, spread.
+
+Where pictures are at hand, `solve.calibrate_hand_eye` fits their pixels and is several times as accurate.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms
+from calibration.hand_eye.observability import Observability, assess_motion, observability, pair_indices
+from calibration.hand_eye.pose_noise import fit_noise, noise_model, usual_noise
+from calibration.hand_eye.pose_pairs import (
+    PosePairs,
+    PoseSample,
+    by_robot,
+    make_pairs,
+    pair_residuals,
+    sample_fault,
+)
+from calibration.hand_eye.refine import moved
+from calibration.hand_eye.samples import Setup
+from calibration.hand_eye.solve import FEWEST_SAMPLES, as_pose
+from calibration.hand_eye.uncertainty import larger_of
+from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from drivers.types import Pose
+
+Array = NDArray[np.floating]
+
+_TAIL = 5.0
+"""Degrees of freedom of Student's t: a pair that misses by many sigmas counts less."""
+_OUTLIER = 35.0
+"""Squared whitened distance (6 numbers) beyond which a pair is left out; of good ones, 4 in a million."""
+_MOST_REJECTED = 0.34
+_ROUNDS, _NOISE_ROUNDS = 40, 12
+_MOST_PAIRS = 200
+_FOR_STARTS = 40
+_DRAWS, _DRAWN, _TRIED = 20, 6, 6
+_BLOCKS = 20
+_SIZE_MATTERS, _FAR_MORE = 5e-3, 10.0
+"""A share of the distance, and the gain in log likelihood that a wrong size has to explain."""
+_FIRST_GUESS = 3.0
+"""Times the usual noise, while the answer is sought."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Transforms with (N, 6) residuals, (N, 6, 12) derivatives, (N, 6, 6) inverse covariances.
+
+    distance: (N,) squared, whitened.
+    """
+
+    at: Transforms
+    missed: Array
+    by_step: Array
+    inverse: Array
+    distance: Array
+
+    @property
+    def weights(self) -> Array:
+        return (_TAIL + 6.0) / (_TAIL + self.distance)
+
+    def normal(self, rows: NDArray[np.int64] | slice = slice(None)) -> tuple[Array, Array]:
+        """(12, 12) and (12,): the normal equations of these pairs."""
+        weighted = self.weights[rows, None, None] * self.inverse[rows]
+        left = self.by_step[rows].transpose(0, 2, 1) @ weighted
+        return (left @ self.by_step[rows]).sum(axis=0), (left @ self.missed[rows, :, None]).sum(axis=0)[:, 0]
+
+    def step(self, rows: NDArray[np.int64] | slice = slice(None)) -> Array:
+        """(12,) Gauss-Newton step of these pairs."""
+        matrix, target = self.normal(rows)
+        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        return -np.linalg.lstsq(matrix / np.outer(scale, scale), target / scale, rcond=1e-13)[0] / scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosePairResult:
+    """The answer and its assessment; as `HandEyeResult`, of poses.
+
+    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None where refused
+    before a solution. covariance, target_covariance: (6, 6), turn about its own axes (rad), move (m).
+    sigmas: (6,) of the noise found, as `pose_noise` orders them. samples: pairs used, or blocks of them.
+    """
+
+    setup: Setup
+    assessment: Assessment
+    rejected: tuple[Rejected, ...]
+    motion: Observability | None = None
+    pose: Pose | None = None
+    target: Pose | None = None
+    covariance: Array | None = None
+    target_covariance: Array | None = None
+    sigmas: Array | None = None
+    samples: int = 0
+    used: tuple[str, ...] = ()
+
+
+def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairResult:
+    """Solve; bad data gives a refused result with its reasons, never a silent number.
+
+    Samples in the order of their time: of streams, those next to one another share errors, which is seen.
+    """
+    good, rejected = sift(samples, lambda s: s.id, sample_fault)
+    if len(good) < FEWEST_SAMPLES:
+        text = f"{len(good)} usable pairs of poses, {FEWEST_SAMPLES} are the least and 15 are good"
+        return PosePairResult(setup, Assessment((text,)), tuple(rejected))
+    pairs = thinned(make_pairs(good, setup), _MOST_PAIRS)
+    motion = observability(thinned(pairs, _FOR_STARTS).a_R)
+    gate = assess_motion(motion)
+    if gate.refusals:
+        return PosePairResult(setup, gate, tuple(rejected), motion)
+    kept, fit, sigmas = _robust(pairs, _best_start(pairs))
+    refusal = _wrong_size(pairs, fit.at, sigmas) or _contradiction(pairs, len(kept))
+    if refusal is not None:
+        return PosePairResult(setup, Assessment((refusal,)), tuple(rejected), motion)
+    out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
+    rejected += [Rejected(pairs.ids[i], "contradicts the others") for i in out]
+    alike = _alike(fit)
+    pose, target, count = _spread(fit, alike)
+    return PosePairResult(
+        setup, gate + _assess(pose, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
+        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), pose, target, sigmas, count,
+        tuple(pairs.ids[i] for i in kept),
+    )  # fmt: skip
+
+
+def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: float) -> Assessment:
+    sigma = np.sqrt(np.diag(covariance))
+    mm, deg = 1e3 * float(np.linalg.norm(sigma[3:])), float(np.degrees(np.linalg.norm(sigma[:3])))
+    hint = "add pairs with larger turns about two axes, or calibrate from pictures"
+    return (
+        limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
+        + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
+        + floor(count, 10, FEWEST_SAMPLES, "{value} pairs used; 15 are good")
+        + limit(left_out, 0.15 * pairs, np.inf, "{value} pairs left out, see why")
+        + limit(
+            alike, 0.3, np.inf,
+            "errors of neighbouring pairs are alike ({value:.2f}; noise: 0), which widens sigma: does the "
+            "robot's model, the clock or the detector's scale drift?",
+        )
+    )  # fmt: skip
+
+
+def thinned(pairs: PosePairs, most: int) -> PosePairs:
+    """At most so many pairs, evenly over all."""
+    count = len(pairs.ids)
+    return pairs if count <= most else pairs.subset(np.linspace(0, count - 1, most).astype(np.int64))
+
+
+def _contradiction(pairs: PosePairs, kept: int) -> str | None:
+    count = len(pairs.ids)
+    if kept >= max((1.0 - _MOST_REJECTED) * count, FEWEST_SAMPLES):
+        return None
+    return (
+        f"{count - kept} of {count} pairs contradict the others: check the pairing, the pose convention "
+        "(inverted? quaternion order?), that the target is firm, and its size"
+    )
+
+
+def _wrong_size(pairs: PosePairs, at: Transforms, sigmas: Array) -> str | None:
+    """Say that distances to the target are those of another size, where that explains far more."""
+    scale = _distance_scale(thinned(pairs, _FOR_STARTS), at)
+    if not 0.02 < scale < 50.0 or abs(scale - 1.0) < _SIZE_MATTERS:
+        return None
+    scaled = replace(pairs, b_t=pairs.b_t / scale)
+    _, fit, noise = _robust(scaled, _best_start(scaled))
+    if _surprise(pairs, at, sigmas) - _surprise(scaled, fit.at, noise) < _FAR_MORE:
+        return None
+    return (
+        f"the target's distances look {scale:.3f} times as long as the robot's motions: is its size right, "
+        "and are both in m?"
+    )
+
+
+def _surprise(pairs: PosePairs, at: Transforms, sigmas: Array) -> float:
+    """Negative log likelihood of all pairs under Student's t of the noise, but for a constant."""
+    fit = _at(pairs, at, sigmas)
+    tails = 0.5 * (_TAIL + 6.0) * np.log1p(fit.distance / _TAIL)
+    return float((tails - 0.5 * np.linalg.slogdet(fit.inverse)[1]).sum())
+
+
+def _distance_scale(pairs: PosePairs, at: Transforms) -> float:
+    """How many times too long distances to the target are, by the motions between all pairs.
+
+    Linear in that factor and X's place once its rotation is known (Andreff et al. 2001).
+    """
+    first, second = pair_indices(len(pairs.ids))
+    turns = pairs.a_R[second] @ pairs.a_R[first].transpose(0, 2, 1)
+    moves = pairs.a_t[second] - (turns @ pairs.a_t[first][..., None])[..., 0]
+    seen_turns = pairs.b_R[second] @ pairs.b_R[first].transpose(0, 2, 1)
+    seen = pairs.b_t[second] - (seen_turns @ pairs.b_t[first][..., None])[..., 0]
+    system = np.concatenate([turns - np.eye(3), -(seen @ at.x_R.T)[..., None]], axis=2).reshape(-1, 4)
+    answer, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
+    return 1.0 / float(answer[3]) if abs(answer[3]) > 1e-9 else np.inf
+
+
+def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS) -> _Fit:
+    """Gauss-Newton with Student's weights at the given noise."""
+    for _ in range(rounds):
+        now = _at(pairs, at, sigmas)
+        step = now.step()
+        size = float(np.abs(step).max())
+        at = moved(at, step * min(1.0, 0.5 / max(size, 1e-12)))
+        if size < 1e-9:
+            break
+    return _at(pairs, at, sigmas)
+
+
+def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
+    missed, by_step = pair_residuals(pairs, at)
+    inverse = np.linalg.inv(noise_model(by_robot(pairs, at)).covariances(sigmas))
+    return _Fit(at, missed, by_step, inverse, np.einsum("ni,nij,nj->n", missed, inverse, missed))
+
+
+def _best_start(pairs: PosePairs) -> Transforms:
+    """The best of closed forms over all pairs and over small draws (fixed seed), after a robust fit."""
+    some = thinned(pairs, _FOR_STARTS)
+    everyone, rng = np.arange(len(some.ids)), np.random.default_rng(0)
+    tries = [(name, everyone) for name in CLOSED_FORMS]
+    if len(everyone) > _DRAWN:
+        tries += [("shah", np.sort(rng.choice(everyone, _DRAWN, replace=False))) for _ in range(_DRAWS)]
+    best: tuple[float, Transforms] | None = None
+    for name, rows in tries:
+        part = some.subset(rows)
+        start = CLOSED_FORMS[name](part.a_R, part.a_t, part.b_R, part.b_t)
+        if not np.isfinite(start.x_t).all():
+            continue
+        fit = _fit(some, start, _FIRST_GUESS * usual_noise(), _TRIED)
+        cost = float(np.log1p(fit.distance / _TAIL).sum())
+        if np.isfinite(cost) and (best is None or cost < best[0]):
+            best = cost, fit.at
+    if best is None:  # every start runs from finite poses, so this is a defect and not an input
+        raise ArithmeticError("hand-eye: no start led to a finite answer")
+    return best[1]
+
+
+def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fit, Array]:
+    """Pairs that agree, their fit, and the (6,) noise found; outliers go, and may come back."""
+    everyone = np.arange(len(pairs.ids))
+    at, sigmas, kept = start, _FIRST_GUESS * usual_noise(), everyone
+    for _ in range(_NOISE_ROUNDS):
+        used = pairs.subset(kept)
+        fit = _fit(used, at, sigmas, 8)
+        found = fit_noise(noise_model(by_robot(used, fit.at)), fit.missed, fit.weights, 12, sigmas)
+        at, change, sigmas = fit.at, float(np.abs(np.log(found / sigmas)).max()), found
+        again = everyone[_at(pairs, at, sigmas).distance <= _OUTLIER]
+        if change < 0.02 and np.array_equal(again, kept):
+            break
+        if len(again) < FEWEST_SAMPLES:
+            return again, fit, sigmas
+        kept = again
+    return kept, _fit(pairs.subset(kept), at, sigmas), sigmas
+
+
+def _alike(fit: _Fit) -> float:
+    """Correlation of neighbouring pairs' whitened errors, the most alike of six; 0 where it may be noise."""
+    white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
+    found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
+    return found if found > 3.5 / np.sqrt(len(white)) else 0.0
+
+
+def _spread(fit: _Fit, alike: float) -> tuple[Array, Array, int]:
+    """(6, 6) of X and of Z: the larger of fit and jackknife over blocks; and how many blocks.
+
+    Where neighbours' errors are alike there are as many fewer pairs to count.
+    """
+    count, widened = len(fit.missed), (1.0 + alike) / max(1.0 - alike, 0.02)
+    model = np.linalg.inv(fit.normal()[0]) * fit.missed.size / max(fit.missed.size - 12, 1) * widened
+    blocks = np.array_split(np.arange(count), min(count, _BLOCKS))
+    changes = np.array([fit.step(np.setdiff1d(np.arange(count), block)) for block in blocks])
+    jackknife = (len(blocks) - 1) / len(blocks) * changes.T @ changes
+    x, z = slice(0, 6), slice(6, 12)
+    return larger_of(model[x, x], jackknife[x, x]), larger_of(model[z, z], jackknife[z, z]), len(blocks)

@@ -1,0 +1,175 @@
+"""Hand-eye from pairs of poses: exact, honest under each kind of noise, refused where it cannot know."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
+
+from calibration.hand_eye.closed_form import park, shah
+from calibration.hand_eye.pose_pairs import PoseSample, by_robot, make_pairs, pair_residuals
+from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
+from calibration.hand_eye.refine import moved
+from calibration.hand_eye.samples import Setup
+from calibration.hand_eye.solve import as_pose
+from calibration.verdict import Verdict
+from drivers.types import Pose
+from rig.benchmark.calibration.hand_eye_scenes import Noise, Truth, general_scene
+
+ROBOT = (np.radians(0.03), 3e-4)
+TARGET = (np.radians(0.2), np.radians(0.05), 1e-3, 4e-3)
+"""Tilt, turn about the axis, across, depth."""
+
+
+def disturbed(pose: Pose, rng: np.random.Generator, turns: np.ndarray, moves: np.ndarray) -> Pose:
+    """A pose turned and moved in its own parent's axes by normal steps of these sigmas."""
+    turn = Rotation.from_rotvec(rng.normal(0, 1, 3) * turns)
+    return Pose.from_rotation(pose.position_m + rng.normal(0, 1, 3) * moves, turn * pose.rotation)
+
+
+def scene(
+    seed: int, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, noise: float = 1.0, size: float = 1.0
+) -> tuple[Truth, list[PoseSample]]:
+    """Pairs with the noise above, times `noise`; of a target whose distances look `size` times as long."""
+    rng = np.random.default_rng((5, seed))
+    truth, views = general_scene(rng, count, setup, noise=Noise(0.0, 0.0, 0.0))
+    samples = []
+    for view in views:
+        robot = view.base_T_tcp if setup is Setup.EYE_TO_HAND else view.base_T_tcp.inverse()
+        seen = truth.x.inverse() @ robot @ truth.z
+        seen = replace(seen, position_m=tuple(size * v for v in seen.position_m))
+        tilt, turn, across, depth = noise * np.array(TARGET)
+        seen = disturbed(seen, rng, np.array([tilt, tilt, turn]), np.array([across, across, depth]))
+        twist = [rng.normal(0, noise * s, 3) for s in ROBOT]
+        said = view.base_T_tcp @ Pose.from_rotation(twist[1], Rotation.from_rotvec(twist[0]))
+        samples.append(PoseSample(view.id, said, seen))
+    return truth, samples
+
+
+def holds(result: PosePairResult, truth: Truth) -> bool:
+    assert result.pose is not None
+    assert result.covariance is not None
+    error = truth.error_vector(result.pose)
+    bound = 6 * f_distribution.ppf(0.95, 6, result.samples - 1)
+    return float(error @ np.linalg.solve(result.covariance, error)) <= bound
+
+
+@pytest.mark.parametrize("setup", list(Setup))
+def test_exact_pairs_give_the_exact_answer(setup: Setup) -> None:
+    truth, samples = scene(0, 12, setup, noise=0.0)
+    result = calibrate_pose_pairs(samples, setup)
+    assert result.pose is not None
+    assert result.target is not None
+    assert truth.error(result.pose) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("setup", list(Setup))
+def test_derivatives_are_those_of_the_residuals(setup: Setup) -> None:
+    _, samples = scene(1, 8, setup)
+    pairs = make_pairs(samples, setup)
+    at = shah(pairs.a_R, pairs.a_t, pairs.b_R, pairs.b_t)
+    missed, by_step = pair_residuals(pairs, at)
+    for column in range(12):
+        step = np.zeros(12)
+        step[column] = 1e-6
+        other, _ = pair_residuals(pairs, moved(at, step))
+        assert (other - missed) / 1e-6 == pytest.approx(by_step[:, :, column], abs=0.02)
+    twist = Pose.from_rotation((0.0, 2e-6, 0.0), Rotation.from_rotvec([1e-6, 0.0, 0.0]))
+    told = make_pairs([replace(s, base_T_tcp=s.base_T_tcp @ twist) for s in samples], setup)
+    change = (pair_residuals(told, at)[0] - missed) / 1e-6
+    assert change == pytest.approx(
+        by_robot(pairs, at)[:, :, 0] + 2.0 * by_robot(pairs, at)[:, :, 4], abs=0.03
+    )
+
+
+@pytest.mark.parametrize("setup", list(Setup))
+def test_the_region_holds_the_truth_about_as_often_as_it_says(setup: Setup) -> None:
+    held = []
+    for seed in range(10):
+        truth, samples = scene(seed, 15, setup)
+        held.append(holds(calibrate_pose_pairs(samples, setup), truth))
+    assert np.mean(held) >= 0.85
+
+
+def test_the_noise_is_found_and_its_weights_are_worth_it() -> None:
+    errors, plain, depth, tilt = [], [], [], []
+    for seed in range(4):
+        truth, samples = scene(seed, 40)
+        result = calibrate_pose_pairs(samples, Setup.EYE_TO_HAND)
+        assert result.pose is not None
+        assert result.sigmas is not None
+        errors.append(truth.error(result.pose)[0])
+        pairs = make_pairs(samples, Setup.EYE_TO_HAND)
+        closed = park(pairs.a_R, pairs.a_t, pairs.b_R, pairs.b_t)
+        plain.append(truth.error(as_pose(closed.x_R, closed.x_t))[0])
+        tilt.append(result.sigmas[2])
+        depth.append(result.sigmas[5])
+    assert np.median(errors) < 0.6 * np.median(plain)
+    assert np.median(tilt) == pytest.approx(TARGET[0], rel=0.25)
+    assert np.median(depth) == pytest.approx(TARGET[3], rel=0.25)
+
+
+def test_flipped_targets_are_left_out_by_name() -> None:
+    truth, samples = scene(3)
+    flip = Rotation.from_euler("x", 30, degrees=True)
+    for i in (2, 9, 14):
+        seen = samples[i].camera_T_target
+        samples[i] = replace(
+            samples[i], camera_T_target=Pose.from_rotation(seen.position_m, seen.rotation * flip)
+        )
+    result = calibrate_pose_pairs(samples, Setup.EYE_TO_HAND)
+    assert {r.id for r in result.rejected} == {samples[i].id for i in (2, 9, 14)}
+    assert holds(result, truth)
+
+
+@pytest.mark.parametrize("size", [0.97, 1.05, 2.0])
+def test_a_target_of_another_size_is_refused_for_it(size: float) -> None:
+    _, samples = scene(4, 30, size=size, noise=0.5)
+    result = calibrate_pose_pairs(samples, Setup.EYE_TO_HAND)
+    assert result.pose is None
+    said = result.assessment.refusals[0]
+    assert "is its size right" in said
+    assert float(said.split("look ")[1].split(" times")[0]) == pytest.approx(size, rel=0.02)
+
+
+def test_pairs_shifted_by_one_and_inverted_poses_are_refused() -> None:
+    _, samples = scene(6)
+    seen = [s.camera_T_target for s in samples]
+    shifted = [replace(s, camera_T_target=t) for s, t in zip(samples, seen[1:] + seen[:1], strict=True)]
+    inverted = [replace(s, base_T_tcp=s.base_T_tcp.inverse()) for s in samples]
+    for wrong in (shifted, inverted):
+        result = calibrate_pose_pairs(wrong, Setup.EYE_TO_HAND)
+        assert result.assessment.verdict is Verdict.REFUSED
+        assert result.pose is None
+
+
+def test_motions_about_one_axis_and_too_few_pairs_are_refused() -> None:
+    truth, samples = scene(7)
+    first = samples[0].base_T_tcp
+    about_z = []
+    for i, sample in enumerate(samples):
+        robot = first @ Pose.from_rotation((0.01 * i, 0.0, 0.0), Rotation.from_rotvec([0.0, 0.0, 0.1 * i]))
+        seen = truth.x.inverse() @ robot @ truth.z
+        about_z.append(replace(sample, base_T_tcp=robot, camera_T_target=seen))
+    assert "parallel axes" in str(calibrate_pose_pairs(about_z, Setup.EYE_TO_HAND).assessment)
+    assert "usable pairs" in str(calibrate_pose_pairs(samples[:4], Setup.EYE_TO_HAND).assessment)
+
+
+def test_errors_that_neighbours_share_widen_sigma() -> None:
+    truth, samples = scene(8, 60)
+    rng = np.random.default_rng(1)
+    drift = np.cumsum(rng.normal(0, 1e-3, (len(samples), 3)), axis=0)
+    adrift = [
+        replace(s, camera_T_target=replace(t, position_m=tuple(np.add(t.position_m, d))))
+        for s, d in zip(samples, drift, strict=True)
+        if (t := s.camera_T_target)
+    ]
+    plain, result = (calibrate_pose_pairs(s, Setup.EYE_TO_HAND) for s in (samples, adrift))
+    assert "neighbouring" not in str(plain.assessment)
+    assert "errors of neighbouring pairs are alike" in str(result.assessment)
+    assert plain.covariance is not None
+    assert result.covariance is not None
+    assert np.trace(result.covariance[3:, 3:]) > 4.0 * np.trace(plain.covariance[3:, 3:])
+    assert holds(result, truth)

@@ -6,6 +6,8 @@ LEAST_WORK = 0.05
 """Share of one piece of work from which the time for the others can be told."""
 MOST_IN_PROGRESS = 0.97
 """Work in progress never counts as done."""
+LEAST_S = 1.0
+"""What is told of several pieces at once, at the first look, says nothing of how long they took."""
 
 
 class TimeLeft:
@@ -25,9 +27,9 @@ class TimeLeft:
         """Return the time left, s; None until enough is done to tell. shares: of each piece in progress."""
         in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
         worked = self.done - self._before + in_progress
-        if worked < LEAST_WORK:
-            return None
         elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S
+        if worked < LEAST_WORK or elapsed_s < LEAST_S:
+            return None
         return elapsed_s / worked * max(self.total - self.done - in_progress, 0.0)
 
     def piece_done(self, done: int, total: int) -> None:

@@ -169,6 +169,15 @@ def test_the_time_left_of_work_that_says_nothing_counts_down() -> None:
     assert left_text(7200) == "about 2.0 h left"
 
 
+def test_what_several_lifts_say_at_the_first_look_tells_no_time() -> None:
+    clock = SimulatedClock()
+    left = TimeLeft(4, clock=clock)
+    left.begin()
+    assert left.seconds((0.4, 0.4)) is None
+    clock.sleep_until(to_ns(4.0))
+    assert left.seconds((0.8, 0.8)) == pytest.approx(6.0)
+
+
 def test_away_from_a_terminal_there_are_plain_lines(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.observability import Observability
 from calibration.hand_eye.refine import linearised
 from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem
 from calibration.hand_eye.solve import HandEyeResult
-from calibration.targets.views import View, coverage
+from calibration.targets.views import View
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 
@@ -29,15 +28,6 @@ class NextPose:
 
     index: int
     sigma_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Three shares from 0 to 1: range of the rotations, spread of their axes, coverage of the picture."""
-
-    rotation_span: float
-    axis_spread: float
-    image_coverage: float
 
 
 def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]) -> NextPose | None:
@@ -78,15 +68,6 @@ def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pos
     inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
     view = View("next", np.arange(len(points)), points, pixels, camera.size)
     return HandEyeSample("next", base_T_tcp, view) if inside else None
-
-
-def progress(motion: Observability, views: Sequence[View]) -> Progress:
-    """How far a set of samples has come; 1 is enough."""
-    return Progress(
-        min(motion.max_angle_deg / 60.0, 1.0),
-        min(motion.translation_ratio / 0.4, 1.0),
-        float((coverage(views, columns=4, rows=3) > 0).mean()),
-    )
 
 
 def _information(problem: Problem, result: HandEyeResult) -> Array:

@@ -10,6 +10,8 @@ from calibration.verdict import Assessment, floor
 
 Array = NDArray[np.floating]
 
+GOOD_TURN_DEG, GOOD_RATIO, GOOD_GAP = 20.0, 0.2, 1e-2
+"""Below these a motion is doubted."""
 _HINT = "turn the tool by 30 degrees and more about two axes at least, between still poses"
 
 
@@ -65,15 +67,17 @@ def assess_motion(seen: Observability) -> Assessment:
     if seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
         return Assessment(refusals=(f"all turns are about parallel axes: {_HINT}",))
     return (
-        floor(seen.max_angle_deg, 20.0, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT)
+        floor(
+            seen.max_angle_deg, GOOD_TURN_DEG, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT
+        )
         + floor(
             seen.translation_ratio,
-            0.2,
+            GOOD_RATIO,
             0.01,
             "turns are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
         )
         + floor(
-            seen.rotation_gap, 1e-2, 1e-4, "the rotation is weakly determined (gap {value:.1e}): " + _HINT
+            seen.rotation_gap, GOOD_GAP, 1e-4, "the rotation is weakly determined (gap {value:.1e}): " + _HINT
         )
     )
 

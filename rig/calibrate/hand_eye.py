@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.guidance import progress
 from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
+from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye, shares_of_good
 from calibration.targets.boards import Target
 from calibration.targets.views import View
 from calibration.verdict import Rejected
@@ -161,7 +160,6 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
         )
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
-        bars = progress(result.motion, views)
         pictures.append(
             Picture(
                 "Where the target was seen",
@@ -169,12 +167,14 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
                 figures.scatter({"points": (points[:, 0], camera.size[1] - points[:, 1])}, "x, px", "up, px"),
             )
         )
-        shares = {
-            "rotation span": bars.rotation_span,
-            "axis spread": bars.axis_spread,
-            "picture": bars.image_coverage,
-        }
-        pictures.append(Picture("Is it enough?", "1 is enough.", figures.bars(shares, "share")))
+        pictures.append(
+            Picture(
+                "Is it enough?",
+                "What the verdict goes by, as a share of what good asks for: what is below 1 is doubted or "
+                "refused. A camera that is not good makes the verdict weak all the same.",
+                figures.bars(shares_of_good(result), "share", least=1.0),
+            )
+        )
     return pictures
 
 

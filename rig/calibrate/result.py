@@ -8,6 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from calibration.store import CalibrationFile, plain, save, write_text
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError
@@ -16,11 +18,11 @@ from rig.pages.page import render
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of the page: PNG bytes, with what it shows."""
+    """A figure of the page: SVG, or a picture's PNG bytes, with what it shows."""
 
     title: str
     text: str
-    png: bytes
+    shown: Markup | bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,8 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
     )
     if result.assessment.verdict is Verdict.REFUSED:
         reasons = "; ".join(result.assessment.refusals)
-        raise CalibrationError(f"{result.kind}: refused: {reasons} (page: {page})")
+        about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
+        raise CalibrationError(f"{result.kind} of {about}: refused: {reasons} (page: {page})")
     return Filed(path, page, figures)
 
 

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rig.pages.palette import INK, LINE, MUTED, by_light_hex
+from rig.pages.palette import INK, LINE, MUTED, PAPER, by_light_hex
 
 PX_PER_INCH = 72
 """An SVG of matplotlib counts 72 units per inch: here one unit is one CSS pixel."""
@@ -84,10 +84,20 @@ def svg(figure: Figure, alt: str) -> Markup:
     text = text[text.index("<svg") :].replace("\n", " ")
     for pattern, instead in _SUPERFLUOUS:
         text = pattern.sub(instead, text)
+    # in a tag digits beyond a hundredth of a pixel are nothing; in a label they may be all there is
+    text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
     text = _own_ids(text, f"f{next(_number)}-")
     text = re.sub(r"#[0-9a-f]{6}\b", lambda m: _CSS.get(m.group(), m.group()), text)
     head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
     return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
+
+
+def png(figure: Figure, dpi: float) -> bytes:
+    """Return a figure as PNG on white paper."""
+    buffer = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(buffer, format="png", dpi=dpi, facecolor=PAPER.light, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
@@ -103,11 +113,11 @@ _SUPERFLUOUS = (
     (re.compile(r"<metadata>.*?</metadata>|<style.*?</style>", re.DOTALL), ""),
     (re.compile(r'\bid="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)_\d+"'), ""),
     (re.compile(r"font-family: [^;\"]*;"), ""),
-    (re.compile(r"\.(\d\d)\d+"), r".\1"),
     (re.compile(r'(<svg [^>]*?)width="[^"]*" height="[^"]*"'), r"\1"),
     (re.compile(r"[ \n]+(?=[ >])"), ""),
 )
-"""What the page says once for all figures, and digits beyond a hundredth of a pixel."""
+"""What the page says once for all figures."""
+_TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
 def _own_ids(text: str, prefix: str) -> str:

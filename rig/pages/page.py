@@ -1,13 +1,19 @@
 """How a page is put together: templates in their packages, one style, everything inside the file."""
 
 import base64
+import re
 from importlib.resources import files
+from itertools import count
 from typing import Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from rig.pages.palette import variables
+
+FEWEST_HEADINGS = 4
+"""A page with fewer is seen at a glance."""
+_HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 
 
 def render(package: str, template: str, **values: Any) -> str:
@@ -26,11 +32,28 @@ def render(package: str, template: str, **values: Any) -> str:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        extensions=["jinja2.ext.loopcontrols"],
     )
     environment.filters["data"] = data_uri
     style = variables() + "\n" + files("rig.pages").joinpath("style.css").read_text(encoding="utf-8")
     # The style is this package's own text and holds no input.
-    return environment.get_template(template).render(style=Markup(style), **values)  # noqa: S704
+    html = environment.get_template(template).render(style=Markup(style), **values)  # noqa: S704
+    return with_contents(html)
+
+
+def with_contents(html: str) -> str:
+    """Give the headings of a long page names, and put links to them below its title."""
+    headings = _HEADING.findall(html)
+    if len(headings) < FEWEST_HEADINGS:
+        return html
+    numbers = count(1)
+    html = _HEADING.sub(lambda match: f'<h2 id="part-{next(numbers)}">{match.group(1)}</h2>', html)
+    links = "".join(
+        f'<li><a href="#part-{number}">{text}</a></li>' for number, text in enumerate(headings, start=1)
+    )
+    contents = f'<nav aria-label="Contents"><ul class="contents">{links}</ul></nav>'
+    place = html.index("<h2 id=")
+    return f"{html[:place]}{contents}\n{html[place:]}"
 
 
 def data_uri(image: bytes) -> str:

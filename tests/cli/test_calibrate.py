@@ -32,7 +32,8 @@ def figures(*arguments: object) -> dict:
 def page_is_whole(page: str, pictures: int) -> None:
     """One file that needs nothing else, with its figures in it."""
     text = Path(page).read_text()
-    assert text.count("data:image/png;base64,") >= pictures
+    assert text.count("data:image/png;base64,") + text.count('<svg role="img"') >= pictures
+    assert "var(--" in text.partition("</style>")[2]  # charts in the page's colours, light and dark
     assert "http://" not in text.replace("http://www.w3.org", "")
     assert "<script" not in text
     assert "nan" not in text.lower().replace("data:image", "").split("base64")[0]

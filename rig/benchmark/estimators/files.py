@@ -26,10 +26,10 @@ def check_writable(folder: Path, readme: Path | None) -> None:
 
 def write_results(folder: Path, result: BenchmarkResult, readme: Path | None = None) -> None:
     """Write the results as JSON, picture, page and table, and the table into a README."""
-    picture = draw(result)
+    picture, chart = draw(result)
     (folder / FIGURES).write_text(json.dumps(as_json(result), indent=1) + "\n", encoding="utf-8")
     (folder / PICTURE).write_bytes(picture)
-    (folder / PAGE).write_text(page(result, picture), encoding="utf-8")
+    (folder / PAGE).write_text(page(result, chart), encoding="utf-8")
     (folder / TABLE).write_text(readme_section(result) + "\n", encoding="utf-8")
     if readme is not None:
         write_section(readme, NAME, readme_section(result))

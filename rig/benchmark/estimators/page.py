@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from markupsafe import Markup
+
 from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
 from rig.benchmark.estimators.tables import (
     BenchmarkTable,
@@ -17,8 +19,8 @@ from rig.tactile.estimators import DEFAULT_ESTIMATOR
 _TEXT = {"estimator", "stage", "group", "condition", "limit", "asked", "worst lift", ""}
 
 
-def page(result: BenchmarkResult, picture: bytes) -> str:
-    """Return the HTML page, with the PNG picture inside."""
+def page(result: BenchmarkResult, picture: Markup) -> str:
+    """Return the HTML page, with the picture inside, as SVG."""
     every_window = estimator_table(result, windows=True)
     tables = [
         limit_table(result.limits),

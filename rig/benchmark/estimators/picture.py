@@ -1,32 +1,35 @@
 """The benchmark's picture: run time against error, and error by window."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, PAPER, WINDOWS
+from rig.pages.figure import drawing, png, svg
+from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, TRUTH, WARNING
+from rig.pages.palette import PAPER as SHEET
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PUBLISHED
 
 # The palette of Okabe and Ito, told apart with any colour vision; shapes differ too.
 _LOOKS = {
-    DEFAULT_ESTIMATOR: ("#0072B2", "o"),
-    NO_SKIP: ("#0072B2", "o"),
-    "ecc": ("#009E73", "s"),
+    DEFAULT_ESTIMATOR: (ESTIMATE.light, "o"),
+    NO_SKIP: (ESTIMATE.light, "o"),
+    "ecc": (FIRST.light, "s"),
     "polar": ("#56B4E9", "D"),
-    "skeleton": ("#D55E00", "^"),
-    "ellipse": ("#B07800", "v"),
+    "skeleton": (TRUTH.light, "^"),
+    "ellipse": (WARNING.light, "v"),
     "pca": ("#CC79A7", "P"),
 }
 _LABEL_GAP = 0.062
 """Least distance between two labels, as a share of the axes' height."""
 _DPI = 130
+WIDTH_PX, HEIGHT_PX = 1000, 480
 _USUAL_WINDOW = 2
 
 
@@ -49,18 +52,19 @@ class Point:
         return self.mare_deg[self.window]
 
 
-def draw(result: BenchmarkResult) -> bytes:
-    """Return the picture as PNG: left the front of run time and error, right the error by window."""
+def draw(result: BenchmarkResult) -> tuple[bytes, Markup]:
+    """Return the picture as PNG, and as SVG in a page's colours.
+
+    Left the front of run time and error, right the error by window.
+    """
     points = [point for name in CONTENDERS if (point := _point(result, name))]
-    figure = Figure(figsize=(14.0, 6.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    simulated = "SIMULATED: " if result.simulated else ""
-    figure.suptitle(f"{simulated}rotational error over {result.lifts} lifts, both fingertips fused")
-    _front(left, result, points)
-    _by_window(right, points)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
-    return stream.getvalue()
+    with drawing(HEIGHT_PX, WIDTH_PX) as figure:
+        left, right = figure.subplots(1, 2)
+        simulated = "SIMULATED: " if result.simulated else ""
+        figure.suptitle(f"{simulated}rotational error over {result.lifts} lifts, both fingertips fused")
+        _front(left, result, points)
+        _by_window(right, points)
+        return png(figure, _DPI), svg(figure, "Run time against error, and error by window")
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
@@ -100,7 +104,7 @@ def _front(axes: Axes, result: BenchmarkResult, points: Sequence[Point]) -> None
     front = pareto(points)
     axes.plot(
         [p.time_ms for p in front], [p.usual_deg for p in front],
-        color="0.85", linewidth=7, solid_capstyle="round", zorder=1,
+        color=LINE.light, linewidth=7, solid_capstyle="round", zorder=1,
     )  # fmt: skip
     for point in points:
         values = list(point.mare_deg.values())
@@ -112,14 +116,14 @@ def _front(axes: Axes, result: BenchmarkResult, points: Sequence[Point]) -> None
         ylabel="MARE over phases B and C, degrees",
     )  # fmt: skip
     title = "Run time against error\nlines up: windows to 10; grey: nothing is both faster and closer"
-    axes.set_title(title, fontsize=10)
+    axes.set_title(title, fontsize=11)
     published = result.timing.published.stage
     if published.count:
-        axes.axvline(published.p50_ms, color="0.4", linestyle=":", zorder=1)
+        axes.axvline(published.p50_ms, color=MUTED.light, linestyle=":", zorder=1)
         axes.text(
-            published.p50_ms, 0.66, "published second stage alone", color="0.3", fontsize=9, rotation=90,
-            ha="center", va="center", transform=axes.get_xaxis_transform(), zorder=5,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 2.0},
+            published.p50_ms, 0.66, "published second stage alone", color=MUTED.light, fontsize=10.5,
+            rotation=90, ha="center", va="center", transform=axes.get_xaxis_transform(), zorder=5,
+            bbox={"facecolor": SHEET.light, "edgecolor": "none", "pad": 2.0},
         )  # fmt: skip
     _finish(axes, points, [(p.time_ms, p.usual_deg) for p in points])
 
@@ -132,13 +136,13 @@ def _by_window(axes: Axes, points: Sequence[Point]) -> None:
         yscale="log", xlabel="window: mean of the last n angles (1: none)", xticks=WINDOWS,
         ylabel="MARE over phases B and C, degrees",
     )  # fmt: skip
-    axes.set_title("Error by window", fontsize=10)
+    axes.set_title("Error by window", fontsize=11)
     _finish(axes, shown, [(max(p.mare_deg), p.mare_deg[max(p.mare_deg)]) for p in shown])
 
 
 def _finish(axes: Axes, points: Sequence[Point], ends: Sequence[tuple[float, float]]) -> None:
     """Plain ticks, a grid, and every label in the right margin with a line to its point."""
-    axes.grid(True, which="major", color="0.9")
+    axes.grid(True, which="major", color=LINE.light)
     axes.spines[["top", "right"]].set_visible(False)
     for axis in (axes.yaxis, axes.xaxis) if axes.get_xscale() == "log" else (axes.yaxis,):
         axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
@@ -149,7 +153,7 @@ def _finish(axes: Axes, points: Sequence[Point], ends: Sequence[tuple[float, flo
     for point, end, place in zip(points, ends, places, strict=True):
         axes.annotate(
             point.name, xy=end, xycoords="data", xytext=(1.04, place), textcoords="axes fraction",
-            va="center", fontsize=10, color="0.15",
+            va="center", fontsize=10.5, color=INK.light,
             arrowprops={"arrowstyle": "-", "color": _style(point.name)["color"], "linewidth": 0.8},
         )  # fmt: skip
 
@@ -160,6 +164,6 @@ def _style(name: str) -> dict[str, Any]:
     return {
         "color": color,
         "marker": marker,
-        "markerfacecolor": "white" if hollow else color,
+        "markerfacecolor": SHEET.light if hollow else color,
         "linestyle": "--" if hollow else "-",
     }

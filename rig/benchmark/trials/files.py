@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+from markupsafe import Markup
+
 from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.trials.benchmark import TrialsResult, as_json
 from rig.benchmark.trials.paper_tables import notes, table_four, table_three
@@ -14,14 +16,14 @@ FIGURES, PICTURE, PAGE = "results.json", "trials.png", "index.html"
 
 def write_trials(folder: Path, result: TrialsResult) -> None:
     """Write results, picture and page into a folder that there is."""
-    picture = draw(result)
+    picture, chart = draw(result)
     (folder / FIGURES).write_text(json.dumps(as_json(result), indent=1) + "\n", encoding="utf-8")
     (folder / PICTURE).write_bytes(picture)
-    (folder / PAGE).write_text(page(result, picture), encoding="utf-8")
+    (folder / PAGE).write_text(page(result, chart), encoding="utf-8")
 
 
-def page(result: TrialsResult, picture: bytes) -> str:
-    """Return the HTML page, with the PNG picture inside."""
+def page(result: TrialsResult, picture: Markup) -> str:
+    """Return the HTML page, with the picture inside, as SVG."""
     return render(
         "rig.benchmark.trials",
         "trials.html",

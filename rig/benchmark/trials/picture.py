@@ -1,10 +1,8 @@
 """The picture of `rig benchmark trials`: run time against error, a point per system."""
 
-import io
-
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rig.benchmark.estimators.picture import spread_labels
@@ -12,19 +10,26 @@ from rig.benchmark.trials.benchmark import NETWORKS, OURS, TrialsResult
 from rig.benchmark.trials.paper_tables import head, systems, usual_window
 from rig.benchmark.trials.passes import combination
 from rig.benchmark.trials.systems import STILL, title
+from rig.pages.figure import drawing, png, svg
+from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, WARNING
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import METHODS
 
 _LABEL_GAP = 0.034
 _DPI = 130
+WIDTH_PX, HEIGHT_PX = 760, 520
 # of Okabe and Ito, told apart with any colour vision; shapes differ too
-_OURS, _NETWORKS, _OTHERS = ("#0072B2", "o"), ("#B07800", "s"), ("#009E73", "^")
+_OURS, _NETWORKS, _OTHERS = (ESTIMATE.light, "o"), (WARNING.light, "s"), (FIRST.light, "^")
 
 
-def draw(result: TrialsResult) -> bytes:
-    """Return the picture as PNG."""
-    figure = Figure(figsize=(10.5, 7.0), layout="constrained")
-    axes = figure.subplots()
+def draw(result: TrialsResult) -> tuple[bytes, Markup]:
+    """Return the picture as PNG, and as SVG in a page's colours."""
+    with drawing(HEIGHT_PX, WIDTH_PX) as figure:
+        _draw(figure.subplots(), result)
+        return png(figure, _DPI), svg(figure, "Run time against error of every system")
+
+
+def _draw(axes: Axes, result: TrialsResult) -> None:
     shown = [
         (name, result.ms[name], mare.mean_deg)
         for name in systems(result)
@@ -39,9 +44,6 @@ def draw(result: TrialsResult) -> bytes:
         ylabel="MARE over phase B, degrees", title=head(result),
     )  # fmt: skip
     _finish(axes, shown)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
-    return stream.getvalue()
 
 
 def _look(name: str) -> tuple[str, str]:
@@ -55,17 +57,17 @@ def _still(axes: Axes, result: TrialsResult) -> None:
     """Draw what saying 0 all the time would give."""
     still = result.scores[STILL, 1].mare
     if still is not None:
-        axes.axhline(still.mean_deg, color="0.6", linestyle=":", zorder=1)
+        axes.axhline(still.mean_deg, color=MUTED.light, linestyle=":", zorder=1)
         axes.text(
             0.01, still.mean_deg, title(STILL), transform=axes.get_yaxis_transform(), va="bottom",
-            fontsize=9, color="0.35",
+            fontsize=10.5, color=MUTED.light,
         )  # fmt: skip
 
 
 def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
     """Plain ticks, a grid, and every label in the right margin with a line to its point."""
     axes.margins(x=0.05, y=0.06)
-    axes.grid(True, which="major", color="0.9")
+    axes.grid(True, which="major", color=LINE.light)
     axes.spines[["top", "right"]].set_visible(False)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
@@ -76,7 +78,7 @@ def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
     for (name, ms, error), place in zip(shown, spread_labels(at, _LABEL_GAP), strict=True):
         axes.annotate(
             title(name), xy=(ms, error), xytext=(1.03, place), textcoords="axes fraction", va="center",
-            fontsize=9, color="0.15",
+            fontsize=10.5, color=INK.light,
             arrowprops={
                 "arrowstyle": "-", "color": _look(name)[0], "linewidth": 0.7, "alpha": 0.6,
                 "relpos": (0.0, 0.5),

@@ -97,7 +97,8 @@ def filed_and_said(result: "CalibrationResult", out: Path | None, bench: str) ->
     from rig.calibrate.result import file_result
 
     filed = file_result(result, _folder(out, bench))
-    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind}: {result.assessment}")
+    about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
+    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} of {about}: {result.assessment}")
     for name, text in result.numbers.items():
         say(f"  {name}: {text}")
     for left_out in result.rejected:

@@ -114,4 +114,10 @@ def test_the_files_are_written(result: TrialsResult, tmp_path: Path) -> None:
     page = (tmp_path / PAGE).read_text(encoding="utf-8")
     assert "SIMULATED" in page
     assert "Toskov et al." in page
+    assert '<svg role="img" aria-label="Run time against error of every system"' in page
+    assert "data:image/png" not in page  # the chart follows the reader's light or dark screen
+    (untrained,) = [line for line in page.splitlines() if "deeplabv3plus --fold" in line]
+    assert 'class="text wrap" colspan="7"' in untrained  # long words do not push the numbers away
+    assert '<td class="text">2.' not in page
+    assert '<a href="#part-' not in page  # three parts are seen at a glance
     assert (tmp_path / PICTURE).read_bytes().startswith(b"\x89PNG")

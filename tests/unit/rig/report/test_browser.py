@@ -5,8 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from calibration.verdict import Assessment
+from rig.calibrate import figures
+from rig.calibrate.result import CalibrationResult, Picture, file_result
 from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
 from rig.report.sides import session_side
@@ -81,10 +85,35 @@ def pages(
         "table": write_report([tables], folder / "table.html").path,
         "comparison": comparison,
         "broken": write_report([broken]).path,
+        "calibration": calibration(folder),
     }
 
 
-FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 1, "broken": 0}
+def calibration(folder: Path) -> Path:
+    """A calibration's page with a chart of each kind."""
+    places = np.random.default_rng(0).uniform(20, 460, (40, 2))
+    samples = {f"sample {i:03d}": 0.001 * (i + 1) for i in range(40)}
+    curve = np.linspace(0.0, 1.0, 50), np.linspace(-0.004, 0.004, 50)
+    charts = (
+        figures.bars(samples, "px", limit=0.03),
+        figures.field(np.ones((6, 8)), (640, 480), "sigma, px", places),
+        figures.arrows(places, places / 1e4, (640, 480), "misses"),
+        figures.lines({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
+        figures.scatter({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px"),
+    )
+    pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
+    numbers = {
+        "to add to the stream": "1.2 ms",
+        "a long name of a number of which there is much to say": "2 " * 30,
+    }
+    result = CalibrationResult(
+        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, {}, Assessment(), numbers, "folder", 40,
+        pictures=pictures, simulated=True,
+    )  # fmt: skip
+    return file_result(result, folder).page
+
+
+FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 1, "broken": 0, "calibration": 5}
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -104,3 +133,27 @@ def test_a_page_opens_quietly_with_every_label_readable(
     assert seen["wide"] <= width
     bright = sum(int(part) for part in seen["paper"].removeprefix("rgb(").removesuffix(")").split(","))
     assert (bright > 600) == (scheme == "light")
+
+
+def test_long_pages_have_contents_whose_links_lead_there(browser: Browser, pages: dict[str, Path]) -> None:
+    links = (
+        "[...document.querySelectorAll('nav a')].map(a => [a.textContent, "
+        "document.querySelector(a.getAttribute('href')).textContent])"
+    )
+    for kind in ("trial", "calibration"):
+        browser.open(pages[kind].as_uri(), 1280, "light")
+        found = json.loads(browser.value(f"JSON.stringify({links})"))
+        assert len(found) >= 4
+        assert all(text == heading for text, heading in found)
+
+
+def test_small_numbers_on_an_axis_keep_their_digits(pages: dict[str, Path]) -> None:
+    assert ">0.005<" in pages["calibration"].read_text()
+
+
+def test_print_tears_no_strip(browser: Browser, pages: dict[str, Path]) -> None:
+    browser.open(pages["trial"].as_uri(), 1280, "light")
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    torn = "[...document.querySelectorAll('.strip, .beside')].map(e => getComputedStyle(e).breakInside)"
+    assert set(json.loads(browser.value(f"JSON.stringify({torn})"))) == {"avoid"}
+    browser.call("Emulation.setEmulatedMedia", media="screen")

@@ -16,7 +16,11 @@ def play(
     ],
     out: Annotated[
         Path,
-        typer.Option("--out", help="The film: .mp4 (MPEG-4) or .avi (motion JPEG).", callback=file_place),
+        typer.Option(
+            "--out",
+            help="The film: .webm (plays in browsers), .mp4 (MPEG-4) or .avi (motion JPEG).",
+            callback=file_place,
+        ),
     ],
     fps: Annotated[
         float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")
@@ -28,11 +32,11 @@ def play(
 ) -> None:
     """Render a lift: both fingertips with contact and axes, the camera, and the growing angle curve.
 
-    Needs no display. OpenCV writes both kinds of file everywhere; VLC, mpv and ffmpeg play both,
-    and where a player knows no MPEG-4, --out film.avi does.
+    Needs no display. Browsers play .webm (VP8) alone; VLC, mpv and ffmpeg play all three. The legend
+    stands below the pictures.
 
     Examples:
-      rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.mp4
+      rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.webm
 
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
 
@@ -46,6 +50,8 @@ def play(
     film = write_film(session, manifest, chosen, out, fps, speed)
     width, height = film.size_px
     say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")
+    if film.codec == "mp4v":
+        say(f"note: browsers do not play MPEG-4 in .mp4; --out {out.with_suffix('.webm')} plays there")
     if json:
         emit_json(
             {"film": str(film.path), "frames": film.frames, "codec": film.codec, "size_px": [width, height]}

@@ -1,8 +1,11 @@
 """A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
 
 import os
+import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -12,7 +15,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RecordingError, SessionError
 from drivers.types import Image
-from rig.pages.palette import INK, PAPER
+from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
 from rig.report.lift_chart import shown_range
@@ -25,8 +28,9 @@ from rig.sessions.reading import recorded_frames
 HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
 CURVE_WIDTH_PX = 560
 DEFAULT_FPS = 30.0
-CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
-"""Codecs that every build of OpenCV writes, by the file's ending."""
+LEGEND_PX = 30
+CODECS = {".webm": "VP80", ".mp4": "mp4v", ".avi": "MJPG"}
+"""Codecs that every build of OpenCV writes, by the file's ending. Browsers play the first."""
 _TEXT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -99,7 +103,8 @@ def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
 
 def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
     path.touch()  # says what is wrong, as the writer does not
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
+    with _quiet():
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     count = 0
     try:
         for picture in pictures:
@@ -108,6 +113,25 @@ def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: 
     finally:
         writer.release()
     return count
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let OpenCV's libraries say nothing on standard error: that WebM has a tag of its own is no fault."""
+    sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _pictures_in(path: Path) -> int:
@@ -160,7 +184,7 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     panels.append(scene.panel.until(time_s))
     gap = np.full((HEIGHT_PX, GAP_PX, 3), rgb(PAPER.light), np.uint8)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
-    return _even(np.concatenate([row, _band(scene, time_s, row.shape[1])]))
+    return _even(np.concatenate([row, _band(scene, time_s, row.shape[1]), _legend(row.shape[1])]))
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:
@@ -171,6 +195,23 @@ def _band(scene: _Scene, time_s: float, width: int) -> Image:
     angles = caption(time_s, *angles_at(scene.curves, "", time_s)).replace("°", " deg")
     text = f"{scene.title}   phase {phase}   {angles}"
     cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, 0.6, rgb(INK.light), 1, cv2.LINE_AA)
+    return band
+
+
+@cache
+def _legend(width: int) -> Image:
+    """What the colours and lines mean, (LEGEND_PX, width, 3) uint8."""
+    band = np.full((LEGEND_PX, width, 3), rgb(PAPER.light), np.uint8)
+    middle, x = LEGEND_PX // 2, 10
+    for colour, thick, text in (
+        (ESTIMATE, 2, "estimated angle, thin axis"),
+        (TRUTH, 5, "marker angle, thick axis"),
+        (PHASE, 12, "phase B: the arm lifts"),
+        (MUTED, 1, "white in the fingertips: outline of the contact"),
+    ):
+        cv2.line(band, (x, middle), (x + 26, middle), rgb(colour.light), thick, cv2.LINE_AA)
+        cv2.putText(band, text, (x + 34, middle + 5), _TEXT, 0.5, rgb(INK.light), 1, cv2.LINE_AA)
+        x += 34 + cv2.getTextSize(text, _TEXT, 0.5, 1)[0][0] + 28
     return band
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import HEIGHT_PX, Film, write_film
+from rig.pages.palette import ESTIMATE, TRUTH
+from rig.report.film import HEIGHT_PX, LEGEND_PX, Film, write_film
 from rig.report.session import find_lift
+from rig.report.strips import rgb
 from rig.sessions.manifest import TrialManifest, read_manifest_of
+from support.browser import NEEDS_CHROMIUM, Browser
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +26,7 @@ def film(session: Path, out: Path, speed: float = 1.0) -> Film:
     return write_film(session, manifest, find_lift(session, manifest, "1"), out, fps=10.0, speed=speed)
 
 
-@pytest.mark.parametrize("ending", [".mp4", ".avi"])
+@pytest.mark.parametrize("ending", [".webm", ".mp4", ".avi"])
 def test_a_film_plays_as_long_as_the_lift_and_its_curve_grows(
     trial: Path, tmp_path: Path, ending: str
 ) -> None:
@@ -44,6 +47,39 @@ def test_a_film_plays_as_long_as_the_lift_and_its_curve_grows(
     assert np.abs(first_tips - pictures[-1][:HEIGHT_PX, : width // 4]).mean() > 2.0
 
 
+def test_the_legend_stands_below_in_the_colours_of_the_curves(trial: Path, tmp_path: Path) -> None:
+    video = cv2.VideoCapture(str(film(trial, tmp_path / "lift.avi").path))
+    read, first = video.read()
+    assert read
+    legend = first[-LEGEND_PX:].astype(int)
+    for colour in (ESTIMATE, TRUTH):
+        away = np.abs(legend - np.array(rgb(colour.light)[::-1])).sum(axis=2)
+        assert (away < 60).sum() > 20
+
+
+@NEEDS_CHROMIUM
+def test_a_film_plays_in_a_browser(trial: Path, tmp_path: Path) -> None:
+    made = film(trial, tmp_path / "lift.webm")
+    (tmp_path / "film.html").write_text("<video src='lift.webm' muted></video>")
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open((tmp_path / "film.html").as_uri(), 1280)
+        played = """(async () => { const v = document.querySelector('video');
+          await v.play(); await new Promise(r => v.ontimeupdate = () => v.currentTime > 0.1 && r());
+          return JSON.stringify([v.videoWidth, v.videoHeight, v.error]); })()"""
+        answer = browser.call("Runtime.evaluate", expression=played, awaitPromise=True)
+        assert answer["result"]["value"] == f"[{made.size_px[0]},{made.size_px[1]},null]"
+    finally:
+        browser.close()
+
+
+def test_writing_a_film_says_nothing_of_its_own(
+    trial: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    film(trial, tmp_path / "lift.webm", speed=4.0)
+    assert capfd.readouterr().err == ""
+
+
 def test_slow_motion_is_longer(trial: Path, tmp_path: Path) -> None:
     fast, slow = film(trial, tmp_path / "a.avi", 2.0), film(trial, tmp_path / "b.avi", 0.5)
     assert slow.frames == pytest.approx(4 * fast.frames, rel=0.1)
@@ -58,7 +94,7 @@ def test_lifts_are_found_by_number_object_and_name(trial: Path) -> None:
 
 
 def test_films_that_cannot_be_are_refused(trial: Path, drawn_trial: Any, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.mp4 or \.avi"):
+    with pytest.raises(InputError, match=r"\.webm or \.mp4 or \.avi"):
         film(trial, tmp_path / "lift.gif")
     with pytest.raises(InputError, match="no such folder"):
         film(trial, tmp_path / "no" / "lift.mp4")

@@ -35,12 +35,17 @@ def assess_camera(result: CameraFit) -> Assessment:
         100 * focal, 0.5, 10.0, "the focal length is known to {value:.2g} % only: add tilted, nearer views"
     )
     seen = floor(
-        covered, 0.6, 0.0, "corners cover {value:.0%} of the picture; beyond them the lens is extrapolated"
+        covered,
+        0.6,
+        0.0,
+        "corners cover {value:.0%} of the picture; beyond them the lens is extrapolated: add views there",
     )
     enough = floor(len(result.fit.views), GOOD_VIEWS, 3, "{value} distinct views; ten to twenty are good")
     mapped = limit(
-        float(sigma_px.max()), 0.5, np.inf, "projection is uncertain by up to {value:.2f} px in the picture"
-    )
+        float(sigma_px.max()), 0.5, np.inf,
+        "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "
+        "degrees, over its corners",
+    )  # fmt: skip
     unseen = limit(
         result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
         "views not fitted are missed {value:.1f} times as far as fitted ones: something moved, or too few",

@@ -1,17 +1,31 @@
 """The camera on a bench: a board on the tool shown to it from many poses, and markers at rest."""
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.camera.guidance import most_telling
 from calibration.targets.boards import Target
+from calibration.targets.sheets import target_picture
+from drivers.errors import InputError
+from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.capture_still import capture_still
 from protocols.grasps import find_grasp_file
 from protocols.readiness import agree_to_carry
+from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate.bench import Station, write_picture
-from rig.calibrate.bench_hand_eye import facing_poses, visits
+from rig.calibrate.bench_hand_eye import visits
 from rig.calibrate.camera import camera_from_folder
 from rig.calibrate.markers import markers_from_folder
 from rig.calibrate.result import CalibrationResult
+from rig.config import BenchConfig
 
-_REACH_M = (0.17, 0.10, 0.12)
+FEWEST_VIEWS = 3
+_CANDIDATES = 400
+_NEAREST_M, _TILTS_DEG, _INSIDE_M = 0.25, (10.0, 40.0), 0.01
+_HELD_M = (0.0, 0.0, -0.03)
+"""Where a board's middle is taken to be on the tool."""
 _STILL_FRAMES = 60
 
 
@@ -22,7 +36,12 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
     """
     config = station.config
     raw = station.raw("camera")
-    poses = facing_poses(config, station.seed, _REACH_M)[:count]
+    poses = board_poses(config, target, station.seed, count)
+    if len(poses) < FEWEST_VIEWS:
+        raise InputError(
+            f"the workspace of [arm.limits] holds {len(poses)} places where the whole of {target.spec} "
+            "is in the picture: see position_m and look_at_m of [camera], or take a smaller board"
+        )
     left = [(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]
 
     def keep(capture: HandEyeCapture) -> None:
@@ -30,8 +49,8 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         station.say(f"  {capture.id}: kept")
 
     with station.connected(
-        f"The arm will visit {count} poses around {config.camera.look_at_m} m at up to {SPEED_M_S} m/s, "
-        f"tilted by up to 35 degrees, with the board {target.spec} on the tool.",
+        f"The arm will visit {len(poses)} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
+        f"{_TILTS_DEG[1]:g} degrees, with the board {target.spec} on the tool.",
         motions=visits(left),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
@@ -44,6 +63,51 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         )
     result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
     return result.marked(config.simulated)
+
+
+def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
+    """Poses of the tool within the workspace that together tell most of the camera, nearer and all over it.
+
+    The board is taken to be held at the tool as `rig calibrate camera` asks for, facing the camera.
+    """
+    model, base_T_camera = config.camera_model(), config.base_T_camera()  # noqa: N806 - frame names
+    candidates = _candidates(config, np.random.default_rng((seed, 33)))
+    placed = [base_T_camera.inverse() @ pose @ _held(target, base_T_camera) for pose in candidates]
+    return [candidates[i] for i in most_telling(model, _outline_m(target), placed, count)]
+
+
+def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
+    """Poses all over the picture, from near to where the camera looks, inside the workspace."""
+    low, high = np.array(config.arm.limits.workspace_min_m), np.array(config.arm.limits.workspace_max_m)
+    base_T_camera = config.base_T_camera()  # noqa: N806
+    half = np.divide(config.camera.size_px, 2.0 * config.camera.focal_px)
+    farthest_m = config.object_distance_m()
+    poses = []
+    for _ in range(_CANDIDATES):
+        away_m = rng.uniform(min(_NEAREST_M, farthest_m), farthest_m)
+        place = base_T_camera.rotation.apply(away_m * np.append(half * rng.uniform(-1, 1, 2), 1.0))
+        axis = rng.normal(0, 1, 3)
+        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(*_TILTS_DEG)))
+        turned = turn * TOOL_DOWN
+        tool = place + base_T_camera.position_m - turned.apply(_HELD_M)
+        if (tool > low + _INSIDE_M).all() and (tool < high - _INSIDE_M).all():
+            poses.append(Pose.from_rotation(tool, turned))
+    return poses
+
+
+def _held(target: Target, base_T_camera: Pose) -> Pose:  # noqa: N803
+    """`tcp_T_board` of a board that faces the camera while the tool points down."""
+    turn = TOOL_DOWN.inv() * base_T_camera.rotation
+    return Pose.from_rotation(np.subtract(_HELD_M, turn.apply(_outline_m(target).mean(axis=0))), turn)
+
+
+def _outline_m(target: Target) -> NDArray[np.float64]:
+    """Points all over a target's print, (30, 3) m in its axes."""
+    sheet = target_picture(target.spec)
+    height, width = np.array(sheet.grey.shape[:2]) / sheet.px_per_m
+    x, y = np.meshgrid(np.linspace(0, width, 6), np.linspace(0, height, 5))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
+    return points + np.append(np.asarray(sheet.origin_m, float)[:2], 0.0)
 
 
 def collect_markers(station: Station, object_name: str) -> CalibrationResult:

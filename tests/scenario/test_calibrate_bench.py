@@ -81,7 +81,8 @@ def test_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
 
 
 def test_a_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
-    found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)
+    found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 20)
+    assert str(found.assessment) == "good"  # with the poses that it chose by itself
     sigma = np.asarray(found.quality["sigma"])[0]
     assert found.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4 * sigma)
 
@@ -96,7 +97,7 @@ def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
         filed = file_result(outcome, tmp_path)
         content = yaml.safe_load(filed.path.read_text())
         assert content["pixel_aspect"] == pytest.approx(measured)
-        assert filed.page.read_text().count("data:image/png;base64,") >= 3
+        assert filed.page.read_text().count('<svg role="img"') >= 3
 
 
 def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def shares_of_good(result: HandEyeResult) -> dict[str, float]:
     if (spread := result.spread) is not None:
         shares |= {
             "samples": spread.samples / _GOOD_SAMPLES,
-            "fit": _GOOD_RMS_PX / max(result.rms_px, 1e-9),
+            "fit": _GOOD_RMS_PX / max(result.rms_px or 0.0, 1e-9),
             "position": _POSITION.weak / max(1e3 * float(np.linalg.norm(spread.sigma_m)), 1e-9),
             "orientation": _ORIENTATION.weak / max(float(np.linalg.norm(np.degrees(spread.sigma_rad))), 1e-9),
         }

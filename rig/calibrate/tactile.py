@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from calibration.gel.balls import BallFit, BallPress, calibrate_gel
 from calibration.gel.presses import Press, find_press, rim_centre
@@ -213,7 +214,7 @@ def _pictures(result: BallFit, presses: list[BallPress]) -> list[Picture]:
     ]
 
 
-def _slope_picture(press: Press, result: BallFit, columns: int, rows: int) -> bytes:
+def _slope_picture(press: Press, result: BallFit, columns: int, rows: int) -> Markup:
     x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
     places = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     slopes = result.map.slopes(press.change[y.ravel(), x.ravel()], places)

@@ -66,7 +66,7 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) ->
         time_s = (frame.time_ns - zero_ns) / NS_PER_S
         estimate, truth = angles_at(lift, serial, time_s)
         picture = drawn(frame.image, tip, estimate, truth)
-        stills.append(_still(picture, caption(time_s, estimate, truth)))
+        stills.append(still(picture, caption(time_s, estimate, truth)))
     return stills
 
 
@@ -83,12 +83,13 @@ def camera_strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str) -> lis
         small = cv2.resize(frame.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         truth = float(truth_at(lift.truth, np.array([seen_s]))[0])
         stills.append(
-            _still(np.asarray(small, np.uint8), f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}")
+            still(np.asarray(small, np.uint8), f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}")
         )
     return stills
 
 
-def _still(picture: Image, text: str) -> Still:
+def still(picture: Image, text: str) -> Still:
+    """Pack a picture, (H, W, 3) uint8 RGB, with what it shows."""
     height, width = picture.shape[:2]
     return Still(encode_jpeg(picture, JPEG_QUALITY), text, (width, height))
 

@@ -7,7 +7,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from drivers.images import encode_jpeg
 from drivers.types import Image
 from rig.benchmark.clips.benchmark import ClipRun, ClipsResult
 from rig.benchmark.clips.scores import JudgedLabel
@@ -16,7 +15,7 @@ from rig.benchmark.estimators.benchmark import machine
 from rig.pages.figure import drawing, legend_above, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
-from rig.report.strips import Still
+from rig.report.strips import Still, still
 
 SIGMAS = 2.0
 CHART_PX = (440, 260)
@@ -71,7 +70,7 @@ def stills(run: ClipRun) -> list[Still]:
     wanted: dict[int, str] = {run.clip.reference_frame: "reference"}
     wanted |= {judged.label.frame: _told(judged) for judged in run.labels}
     return [
-        Still(encode_jpeg(_small(frame.image), JPEG_QUALITY), f"frame {number}: {wanted[number]}")
+        still(_small(frame.image), f"frame {number}: {wanted[number]}")
         for number, frame in enumerate(run.clip.series)
         if number in wanted and frame.image is not None
     ]

@@ -32,7 +32,7 @@ def bars(
         axes = figure.subplots()
         axes.bar(range(len(names)), heights, color=[(WARNING if far else ESTIMATE).light for far in beyond])
         step = -(-len(names) // _MOST_NAMES)
-        axes.set_xticks(range(0, len(names), step), names[::step], rotation=60, ha="right")
+        axes.set_xticks(range(0, len(names), step), names[::step], rotation=90)
         axes.set_ylabel(label)
         axes.grid(False, axis="x")
         for border in filter(None, (limit, least)):

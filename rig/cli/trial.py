@@ -19,6 +19,7 @@ from rig.cli.common import (
     trial_jobs,
 )
 from rig.cli.dry_run import DryRunOption, dry_run
+from rig.cli.places import file_place
 from rig.cli.report import NoReportOption, report_after
 from rig.cli.resuming import continued, given, may_be_continued, say_done
 
@@ -76,7 +77,8 @@ def trial(
         bool, typer.Option("--live", help="Open rerun: pictures, markers, angles, arm (extra 'live').")
     ] = False,
     live_to: Annotated[
-        Path | None, typer.Option("--live-to", help="The same into FILE.rrd, without a display.")
+        Path | None,
+        typer.Option("--live-to", help="The same into FILE.rrd, without a display.", callback=file_place),
     ] = None,
 ) -> None:
     """Lift each object several times and measure its rotation from both fingertips.

@@ -24,6 +24,9 @@ from fakes.world.world import World
 TOOL_LENGTH_M = 0.28
 """Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
 
+STOP_DECELERATION_M_S2 = 10.0
+"""As the driver of the real arm asks for; a protective stop is no gentler."""
+
 LIMITS = ArmLimits(
     workspace_min_m=(0.15, -0.35, 0.01),
     workspace_max_m=(0.75, 0.35, 0.60),
@@ -103,8 +106,8 @@ class FakeArm(Arm):
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
-        """Stop where it is."""
-        self._world.tool = self._world.tool.cut_at(self._clock.now_ns())
+        """Brake as the arm can."""
+        self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop after a look at the arm."""

@@ -37,7 +37,8 @@ class ObjectModel:
     """One object: mass, friction against the gel, where its centre of mass lies, where it is grasped.
 
     id: the paper's number ("1" to "16") or "t1" to "t7". friction: Coulomb, dimensionless.
-    com_from_left_m: centre of mass from the object's left end along x.
+    com_from_left_m: centre of mass from the object's left end along x. marked_above_n: a soft object
+    keeps a mark of a finger that pushes harder, None where it takes all that the fingers can do.
     """
 
     id: str
@@ -47,6 +48,7 @@ class ObjectModel:
     length_m: float
     com_from_left_m: float
     sites: tuple[GraspSite, ...]
+    marked_above_n: float | None = None
 
 
 @cache
@@ -149,7 +151,7 @@ def _build(kind: type, where: str, values: dict[str, Any]) -> Any:
     if unknown or missing:
         raise InputError(f"{where}: unknown keys {unknown}, missing keys {missing}; known are {list(known)}")
     for name, value in values.items():
-        if known[name].type in (float, "float") and (
+        if known[name].type in (float, "float", float | None) and (
             isinstance(value, bool) or not isinstance(value, int | float)
         ):
             raise InputError(f"{where}: {name} must be a number, not {value!r}")

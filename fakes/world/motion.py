@@ -49,9 +49,9 @@ class ToolPath:
         start, end = self._tilts_rad
         return start + f * (end - start)
 
-    def cut_at(self, time_ns: int) -> "ToolPath":
-        """The same path stopped at `time_ns`."""
-        return replace(self, profile=replace(self.profile, stop_fraction=self.profile.fraction_at(time_ns)))
+    def braked_at(self, time_ns: int, deceleration_m_s2: float) -> "ToolPath":
+        """The same path with the tool braking from `time_ns` on."""
+        return replace(self, profile=self.profile.braked_at(time_ns, deceleration_m_s2))
 
 
 @dataclass(frozen=True, slots=True)

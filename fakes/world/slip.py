@@ -3,7 +3,8 @@
 The far end of the object stays on its support while the grasp rises, so the support demands
 the angle asin(height / lever). The grip follows it in stick and slip: the gel winds up by a
 threshold, gives way at a bounded rate, sticks again (paper, section IV-B, phases A to C). Where
-the grip's torque exceeds the object's weight torque, the object is held instead.
+the grip's torque exceeds the object's weight torque, the object is held instead: with the turn it
+has, and the gel that was wound up relaxes.
 """
 
 import math
@@ -75,7 +76,7 @@ class SlipDynamics:
         if height_m > 0.0 and not load.holds_weight():
             self._fall(dt_s)
         elif load.holds_turn():
-            self._wind_up(load, height_m)
+            self._hold(load, height_m)
         else:
             self._stick_slip(load, height_m, dt_s)
         self._twist_gel(self.angle_rad - before, dt_s)
@@ -85,13 +86,18 @@ class SlipDynamics:
         self.slide_m = min(self.slide_m + max(0.02, 3.0 * self.slide_m) * dt_s, PAD_M)
         self.fallen = self.slide_m >= PAD_M
 
-    def _wind_up(self, load: GripLoad, height_m: float) -> None:
-        """A held object only twists the gel as its weight comes onto the pads."""
-        loaded = min(height_m / 0.01, 1.0)
-        self.angle_rad = math.copysign(loaded * math.radians(0.3), load.lever_m)
+    def _hold(self, load: GripLoad, height_m: float) -> None:
+        """A held object keeps its turn, and twists the gel as its weight comes onto the pads.
+
+        No slip outlives a grip that carries the torque. Set down, the object is turned back by its support.
+        """
+        self.slipping = False
+        wound_up = min(height_m / 0.01, 1.0) * math.radians(0.3)
+        turned = max(min(abs(self.angle_rad), _demand(load, height_m)), wound_up)
+        self.angle_rad = math.copysign(turned, load.lever_m)
 
     def _stick_slip(self, load: GripLoad, height_m: float, dt_s: float) -> None:
-        demand = math.asin(min(max(height_m, 0.0) / load.reach_m, 0.95))
+        demand = _demand(load, height_m)
         turned = abs(self.angle_rad)
         if self.slipping:
             turned += self._rate_rad_s * dt_s
@@ -112,3 +118,8 @@ class SlipDynamics:
         wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
         drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
         self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S
+
+
+def _demand(load: GripLoad, height_m: float) -> float:
+    """Return by how much the support turns an object that follows it, rad."""
+    return math.asin(min(max(height_m, 0.0) / load.reach_m, 0.95))

@@ -48,6 +48,8 @@ class World:
     _rng: np.random.Generator = field(init=False)
     _slip: SlipDynamics | None = None
     fixture: Fixture | None = None
+    damaged: bool = False
+    """Whether the object keeps a mark of the fingers. The world alone knows; no sensor shows it."""
     _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
@@ -88,6 +90,7 @@ class World:
                 self._rng = np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
+            self.damaged = False
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""
@@ -183,6 +186,7 @@ class World:
         loaded = min(height / 0.015, 1.0)
         sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
         force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.variation.force_shift * loaded + sway)
+        self.damaged |= model.marked_above_n is not None and force > model.marked_above_n
         slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
         if slip.fallen:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)

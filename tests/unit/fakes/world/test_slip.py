@@ -1,6 +1,7 @@
 """The grip's dynamics: it turns the way gravity says, at a bounded rate, and only as far as lifted."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from fakes.world.slip import PAD_M, GripLoad, SlipDynamics
 
 DT_S = 0.002
+LIFTED_M = 0.06
 LIGHT = GripLoad(force_n=1.0, weight_n=0.6, friction=0.9, patch_radius_m=0.004, lever_m=0.05, reach_m=0.15)
 
 
@@ -65,3 +67,66 @@ def test_gel_torsion_lags_then_relaxes() -> None:
         wound.append(math.degrees(slip.torsion_rad))
     assert 0.2 < max(wound) < 1.6
     assert abs(wound[-1]) < 0.2 * max(wound)
+
+
+TIGHT = replace(LIGHT, force_n=12.0)
+
+
+def stepped(slip: SlipDynamics, load: GripLoad, height_m: float, duration_s: float) -> None:
+    for _ in range(round(duration_s / DT_S)):
+        slip.step(load, height_m, DT_S)
+
+
+def slipped() -> SlipDynamics:
+    """A grip that has let its object turn by about 11 degrees, and not yet as far as it will."""
+    slip = SlipDynamics(np.random.default_rng(0))
+    while abs(math.degrees(slip.angle_rad)) < 11.0:
+        slip.step(LIGHT, LIFTED_M, DT_S)
+    return slip
+
+
+def test_a_grip_that_is_tightened_keeps_the_turn_it_has() -> None:
+    slip = slipped()
+    turned = slip.angle_rad
+    stepped(slip, TIGHT, LIFTED_M, DT_S)
+    assert slip.angle_rad == pytest.approx(turned, abs=1e-12)
+    stepped(slip, TIGHT, LIFTED_M, 2.0)
+    assert slip.angle_rad == pytest.approx(turned, abs=1e-12)
+
+
+def test_a_tightened_grip_stops_the_turn_while_the_lift_goes_on() -> None:
+    slip = slipped()
+    turned = slip.angle_rad
+    for step in range(500):
+        slip.step(TIGHT, LIFTED_M + 0.03 * step / 500, DT_S)
+    assert slip.angle_rad == pytest.approx(turned, abs=1e-12)
+
+
+def test_the_gel_relaxes_in_a_tightened_grip() -> None:
+    slip = slipped()
+    wound = slip.torsion_rad
+    stepped(slip, TIGHT, LIFTED_M, 1.6)
+    assert abs(wound) > math.radians(0.3)
+    assert 0.0 < abs(slip.torsion_rad) < 0.2 * abs(wound)
+
+
+def test_a_grip_that_loosens_again_slips_on_to_where_the_support_holds() -> None:
+    slip = slipped()
+    stepped(slip, TIGHT, LIFTED_M, 0.5)
+    turned = slip.angle_rad
+    stepped(slip, LIGHT, LIFTED_M, 2.0)
+    demand = math.asin(LIFTED_M / LIGHT.reach_m)
+    assert slip.angle_rad > turned + math.radians(5.0)
+    assert demand - math.radians(3.0) <= slip.angle_rad <= demand + 1e-9
+
+
+def test_an_object_set_down_in_a_tight_grip_is_turned_back() -> None:
+    slip = slipped()
+    stepped(slip, TIGHT, 0.0, DT_S)
+    assert slip.angle_rad == 0.0
+
+
+def test_a_grip_that_holds_from_the_start_gives_way_only_as_the_weight_comes_onto_it() -> None:
+    slip, angles = lifted(TIGHT, LIFTED_M)
+    assert angles[:94] == pytest.approx([0.3 * min(0.06 * step / 750 / 0.01, 1.0) for step in range(94)])
+    assert math.degrees(slip.angle_rad) == pytest.approx(0.3)

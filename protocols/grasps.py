@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from drivers.errors import InputError
 from drivers.formats import read_toml
@@ -35,13 +35,35 @@ class Position(_Strict):
 
 
 class GraspFile(_Strict):
-    """One object: three positions, five orientations (paper, section IV-A), and light grips."""
+    """One object: three positions, five orientations (paper, section IV-A), and light grips.
+
+    largest_grip_counts: beyond first contact, the most that a reaction to slip may close to; None where
+    nobody has said what the object takes, and then nothing tightens on it.
+    """
 
     id: str
     name: str
     orientations_deg: tuple[float, float, float, float, float]
     grip_counts: tuple[int, int]
+    largest_grip_counts: int | None = Field(default=None, ge=1, le=255)
     position: tuple[Position, Position, Position]
+
+    @field_validator("largest_grip_counts")
+    @classmethod
+    def _not_below_the_first_grip(cls, largest: int | None, info: ValidationInfo) -> int | None:
+        light = max(info.data.get("grip_counts", (0,)))
+        if largest is not None and largest < light:
+            raise ValueError(f"{largest} is below grip_counts, {light}")
+        return largest
+
+    def require_largest_grip(self) -> int:
+        """Return `largest_grip_counts`. Raises `InputError` where the file does not say it."""
+        if self.largest_grip_counts is None:
+            raise InputError(
+                f"object {self.id} {self.name}: its file has no largest_grip_counts, so nothing may tighten "
+                f"on it: measure what it takes and add the key in {OBJECTS_FOLDER.name}/, or use --react stop"
+            )
+        return self.largest_grip_counts
 
 
 @dataclass(frozen=True, slots=True)

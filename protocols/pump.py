@@ -45,10 +45,18 @@ class Pump:
         """The time up to which all that the fingertips captured has been delivered: not later than now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
-    def run_for(self, duration_s: float) -> None:
-        """Deliver all frames captured from now on for a while; returns when the last one is delivered."""
+    def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
+        """Deliver all frames captured from now on for a while; returns when the last one is delivered.
+
+        unless: ends it earlier. Returns whether it lasted its time.
+        """
         end = self._bench.clock.now_ns() + to_ns(duration_s)
-        self.run_until(lambda: min(s.next_ns for s in self._streams) >= end, duration_s + CATCH_UP_S)
+
+        def over() -> bool:
+            return min(s.next_ns for s in self._streams) >= end
+
+        self.run_until(lambda: unless() or over(), duration_s + CATCH_UP_S)
+        return not unless()
 
     def run_until(self, done: Callable[[], bool], timeout_s: float) -> None:
         """Deliver frames until `done`. Raises `DeviceTimeoutError`, or what a source raises."""

@@ -7,6 +7,7 @@ from drivers.keep_out import check_way
 from drivers.types import Pose
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
+from protocols.reaction import Reaction, Reflex
 from protocols.safe_end import safe_end
 from protocols.steps import (
     approach,
@@ -22,6 +23,8 @@ GRASP_S = 3.0
 SETTLE_S = 0.8
 LIFT_S = 1.5
 HOLD_S = 1.2
+SEEN_S = 0.3
+"""For so long it is seen how an object hangs that a reaction sets down before its time."""
 LIFT_TIMEOUT_S = 8.0
 
 
@@ -42,31 +45,58 @@ class LiftPlan:
     lift_height_m: float
 
 
-def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver) -> None:
+def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Reaction | None = None) -> None:
     """Carry out one lift; whatever happens, it ends as `protocols.safe_end` says.
 
     A phase begins where the frames seen so far end, so that each frame belongs to one phase.
-    Raises the device's error after the safe end, with a note on how it ended; the observer has seen
-    everything until then.
+    reaction: to a slip, nothing when None. Raises the device's error after the safe end, with a note on
+    how it ended; the observer has seen everything until then.
     """
     rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
     check_way(bench.arm.limits, (plan.base_T_grasp, rise))
     with safe_end(bench):
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump = start_watching(bench, observer, REFERENCE_S)
-        _grasp(bench, pump, observer, plan)
+        contact_counts = _grasp(bench, pump, observer, plan)
+        reflex = Reflex(bench, pump, observer, reaction, contact_counts, plan.grip_counts)
         observer.phase(Phase.LIFT, pump.seen_ns)
-        rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
-        pump.run_until(rising.done, LIFT_TIMEOUT_S)
+        lifted = _rise(bench, pump, plan, reflex)
         observer.phase(Phase.HOLD, pump.seen_ns)
-        pump.run_for(HOLD_S)
+        if lifted or not reflex.sets_down:
+            _hold(pump, reflex)
+        else:
+            pump.run_for(SEEN_S)
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m)
 
 
-def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> None:
-    """Close to first contact, a few counts further, and wait until phase A has lasted its time."""
+def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> int:
+    """Close to first contact, a few counts further, and wait until phase A has lasted its time.
+
+    Returns the counts at first contact.
+    """
     began_ns = bench.clock.now_ns()
-    tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
+    contact_counts = close_to_contact(bench, pump, observer)
+    tighten(bench, pump, observer, contact_counts, plan.grip_counts)
     spent_s = (bench.clock.now_ns() - began_ns) / 1e9
     pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
+    return contact_counts
+
+
+def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
+    """Lift, with reactions on the way; return whether the full height was reached."""
+    while True:
+        rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
+        pump.run_until(lambda motion=rising: reflex.called() or motion.done(), LIFT_TIMEOUT_S)
+        if not reflex.called():
+            return True
+        if not reflex.react(rising):
+            return False
+
+
+def _hold(pump: Pump, reflex: Reflex) -> None:
+    """Hold for its time, and after a reaction for as long again."""
+    while not pump.run_for(HOLD_S, reflex.called):
+        if not reflex.react() and reflex.sets_down:
+            pump.run_for(SEEN_S)
+            return

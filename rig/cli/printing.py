@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
+from statistics import median
 from typing import Generic, Self, TypeVar
 
 from rich.console import Console
@@ -14,7 +15,7 @@ from rig.cli.fitting import table_console
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import Mare
-from rig.results.summary import ObjectSummary, TrialSummary
+from rig.results.summary import ObjectSummary, ReactingSummary, TrialSummary
 from rig.results.table import TableLift
 from rig.sessions.records import FailedLift, FinishedLift, LiftRow
 
@@ -114,6 +115,8 @@ def lift_note(row: LiftRow | TableLift) -> str:
     turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
     parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
+    if isinstance(row, FinishedLift) and row.reactions:
+        parts.append(f"{len(row.reactions)} reactions")
     if isinstance(row, FinishedLift) and row.marker_distance:
         parts.append(f"WARNING: {row.marker_distance}")
     return f"{head}, {', '.join(parts)}"
@@ -122,12 +125,14 @@ def lift_note(row: LiftRow | TableLift) -> str:
 def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
     """Print the paper's table per object and the trial's figures."""
     console = table_console(to_stderr)
-    console.print(object_table(summary, simulated))
+    console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
     console.print(
         f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
         f"refused frames held {mare_text(summary.mare_held)}"
     )
     console.print(turn_distribution(summary))
+    if summary.reacting:
+        console.print(reaction_text(summary.reacting))
     console.print(f"{wall_s:.1f} s for {summary.bench_s:.1f} s of {simulated.lower()}bench time")
 
 
@@ -143,9 +148,11 @@ def console_table(
     return table
 
 
-def object_table(summary: TrialSummary, simulated: str) -> Table:
-    """Return the paper's table per object."""
-    table = Table(title=f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]")
+def object_table(summary: TrialSummary, simulated: str, react: str = "none") -> Table:
+    """Return the paper's table per object. react: what was done about slip."""
+    reacting = "" if react == "none" else f"; reaction to slip: {react}"
+    title = f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]{reacting}"
+    table = Table(title=title)
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
         table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
     for row in summary.objects:
@@ -156,6 +163,18 @@ def object_table(summary: TrialSummary, simulated: str) -> Table:
         mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}",
     )  # fmt: skip
     return table
+
+
+def reaction_text(reacting: ReactingSummary) -> str:
+    """Say what reactions to slip were worth, and that their lifts' errors stand apart."""
+    added = reacting.added_counts
+    grip = f", grip added {median(added):g} counts in the middle, {max(added)} at most" if added else ""
+    turn = f", end turn {median(reacting.turns_deg):.1f} deg in the middle" if reacting.turns_deg else ""
+    return (
+        f"reaction to slip '{reacting.kind}': {reacting.caught} of {reacting.lifts} lifts caught, "
+        f"{reacting.reactions} reactions, {reacting.early} of them to less than half a degree{grip}{turn}; "
+        "these lifts turn less, so their MARE stands apart from that of lifts without reaction"
+    )
 
 
 def turn_distribution(summary: TrialSummary) -> str:
@@ -178,7 +197,10 @@ def summary_json(summary: TrialSummary) -> dict[str, object]:
     def mean(value: Mare | None) -> float | None:
         return None if value is None else value.mean_deg
 
+    reacting = summary.reacting
+    reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
     return {
+        **reacted,
         "lifts_accepted": summary.lifts_accepted,
         "mare_deg": mean(summary.mare),
         "mare_std_deg": summary.mare.std_deg if summary.mare else None,

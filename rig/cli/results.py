@@ -53,7 +53,8 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     console = table_console(to_stderr)
     good = [row for row in rows if not row.problem]
     if by == By.OBJECT and good:
-        console.print(object_table(summarize_table(good), _mark(good)))
+        for react, own in _by_reaction(good).items():
+            console.print(object_table(summarize_table(own), _mark(own), react))
     elif good:
         console.print(_session_table(good))
     estimators = ", ".join(sorted({str(row.estimator) for row in good})) or "none"
@@ -66,19 +67,36 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
 
 
 def results_json(rows: "list[ReplayRow]") -> dict[str, object]:
-    """Return a table's figures under the contract's names."""
+    """Return a table's figures under the contract's names.
+
+    Lifts that react to slip turn less: of a table with both kinds the figures are of those without reaction,
+    and `by_reaction` has each kind's.
+    """
     from rig.cli.printing import summary_json
     from rig.results.table import summarize_table
 
     good = [row for row in rows if not row.problem]
+    apart = _by_reaction(good)
+    mixed = len(apart) > 1
     return {
         "simulated": bool(_mark(good)),
         "estimators": sorted({str(row.estimator) for row in good}),
         "sessions": len({row.session for row in good}),
         "broken": [{"session": row.session, "problem": row.problem} for row in rows if row.problem],
         "identical": _identical(good),
-        **summary_json(summarize_table(good)),
+        **summary_json(summarize_table(next(iter(apart.values()), good))),
+        **(
+            {"by_reaction": {r: summary_json(summarize_table(own)) for r, own in apart.items()}}
+            if mixed
+            else {}
+        ),
     }
+
+
+def _by_reaction(rows: "list[ReplayRow]") -> "dict[str, list[ReplayRow]]":
+    """Return rows by what was done about slip, those without reaction first."""
+    kinds = sorted({row.react or "none" for row in rows}, key=lambda kind: (kind != "none", kind))
+    return {kind: [row for row in rows if (row.react or "none") == kind] for kind in kinds}
 
 
 def _identical(rows: "list[ReplayRow]") -> int | None:
@@ -103,13 +121,16 @@ def _session_table(rows: "list[ReplayRow]") -> "Table":
     from rig.results.table import summarize_table
 
     table = Table(title=f"{_mark(rows)}MARE per session, degrees: mean +- std [95 % interval]")
-    for heading in ("session", "estimator", "lifts", "phase B", "phases B and C", "answered"):
-        table.add_column(heading, justify="left" if heading in ("session", "estimator") else "right")
+    for heading in ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered"):
+        table.add_column(
+            heading, justify="left" if heading in ("session", "estimator", "reaction") else "right"
+        )
     for session in dict.fromkeys(row.session for row in rows):
         own = [row for row in rows if row.session == session]
         summary = summarize_table(own)
         table.add_row(
-            Path(session).name, ", ".join({str(row.estimator) for row in own}), str(len(own)),
+            Path(session).name, ", ".join({str(row.estimator) for row in own}), ", ".join(_by_reaction(own)),
+            str(len(own)),
             mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}",
         )  # fmt: skip
     return table

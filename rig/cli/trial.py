@@ -1,7 +1,7 @@
 """`rig trial`: lift objects, measure how they turn, compare with the markers."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -52,6 +52,32 @@ def trial(
         float | None,
         typer.Option("--max-mare", min=0.0, help="Exit 4 when the MARE over B and C is above, degrees."),
     ] = None,
+    react: Annotated[
+        Literal["none", "stop", "tighten", "lower"],
+        typer.Option(
+            "--react",
+            help="On slip: stop the arm; tighten the grip, then lift on; or lower the object. "
+            "A real bench's file has to allow it.",
+        ),
+    ] = "none",
+    false_alarms_per_hour: Annotated[
+        float,
+        typer.Option(
+            "--false-alarms-per-hour",
+            min=1e-6,
+            max=1e5,
+            help="How often a resting object may count as slipping, for --react.",
+        ),
+    ] = 10.0,
+    max_turn_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--max-turn-deg",
+            min=0.5,
+            max=180.0,
+            help="React only when the object would else turn by more; without it at once.",
+        ),
+    ] = None,
     no_skip: Annotated[
         bool,
         typer.Option(
@@ -90,6 +116,8 @@ def trial(
 
       rig trial --bench my_bench.toml --dry-run
 
+      rig trial --lifts 1 --object toothbrush --react tighten
+
       rig trial --resume
 
       rig trial --resume --out sessions/campaign
@@ -99,12 +127,15 @@ def trial(
     """
     import time
 
+    from protocols.reaction import ReactionKind
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
     from rig.experiments.lift_attempt import TrialSettings
+    from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
+    from rig.lift.slip_watch import SlipSettings
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
     from rig.sessions.manifest import TrialManifest
@@ -119,11 +150,18 @@ def trial(
         estimator, window = estimator or stored.estimator, window or stored.window
         no_skip = no_skip or not stored.skip
         seed = seed if given(context, "seed") else stored.seed
+        react = react if given(context, "react") else stored.react.value
+        if not given(context, "false_alarms_per_hour"):
+            false_alarms_per_hour = stored.false_alarms_per_hour
+        max_turn_deg = max_turn_deg or stored.max_turn_deg
     choice = choose_estimator(estimator, window, not no_skip)
-    settings = TrialSettings(config, seed, choice, realtime)
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
+    settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
     ids = resolve_objects(objects)
+    require_reaction(settings, ids)
     simulated = "SIMULATED " if config.simulated else ""
-    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
+    told = "" if react == "none" else f", reaction to slip '{react}'"
+    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}{told}, session {folder}")
     lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
     plan = trial_plan(settings, ids, lifts)
     if dry:

@@ -189,8 +189,10 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
-    later = frozenset({"keep_out"})
+    later = frozenset({"keep_out", "reactions_allowed"})
     name: FileName
+    reactions_allowed: bool | None = None
+    """Whether arm and fingers may react to slip by themselves; where nothing is said, in simulation only."""
     arm: ArmConfig
     gripper: GripperConfig
     tactile: tuple[TactileConfig, TactileConfig]
@@ -270,6 +272,11 @@ class BenchConfig(BenchSection):
     def in_process(self) -> bool:
         """Whether all devices are simulated in this process: only such benches run side by side."""
         return self.drivers == {"fake"}
+
+    @property
+    def reacts(self) -> bool:
+        """Whether arm and fingers may react to slip by themselves."""
+        return self.simulated if self.reactions_allowed is None else self.reactions_allowed
 
     @property
     def simulated(self) -> bool:

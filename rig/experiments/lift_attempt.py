@@ -3,7 +3,7 @@
 import io
 import time
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 
 import cv2
@@ -14,6 +14,7 @@ from drivers.errors import CalibrationError, DeviceError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import LiftObserver
+from protocols.reaction import Reaction, ReactionKind
 from protocols.readiness import make_ready
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.source import BenchSource, FreshBenches
@@ -26,6 +27,7 @@ from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result, stage_times
+from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.live.feed import LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
@@ -70,6 +72,8 @@ class TrialSettings:
     seed: int
     estimator: EstimatorChoice
     realtime: bool = False
+    react: ReactionKind = ReactionKind.NONE
+    slip: SlipSettings = field(default_factory=SlipSettings)
 
 
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
@@ -112,12 +116,13 @@ def attempt_lift(
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     stream = io.BytesIO()
-    head = _head(task, plan, seed, settings.bench.simulated)
+    head = _head(task, plan, seed, settings)
     recorder = LiftRecorder(stream, _about(settings, head))
     measurement = new_measurement(settings, recorder)
+    reaction = _reaction(settings, task, measurement)
     shown = LiveObserver(measurement, live, head) if live.listeners else None
     with closing(shown) if shown else nullcontext():
-        course = _carry_out(benches, task, seed, plan, shown or measurement)
+        course = _carry_out(benches, task, seed, plan, shown or measurement, reaction)
     fault = None if course.error is None else fault_text(course.error)
     row = _row(head, measurement, fault, course)
     if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
@@ -178,6 +183,14 @@ def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, course
     return FinishedLift(**vars(head), **vars(figures), accepted=True, **seen)
 
 
+def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:
+    if settings.react is ReactionKind.NONE:
+        return None
+    grasps = find_grasp_file(task.object_id)
+    largest = grasps.require_largest_grip() if settings.react is ReactionKind.TIGHTEN else 0
+    return Reaction(settings.react, measurement, largest)
+
+
 def _warning(row: LiftRow) -> str | None:
     return str(row.marker_distance) if isinstance(row, FinishedLift) and row.marker_distance else None
 
@@ -197,7 +210,8 @@ def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = Non
     shifts = settings.bench.calibrations.time_shift_s
     distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
     aspects = settings.bench.pixel_aspects()
-    return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects, shifts, distance)
+    watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
+    return LiftMeasurement(signs, settings.estimator, truth, recorder, aspects, shifts, distance, watch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +228,12 @@ class _Course:
 
 
 def _carry_out(
-    benches: BenchSource, task: LiftTask, seed: int, plan: LiftPlan, observer: LiftObserver
+    benches: BenchSource,
+    task: LiftTask,
+    seed: int,
+    plan: LiftPlan,
+    observer: LiftObserver,
+    reaction: Reaction | None,
 ) -> _Course:
     clock: Clock | None = None
     timed: LatencyProbe | None = None
@@ -228,14 +247,14 @@ def _carry_out(
             speed_fraction = bench.arm.state().speed_fraction
             operator.place(plan.object_id, plan.object_name)
             timed = LatencyProbe(observer, clock) if isinstance(clock, SystemClock) else None
-            run_lift(bench, plan, timed or observer)
+            run_lift(bench, plan, timed or observer, reaction)
     except (DeviceError, CalibrationError) as error:
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
     return _Course(fault, bench_s, timed.times() if timed else {}, speed_fraction)
 
 
-def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> LiftHead:
+def _head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> LiftHead:
     return LiftHead(
         number=task.number,
         attempt=task.attempt,
@@ -247,6 +266,7 @@ def _head(task: LiftTask, plan: LiftPlan, seed: int, simulated: bool) -> LiftHea
         lift_height_m=plan.lift_height_m,
         force_n=None,
         seed=seed,
-        simulated=simulated,
+        simulated=settings.bench.simulated,
         recording=task.recording,
+        react=settings.react,
     )

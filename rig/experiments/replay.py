@@ -10,6 +10,7 @@ from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
 from rig.lift.result import lift_result
+from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
@@ -74,7 +75,7 @@ def replay_or_problem(folder: Path, settings: TrialSettings, row: FinishedLift) 
 def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift:
     """Watch one recorded lift again; return its row with the measured part made anew."""
     measurement = new_measurement(settings)
-    show_again(folder / row.recording, measurement)
+    show_again(folder / row.recording, measurement, measurement)
     figures, _ = lift_result(measurement)
     return replace(row, **vars(figures))
 
@@ -98,7 +99,13 @@ def truth_note(folder: Path) -> str | None:
 def session_settings(folder: Path, estimator: str | None, window: int | None) -> TrialSettings:
     """Return the settings a trial session was made with. Raises `SessionError`."""
     manifest = read_manifest_of(folder, TrialManifest, "only trials have lifts to replay")
-    return TrialSettings(manifest.config, manifest.seed, _choice(manifest, estimator, window))
+    return TrialSettings(
+        manifest.config,
+        manifest.seed,
+        _choice(manifest, estimator, window),
+        react=manifest.react,
+        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg),
+    )
 
 
 def _choice(manifest: TrialManifest, estimator: str | None, window: int | None) -> EstimatorChoice:

@@ -15,6 +15,7 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.lift.marker_truth import TRUTH
 from rig.live.feed import LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
@@ -35,6 +36,9 @@ def trial_manifest(settings: TrialSettings, objects: list[str], lifts: int) -> T
         window=settings.estimator.window,
         skip=settings.estimator.skip,
         truth=TRUTH,
+        react=settings.react,
+        false_alarms_per_hour=settings.slip.false_alarms_per_hour,
+        max_turn_deg=settings.slip.max_turn_deg,
     )
 
 
@@ -59,6 +63,7 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
     home = home_pose(settings.bench)
     head = [
         home_plan(home, "Before each lift"),
+        *describe_reaction(settings, objects),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
     ]
     motions = [
@@ -92,9 +97,10 @@ def run_trial(
     benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
     progress is called after each attempt with lifts accepted, lifts wanted, and the row. live: who
     looks on while lifts happen.
-    Raises `InputError` or `RecordingError` as `open_session` does, `DeviceError` after three
-    rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
+    Raises `InputError` or `RecordingError` as `require_reaction` and `open_session` do, `DeviceError` after
+    three rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
     """
+    require_reaction(settings, objects)
     with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
         if not session.complete:
             _require_same_truth(session)

@@ -5,38 +5,33 @@ same results bit for bit.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from collections.abc import Mapping
+from dataclasses import replace
 
 from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.tally import FrameTally
-from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from drivers.types import ArmState, Frame, GripperState, Pose
 from protocols.observer import Phase
+from protocols.reaction import ReactionStep
 from protocols.slip_trial import SETTLE_S
-from rig.lift.fusion import FusedSample, TipAnswer, fuse
+from rig.lift.fusion import FusedSample, fuse
 from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth, TruthSeries
 from rig.lift.onset import OnsetAlarm
+from rig.lift.slip_watch import SlipWatch
+from rig.lift.tip_track import ZERO_S, TipTrack
 from rig.sessions.images import stored
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.contact.touch import TouchDebounce
 from rig.tactile.estimators import EstimatorChoice
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.sample import SlipSample, State
 
 OUTLINE_EVERY_S = 0.1
 OUTLINE_STEP = 4
 """Points of an outline lie a pixel apart; each so-many-th is kept."""
-ZERO_S = 0.4
-"""How much of the end of phase A gives the zero: 12 camera frames at 30 Hz (at least 10 needed).
-
-Where a slow camera or a hidden marker leaves fewer, all the time at rest before the lift is looked at.
-"""
 FALLEN_S = 0.2
 CAMERA = "camera"
 """The external camera's name among the sources that are counted; fingertips go by serial."""
@@ -45,55 +40,13 @@ CAMERA = "camera"
 _log = logging.getLogger("rig.lift")
 
 
-@dataclass(slots=True)
-class TipTrack:
-    """What is known of one fingertip during a lift."""
-
-    sign: int
-    reference: list[Image] = field(default_factory=list)
-    estimator: TactileEstimator | None = None
-    samples: list[SlipSample] = field(default_factory=list)
-    zero_deg: float | None = None
-    zero_sample: SlipSample | None = None
-    touch: TouchDebounce = field(default_factory=TouchDebounce)
-    finder: ContactFinder | None = None
-    outlined_ns: int | None = None
-
-    def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
-        """Sign an estimate and take it from its zero; without a zero there is no answer."""
-        angle = self._turned(sample)
-        if angle is None:
-            return TipAnswer(sample, None, None)
-        rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
-        last = None if before is None else self._turned(before)
-        since = None if before is None or last is None else (before.time_ns, last)
-        return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
-
-    def set_zero(self, samples: Sequence[SlipSample], time_ns: int) -> None:
-        """Take the mean of what was answered in the last moments before a time as zero."""
-        since = time_ns - to_ns(ZERO_S)
-        late = [s for s in samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
-        angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
-        self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
-        self.zero_sample = late[-1] if late else None
-
-    def newest(self) -> TipAnswer:
-        """Return the newest answer; there has to be a sample."""
-        return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
-
-    def _turned(self, sample: SlipSample) -> float | None:
-        if sample.angle_deg is None or self.zero_deg is None:
-            return None
-        return self.sign * (sample.angle_deg - self.zero_deg)
-
-
 class LiftMeasurement:
     """Watches one lift.
 
     signs: of the fingertips by serial. aspects: their pixels' width over height, where known.
     time_shift_s: added to a sensor's times, by serial, where its clock was calibrated. distance: how far
-    from the camera the markers should be, where that is to be checked. `tallies` counts each source's
-    frames, by serial and `CAMERA`.
+    from the camera the markers should be, where that is to be checked. watch: looks for slips that ask
+    for a reaction, where there are any. `tallies` counts each source's frames, by serial and `CAMERA`.
     """
 
     def __init__(
@@ -105,10 +58,14 @@ class LiftMeasurement:
         aspects: Mapping[str, float | None] | None = None,
         time_shift_s: Mapping[str, float] | None = None,
         distance: ExpectedDistance | None = None,
+        watch: SlipWatch | None = None,
     ) -> None:
         self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
         self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
         self.truth = truth
+        self.watch = watch
+        self.risen = True
+        """Whether the lift went to its full height."""
         self._distance = distance
         self.fused: list[FusedSample] = []
         self.alarm = OnsetAlarm()
@@ -128,6 +85,8 @@ class LiftMeasurement:
             self._make_estimators()
         elif phase is Phase.LIFT:
             self._set_zero(time_ns)
+        elif phase is Phase.HOLD:
+            self.risen = self.watch is None or not self.watch.ended
         elif phase is Phase.LOWER:
             # Not before: it takes as long as a frame, and an angle from the fingertips would come late.
             self.truth.measure_zero()
@@ -167,6 +126,21 @@ class LiftMeasurement:
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""
         return self.tips[serial].touch.sure
+
+    def slip_ns(self) -> int | None:
+        """When the frame was captured that asks for a reaction; None without one."""
+        return None if self.watch is None else self.watch.slip_ns()
+
+    def at_rest(self) -> bool:
+        """Whether no fingertip has seen a turn for a while."""
+        return self.watch is not None and self.watch.at_rest()
+
+    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+        """Take a step of a reaction: to the record, then to what looks for the next slip."""
+        if self._recorder:
+            self._recorder.reaction(step, time_ns, counts)
+        if self.watch is not None:
+            self.watch.reacted(step, time_ns, counts)
 
     def fallen(self, until_ns: int) -> bool:
         """Whether no fingertip has felt anything for the last moments before `until_ns`."""
@@ -213,6 +187,8 @@ class LiftMeasurement:
             fused = fuse(tip.newest(), others)
             self.fused.append(fused)
             self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
+            if self.watch is not None:
+                self.watch.update(frame.serial, tip.newest())
 
     def _outline(self, tip: TipTrack, frame: Frame) -> None:
         """Keep the contact's outline now and then, for who looks at the recording; no angle depends on it."""
@@ -236,3 +212,11 @@ class LiftMeasurement:
         self.truth.set_zero(time_ns - to_ns(ZERO_S), time_ns, earliest_ns=time_ns - to_ns(SETTLE_S))
         for tip in self.tips.values():
             tip.set_zero(tip.samples, time_ns)
+        if self.watch is not None:
+            since = time_ns - to_ns(SETTLE_S)
+            self.watch.begin(
+                {
+                    serial: [tip.answer(s) for s in tip.samples if since <= s.time_ns < time_ns]
+                    for serial, tip in self.tips.items()
+                }
+            )

@@ -84,6 +84,19 @@ def slip_onset_ns(
     return None
 
 
+def departure_ns(
+    time_ns: NDArray[np.int64], angle_deg: NDArray[np.float64], rest_deg: float = 0.0
+) -> int | None:
+    """Return when the angle has first left rest by 0.5 degrees, whether it grows on or not; None if never.
+
+    For a turn that a reaction ends. Arguments and errors as of `slip_onset_ns`.
+    """
+    _check(time_ns, angle_deg, rest_deg)
+    away = np.abs(np.asarray(angle_deg, np.float64) - rest_deg)
+    left = np.flatnonzero(away >= ONSET_DEG)
+    return _departure(time_ns, away, int(left[0]))[0] if len(left) else None
+
+
 def _departure(time_ns: NDArray[np.int64], away_deg: NDArray[np.float64], i: int) -> tuple[int, float]:
     """Time and angle at which the threshold was passed before sample i, or the sample itself."""
     at_ns, at_deg = int(time_ns[i]), float(away_deg[i])

@@ -8,14 +8,18 @@ from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
-from rig.lift.measurement import ZERO_S, LiftMeasurement
+from rig.lift.measurement import LiftMeasurement
 from rig.lift.onset import estimated_onset_ns, slip_onset_ns
+from rig.lift.reactions import reaction_records, slip_thresholds
+from rig.lift.tip_track import ZERO_S
 from rig.results.metrics import Floats, hold_last, summarize
-from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome
+from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome, ReactionRecord
 from rig.sessions.timing import StageTimes
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
+CAUGHT_DEG = 5.0
+"""A caught object has turned by no more, unless another limit was given."""
 
 
 def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
@@ -35,17 +39,20 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     answers = [(s.time_ns, s.angle_deg) for s in measurement.fused]
     samples = [s for tip in measurement.tips.values() for s in tip.samples]
+    watch = measurement.watch
+    reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
+    final_truth = _final(
+        [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], end_ns
+    )
     figures = LiftFigures(
-        outcome=_outcome(measurement, onset, end_ns),
+        outcome=_outcome(measurement, onset, end_ns, reactions or (), final_truth),
         re_b=_summary(errors[in_b]),
         re=_summary(errors),
         re_held=_summary(held_errors),
         contact_area_px=_contact_areas(measurement, lift_ns),
         answered=float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
         final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
-        final_truth_deg=_final(
-            [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], end_ns
-        ),
+        final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
         onset_alarm_s=_since(measurement.alarm.raised_ns, lift_ns),
@@ -59,6 +66,8 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
             why.value: sum(s.disagreement is why for s in measurement.fused) for why in Disagreement
         },
         marker_distance=measurement.marker_distance(),
+        reactions=reactions,
+        slip_thresholds=None if watch is None else slip_thresholds(watch),
     )
     return figures, series
 
@@ -86,10 +95,21 @@ def _summary(errors_deg: Floats) -> ErrorSummary | None:
     return summarize(errors_deg[np.isfinite(errors_deg)])
 
 
-def _outcome(measurement: LiftMeasurement, onset_ns: int | None, end_ns: int) -> LiftOutcome:
+def _outcome(
+    measurement: LiftMeasurement,
+    onset_ns: int | None,
+    end_ns: int,
+    reactions: tuple[ReactionRecord, ...],
+    turn_deg: float | None,
+) -> LiftOutcome:
     if measurement.fallen(end_ns):
         return LiftOutcome.FALLEN
-    return LiftOutcome.HELD if onset_ns is None else LiftOutcome.SLIPPED
+    limit = (measurement.watch.max_turn_deg if measurement.watch else None) or CAUGHT_DEG
+    kept = turn_deg is not None and abs(turn_deg) <= limit
+    if reactions and kept and measurement.risen:
+        return LiftOutcome.CAUGHT
+    slips = onset_ns is not None or any(reaction.onset_s is not None for reaction in reactions)
+    return LiftOutcome.SLIPPED if slips else LiftOutcome.HELD
 
 
 def _final(values: list[tuple[int, float | None]], end_ns: int) -> float | None:

@@ -78,9 +78,18 @@ def _object_row(o: ObjectSummary) -> list[str]:
     return [f"{o.object_id} {o.name}", *errors, str(o.lifts), turn, f"{o.answered:.1%}", outcomes]
 
 
+def _reaction_tile(summary: TrialSummary) -> list[tuple[str, str]]:
+    reacting = summary.reacting
+    if reacting is None:
+        return []
+    what = f"lifts caught by reaction to slip '{reacting.kind}'; their MARE stands apart from others'"
+    return [(f"{reacting.caught} of {reacting.lifts}", what)]
+
+
 def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
     tiles = [
         (str(summary.lifts_accepted), f"lifts of {len(summary.objects)} objects"),
+        *_reaction_tile(summary),
         (mare_short(summary.mare), f"MARE in B and C {interval_text(summary.mare)}"),
         (
             mare_short(summary.mare_b),

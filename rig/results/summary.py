@@ -4,17 +4,22 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
+from protocols.reaction import ReactionKind
 from rig.results.metrics import Mare, mare
 from rig.sessions.codec import json_value
-from rig.sessions.records import ErrorSummary, LiftRow, finished
+from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
 
 CSV_COLUMNS = (
     "number", "attempt", "object", "name", "lift", "position", "accepted", "outcome", "fault",
     "grip_counts", "lift_height_m", "final_estimate_deg", "final_truth_deg", "onset_truth_s",
     "onset_estimate_s", "answered", "bench_s", "recording",
+)  # fmt: skip
+REACTION_COLUMNS = (
+    "react", "reactions", "counts_added", "reaction_onset_s", "reaction_event_s", "reaction_command_s",
+    "reaction_standstill_s",
 )  # fmt: skip
 ERRORS = ("re_b", "re", "re_held")
 """A lift's errors: over phase B, over B and C, over both with refused frames held."""
@@ -79,8 +84,24 @@ class ObjectSummary:
 
 
 @dataclass(frozen=True, slots=True)
+class ReactingSummary:
+    """What reactions to slip were worth. early: reactions to less than half a degree of turn.
+
+    added_counts: to the grip, of lifts that reacted. turns_deg: true ones at the end, without their sign.
+    """
+
+    kind: str
+    lifts: int
+    caught: int
+    reactions: int
+    early: int
+    added_counts: tuple[int, ...]
+    turns_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """The whole trial."""
+    """The whole trial. reacting: where lifts react to slip; their errors stand apart from others'."""
 
     objects: tuple[ObjectSummary, ...]
     lifts_accepted: int
@@ -90,11 +111,16 @@ class TrialSummary:
     answered: float
     bench_s: float
     turns_deg: tuple[float, ...]
+    reacting: ReactingSummary | None = None
 
 
 def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
     """Summarize the accepted lifts of a session's rows; faults count in none of the figures."""
-    return summarize_lifts(finished(rows), sum(row.bench_s for row in rows))
+    lifts = finished(rows)
+    summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
+    return replace(
+        summary, reacting=_reacting_summary([lift for lift in lifts if lift.reactions is not None])
+    )
 
 
 def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
@@ -119,15 +145,19 @@ def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:
 
 
 def lifts_csv(rows: Sequence[LiftRow]) -> str:
-    """Return the lifts as CSV text, one line per attempt, errors in degrees."""
+    """Return the lifts as CSV text, one line per attempt, errors in degrees.
+
+    Of reactions to slip, where there may be any, the columns tell the first, how many, and the grip added.
+    """
     text = io.StringIO()
     errors = [f"{part}_{key}" for part in ERRORS for key in ("mean_deg", "std_deg", "max_deg")]
+    reacting = REACTION_COLUMNS if any(row.react is not ReactionKind.NONE for row in rows) else ()
     writer = csv.DictWriter(
-        text, [*CSV_COLUMNS, *errors], restval="", extrasaction="ignore", lineterminator="\n"
+        text, [*CSV_COLUMNS, *errors, *reacting], restval="", extrasaction="ignore", lineterminator="\n"
     )
     writer.writeheader()
     for row in rows:
-        writer.writerow({**json_value(row), **flat_errors(row)})
+        writer.writerow({**json_value(row), **flat_errors(row), **_reaction_cells(row)})
     return text.getvalue()
 
 
@@ -140,6 +170,34 @@ def flat_errors(row: LiftRow) -> dict[str, float | int]:
         if error is not None
         for key, value in asdict(error).items()
     }
+
+
+def _reaction_cells(row: LiftRow) -> dict[str, object]:
+    if not isinstance(row, FinishedLift) or row.reactions is None:
+        return {"react": row.react.value, "reactions": None}
+    first = row.reactions[0] if row.reactions else None
+    times = ("onset_s", "event_s", "command_s", "standstill_s")
+    return {
+        "react": row.react.value,
+        "reactions": len(row.reactions),
+        "counts_added": sum(reaction.counts_added for reaction in row.reactions),
+        **{f"reaction_{key}": getattr(first, key, None) for key in times},
+    }
+
+
+def _reacting_summary(lifts: Sequence[FinishedLift]) -> ReactingSummary | None:
+    if not lifts:
+        return None
+    taken = [lift.reactions or () for lift in lifts]
+    return ReactingSummary(
+        kind=lifts[0].react.value,
+        lifts=len(lifts),
+        caught=sum(lift.outcome is LiftOutcome.CAUGHT for lift in lifts),
+        reactions=sum(len(reactions) for reactions in taken),
+        early=sum(reaction.onset_s is None for reactions in taken for reaction in reactions),
+        added_counts=tuple(sum(r.counts_added for r in reactions) for reactions in taken if reactions),
+        turns_deg=tuple(abs(turn) for turn in _turns(lifts)),
+    )
 
 
 def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:

@@ -7,9 +7,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import ConfigDict, Discriminator, Tag
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from drivers.errors import SessionError
+from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
@@ -58,7 +59,8 @@ class BenchManifest(Manifest):
 class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator leaves out stages it has no need of.
 
-    truth: how the markers' corners were found, by which the true angles were measured.
+    truth: how the markers' corners were found, by which the true angles were measured. react: what was
+    done about slip; false_alarms_per_hour, max_turn_deg: when, see `rig.lift.slip_watch.SlipSettings`.
     """
 
     kind: Literal["trial"]
@@ -67,6 +69,9 @@ class TrialManifest(BenchManifest):
     window: int
     skip: bool
     truth: Literal["corners", "edges"] = "corners"
+    react: ReactionKind = ReactionKind.NONE
+    false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
+    max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
 
     @property
     def wanted(self) -> int:

@@ -15,9 +15,17 @@ from drivers.clock import to_ns
 from drivers.errors import RecordingError, SessionError
 from drivers.types import ArmMode, ArmState, Frame, Pose, Vector6
 from protocols.observer import LiftObserver, Phase
+from protocols.reaction import ReactionStep, SlipSense
 from rig.sessions.codec import STRICT, Codec
 from rig.sessions.images import decoded
-from rig.sessions.recorder import ARM_TOPIC, JOINTS_TOPIC, PHASE_TOPIC, RecordedAngle, image_topic
+from rig.sessions.recorder import (
+    ARM_TOPIC,
+    JOINTS_TOPIC,
+    PHASE_TOPIC,
+    REACTION_TOPIC,
+    RecordedAngle,
+    image_topic,
+)
 from rig.sessions.recording_file import recorded_messages
 
 Value = TypeVar("Value")
@@ -33,6 +41,14 @@ class _Phase:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     phase: Phase
+
+
+@dataclass(frozen=True)
+class _Reaction:
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    step: ReactionStep
+    counts: int
 
 
 @dataclass(frozen=True)
@@ -68,15 +84,17 @@ class _Angle:
 
 
 _PHASE: Codec[_Phase] = Codec(_Phase)
+_REACTION: Codec[_Reaction] = Codec(_Reaction)
 _JOINTS: Codec[RecordedJoints] = Codec(RecordedJoints)
 _GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
 _ANGLE: Codec[_Angle] = Codec(_Angle)
 
 
-def show_again(path: Path, observer: LiftObserver) -> None:
+def show_again(path: Path, observer: LiftObserver, sense: SlipSense | None = None) -> None:
     """Give a recorded lift to an observer exactly as it was given when it happened.
 
-    Raises `SessionError` when the recording is missing, damaged or not of a whole lift.
+    sense: is told again what was done about slips, where that matters. Raises `SessionError` when the
+    recording is missing, damaged or not of a whole lift.
     """
     pose: Pose | None = None
     phases: dict[Phase, int] = {}
@@ -85,6 +103,10 @@ def show_again(path: Path, observer: LiftObserver) -> None:
             phase = _parsed(_PHASE, data, path).phase
             _add_phase(phases, phase, time_ns, path)
             observer.phase(phase, time_ns)
+        elif topic == REACTION_TOPIC:
+            if sense is not None:
+                done = _parsed(_REACTION, data, path)
+                sense.reacted(done.step, time_ns, done.counts)
         elif topic == ARM_TOPIC:
             pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC:

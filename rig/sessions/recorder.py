@@ -34,6 +34,7 @@ ARM_TOPIC = "/arm/tcp"
 JOINTS_TOPIC = "/arm/joints"
 GRIPPER_TOPIC = "/gripper"
 PHASE_TOPIC = "/phase"
+REACTION_TOPIC = "/reaction"
 IMAGE_PREFIX = "/image/"
 ANGLE_PREFIX = "/angle/"
 TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
@@ -41,6 +42,7 @@ FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
 _NUMBER = {"type": ["number", "null"]}
 _SCHEMAS: dict[str, dict[str, object]] = {
     "rig.Phase": {"phase": {"type": "string"}},
+    "rig.Reaction": {"step": {"type": "string"}, "counts": {"type": "integer"}},
     "rig.Joints": {
         "joints_rad": {"type": "array", "items": {"type": "number"}},
         "wrench": {"type": "array", "items": {"type": "number"}},
@@ -132,6 +134,10 @@ class LiftRecorder:
         """Keep where a phase begins; before the first one, where camera and table are."""
         self._describe_once(time_ns)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
+
+    def reaction(self, step: str, time_ns: int, counts: int) -> None:
+        """Keep a step of a reaction to slip, with where the fingers were told to be or stood."""
+        self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "counts": counts})
 
     def angle(self, topic: str, angle: RecordedAngle) -> None:
         """Keep an angle, of a fingertip, fused, or of the markers."""

@@ -13,16 +13,22 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
 from protocols.observer import Phase
+from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
 
 
 class LiftOutcome(StrEnum):
-    """How a lift ended. The first three are results; a fault says nothing of the object."""
+    """How a lift ended. A fault says nothing of the object, all others are results.
+
+    caught: a reaction to slip kept the turn within the limit, and it came to full height; also where the turn
+    never became half a degree.
+    """
 
     SLIPPED = "slipped"
     HELD = "held"
     FALLEN = "fallen"
+    CAUGHT = "caught"
     FAULT = "fault"
 
 
@@ -61,13 +67,46 @@ class MarkerDistance:
         return f"the markers look {self.seen_m:.3f} m away, the camera's place says {self.placed_m:.3f} m"
 
 
+@dataclass(frozen=True, slots=True)
+class SlipThreshold:
+    """From which angle since rest and at which rate on a fingertip tells of a slip."""
+
+    angle_deg: float
+    rate_deg_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionRecord:
+    """A reaction to slip. Times since the start of phase B, s; turns are true ones since the zero, deg.
+
+    serial: of the fingertip that told. onset_s: when the object had turned 0.5 degrees since it was last at
+    rest, None where it had not: a false alarm, or caught before. event_s: capture of the frame that told
+    of the slip; serial and event_s are None where another estimator looks at the lift and sees none.
+    command_s: the arm was told to stop. standstill_s: of arm and fingers. rest_s: the object was seen at
+    rest, None where the lift ended instead. counts_added: to the grip.
+    """
+
+    serial: str | None
+    onset_s: float | None
+    event_s: float | None
+    command_s: float
+    standstill_s: float
+    rest_s: float | None
+    counts_added: int
+    onset_turn_deg: float | None
+    event_turn_deg: float | None
+    command_turn_deg: float | None
+    standstill_turn_deg: float | None
+    rest_turn_deg: float | None
+
+
 @dataclass(frozen=True, kw_only=True)
 class LiftHead:
     """Which lift it was, and how it was told to go.
 
     number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: as the object's
     file names it. grip_counts: beyond first contact. force_n: no gripper of this bench measures it.
-    recording: file in the session.
+    recording: file in the session. react: what was to be done about slip.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -84,6 +123,7 @@ class LiftHead:
     seed: int
     simulated: bool
     recording: InnerPath
+    react: ReactionKind = ReactionKind.NONE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +136,7 @@ class LiftFigures:
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
     only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
+    reactions, slip_thresholds (by serial): there only in lifts that react to slip.
     """
 
     outcome: LiftOutcome
@@ -117,6 +158,8 @@ class LiftFigures:
     disagreements: dict[str, int]
     marker_distance: MarkerDistance | None = None
     jumped: dict[str, int] | None = None
+    reactions: tuple[ReactionRecord, ...] | None = None
+    slip_thresholds: dict[str, SlipThreshold] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +223,8 @@ class PoseRow:
 class ReplayRow:
     """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
 
-    identical: whether the replay gave exactly the stored row, None where it was not to. problem: what kept
+    react: what was to be done about slip, None in tables of before that was asked. identical: whether the
+    replay gave exactly the stored row, None where it was not to. problem: what kept
     a lift, or a whole session (then of number 0), from being read; the figures are None then.
     """
 
@@ -223,6 +267,7 @@ class ReplayRow:
     re_held_std_deg: float | None
     re_held_max_deg: float | None
     re_held_frames: int | None
+    react: str | None = None
 
 
 def _member(values: object) -> str:

@@ -26,6 +26,8 @@ ANGLENET, TOSKOV = "anglenet", "toskov"
 """Networks trained on simulated lifts. `toskov` needs the arm's states beside the frames."""
 PEERS = (KOLAMURI, ANGLENET, TOSKOV)
 ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, *PEERS)
+WITH_RATE = (DEFAULT_ESTIMATOR,)
+"""Those that tell how fast the object turns, so that a slip is known in time to react."""
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 
 

@@ -19,9 +19,9 @@ from rig.config.models import TactileConfig
 from rig.experiments.replay import session_settings
 from rig.lift.fusion import FusedSample, fuse
 from rig.lift.marker_truth import interpolate
-from rig.lift.measurement import TipTrack
 from rig.lift.onset import OnsetAlarm, estimated_onset_ns
 from rig.lift.recorded_truth import recorded_truth
+from rig.lift.tip_track import TipTrack
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts

@@ -21,7 +21,7 @@ from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, fr
 from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.experiments.process_pool import run_tasks
 from rig.lift.fusion import FusedSample, fuse
-from rig.lift.measurement import TipTrack
+from rig.lift.tip_track import TipTrack
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.sample import SlipSample

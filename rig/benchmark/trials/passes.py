@@ -18,7 +18,7 @@ from rig.benchmark.estimators.contenders import filtered
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.benchmark.trials.systems import make_system
-from rig.lift.measurement import ZERO_S, TipTrack
+from rig.lift.tip_track import ZERO_S, TipTrack
 from rig.sessions.reading import recorded_arm_states
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import Contact

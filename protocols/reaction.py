@@ -1,0 +1,155 @@
+"""What the hand does about a slip in mid-lift: nothing, stop, tighten, or set the object down."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from drivers.bench import Bench
+from drivers.clock import to_ns
+from drivers.interfaces import Motion
+from protocols.observer import LiftObserver
+from protocols.pump import Pump
+from protocols.steps import MOTION_TIMEOUT_S
+
+MOST_REACTIONS = 6
+"""In one lift. The last one ends it: what slips on is lifted no higher."""
+FIRST_STEP_COUNTS = 4
+"""The first closing of a lift; each one after it is twice as far, so that few reach any grip."""
+REST_TIMEOUT_S = 0.5
+"""After so long a closing that has not brought the object to rest is followed by the next."""
+
+
+class ReactionKind(StrEnum):
+    """What is done on a slip event. All but the first stop the arm."""
+
+    NONE = "none"
+    STOP = "stop"
+    TIGHTEN = "tighten"
+    LOWER = "lower"
+
+
+class ReactionStep(StrEnum):
+    """What a recording keeps of a reaction: commands, and when what they moved stood still.
+
+    stop: the arm is told to. stands: the arm does. close, closed: the fingers, with their position in
+    counts. rest: the object does not turn any more, the lift goes on. ends: the lift does, where it is.
+    """
+
+    STOP = "stop"
+    STANDS = "stands"
+    CLOSE = "close"
+    CLOSED = "closed"
+    REST = "rest"
+    ENDS = "ends"
+
+
+class SlipSense(Protocol):
+    """Says when the object slips, by what the fingertips show; is told what was done about it."""
+
+    def slip_ns(self) -> int | None:
+        """When the frame was captured that told of a slip which asks for a reaction now; else None."""
+        ...
+
+    def at_rest(self) -> bool:
+        """Whether no fingertip has seen a turn for a while."""
+        ...
+
+    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+        """Take a step of a reaction, to be kept. After `REST` and `ENDS` the next slip is another one."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """What is to be done, and who says when. largest_grip_counts: beyond first contact, for `TIGHTEN`."""
+
+    kind: ReactionKind
+    sense: SlipSense
+    largest_grip_counts: int = 0
+
+
+class Reflex:
+    """Carries out one lift's reactions.
+
+    contact_counts: where the fingers met the object; grip_counts: how far beyond they stand.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        pump: Pump,
+        observer: LiftObserver,
+        reaction: Reaction | None,
+        contact_counts: int,
+        grip_counts: int,
+    ) -> None:
+        self._bench = bench
+        self._pump = pump
+        self._observer = observer
+        self._reaction = reaction
+        self._counts = contact_counts + grip_counts
+        largest = contact_counts + (reaction.largest_grip_counts if reaction else 0)
+        self._largest = min(largest, bench.gripper.limits.max_counts)
+        self._step = FIRST_STEP_COUNTS
+        self._left = MOST_REACTIONS if reaction and reaction.kind is not ReactionKind.NONE else 0
+
+    @property
+    def sets_down(self) -> bool:
+        """Whether a lift that ended here is not held any longer either."""
+        reaction = self._reaction
+        return reaction is not None and reaction.kind is ReactionKind.LOWER
+
+    def called(self) -> bool:
+        """Whether there is a slip to react to."""
+        return self._left > 0 and self._reaction is not None and self._reaction.sense.slip_ns() is not None
+
+    def react(self, rising: Motion | None = None) -> bool:
+        """Stop the arm and do what is to be done; return whether the lift goes on.
+
+        rising: the arm's motion, if any. Frames keep coming meanwhile.
+        """
+        self._left -= 1
+        self._stop(rising)
+        caught = self._tighten() and self._left > 0
+        self._tell(ReactionStep.REST if caught else ReactionStep.ENDS)
+        if not caught:
+            self._left = 0
+        return caught
+
+    def _stop(self, rising: Motion | None) -> None:
+        self._tell(ReactionStep.STOP)
+        self._bench.arm.stop()
+        if rising is not None:
+            self._pump.run_until(rising.done, MOTION_TIMEOUT_S)
+        self._tell(ReactionStep.STANDS)
+
+    def _tighten(self) -> bool:
+        """Close step by step until the object is at rest; return whether it is.
+
+        A grip that is at its largest cannot help, but the slip may be over, or none.
+        """
+        if self._reaction is None or self._reaction.kind is not ReactionKind.TIGHTEN:
+            return False
+        while self._counts < self._largest:
+            self._close(min(self._counts + self._step, self._largest))
+            self._step *= 2
+            if self._comes_to_rest(self._reaction.sense.at_rest):
+                return True
+        return self._comes_to_rest(self._reaction.sense.at_rest)
+
+    def _close(self, counts: int) -> None:
+        self._counts = counts
+        self._tell(ReactionStep.CLOSE)
+        self._pump.run_until(self._bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
+        self._observer.gripper(self._bench.gripper.state())
+        self._tell(ReactionStep.CLOSED)
+
+    def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:
+        end_ns = self._bench.clock.now_ns() + to_ns(REST_TIMEOUT_S)
+        self._pump.run_until(lambda: at_rest() or self._bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+        return at_rest()
+
+    def _tell(self, step: ReactionStep) -> None:
+        if self._reaction is not None:
+            self._reaction.sense.reacted(step, self._bench.clock.now_ns(), self._counts)

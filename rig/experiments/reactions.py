@@ -1,0 +1,51 @@
+"""Whether a trial may react to slip: asked before anything moves."""
+
+from collections.abc import Iterable
+
+from drivers.errors import InputError
+from protocols.grasps import find_grasp_file
+from protocols.reaction import FIRST_STEP_COUNTS, MOST_REACTIONS, ReactionKind
+from rig.experiments.lift_attempt import TrialSettings
+from rig.lift.slip_watch import sigmas_for
+from rig.tactile.estimators import WITH_RATE
+
+
+def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
+    """Raise `InputError` where a trial cannot or may not react: by bench, estimator, rate or object."""
+    if settings.react is ReactionKind.NONE:
+        return
+    bench, estimator = settings.bench, settings.estimator.name
+    if not bench.reacts:
+        raise InputError(
+            f"--react {settings.react}: bench '{bench.name}' does not allow it: the arm would stop and the "
+            "fingers would close by themselves; where that is safe write reactions_allowed = true in its file"
+        )
+    if estimator not in WITH_RATE:
+        raise InputError(
+            f"--react {settings.react}: estimator '{estimator}' tells no rate of turning, so no slip in "
+            f"time; use {', '.join(WITH_RATE)}"
+        )
+    for tactile in bench.tactile:
+        sigmas_for(settings.slip.false_alarms_per_hour / len(bench.tactile), tactile.rate_hz)
+    if settings.react is ReactionKind.TIGHTEN:
+        for object_id in objects:
+            find_grasp_file(object_id).require_largest_grip()
+
+
+def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[str]:
+    """Say in lines what a trial does about slip; nothing where it does nothing."""
+    if settings.react is ReactionKind.NONE:
+        return []
+    limit = settings.slip.max_turn_deg
+    when = "" if limit is None else f" that would turn the object by more than {limit:g} degrees"
+    head = f"On a slip{when} the arm stops by itself, at most {MOST_REACTIONS} times a lift,"
+    if settings.react is ReactionKind.STOP:
+        return [f"{head} and holds the object there."]
+    if settings.react is ReactionKind.LOWER:
+        return [f"{head} and sets the object down."]
+    grasps = [find_grasp_file(object_id) for object_id in objects]
+    largest = ", ".join(f"{g.id} {g.name} {g.require_largest_grip()}" for g in grasps)
+    return [
+        f"{head} the fingers close step by step ({FIRST_STEP_COUNTS} counts, then twice as many each time), "
+        f"and the lift goes on. At most, in counts past contact: {largest}."
+    ]

@@ -1,0 +1,181 @@
+"""A slip that is caught beside the same one that is not: rows, recordings, replay, refusals."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from protocols.reaction import ReactionKind
+from rig.config import load_bench
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.reactions import describe_reaction, require_reaction
+from rig.experiments.replay import run_replay
+from rig.experiments.trial import run_trial
+from rig.lift.slip_watch import SlipSettings
+from rig.results.summary import TrialSummary
+from rig.sessions.manifest import TrialManifest, read_manifest
+from rig.sessions.records import FinishedLift, LiftOutcome
+from rig.sessions.rows import read_finished_lifts
+from rig.tactile.estimators import choose_estimator
+from support.benches import lighter
+from support.command_line import rig
+
+
+def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
+    slip = SlipSettings(max_turn_deg=max_turn_deg)
+    return TrialSettings(lighter(), 0, choose_estimator(), react=ReactionKind(react), slip=slip)
+
+
+def lifted(react: str, max_turn_deg: float | None = None) -> FinishedLift:
+    row = attempt_lift(settings(react, max_turn_deg), LiftTask(1, "t2", 1)).row
+    assert isinstance(row, FinishedLift)
+    return row
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trial of one lift of the toothbrush that tightens."""
+    return tmp_path_factory.mktemp("reacting") / "session"
+
+
+@pytest.fixture(scope="module")
+def summary(folder: Path) -> TrialSummary:
+    return run_trial(folder, settings("tighten"), ["t2"], 1)
+
+
+@pytest.fixture(scope="module")
+def caught(folder: Path, summary: TrialSummary) -> FinishedLift:
+    return read_finished_lifts(folder)[0]
+
+
+def test_a_tightened_grip_catches_what_slips_without(caught: FinishedLift) -> None:
+    without = lifted("none")
+    assert without.outcome is LiftOutcome.SLIPPED
+    assert without.final_truth_deg is not None
+    assert abs(without.final_truth_deg) > 10.0
+    assert without.reactions is None
+    assert caught.outcome is LiftOutcome.CAUGHT
+    assert caught.final_truth_deg is not None
+    assert 0.4 < abs(caught.final_truth_deg) < 5.0
+    assert caught.lift_height_m == without.lift_height_m
+
+
+def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught: FinishedLift) -> None:
+    assert caught.reactions
+    first = caught.reactions[0]
+    assert first.onset_s is not None
+    assert first.event_s is not None
+    assert first.rest_s is not None
+    assert first.serial in caught.contact_area_px
+    assert first.event_s < first.onset_s + 0.05
+    assert first.event_s <= first.command_s < first.standstill_s <= first.rest_s
+    assert 0 < first.counts_added <= 14 - caught.grip_counts
+    assert first.onset_turn_deg == pytest.approx(0.5, abs=0.1)
+    assert first.rest_turn_deg is not None
+    assert 0.4 < abs(first.rest_turn_deg) < 2.0
+    assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
+
+
+def test_replay_reads_what_was_done_and_finds_the_same_events(folder: Path, caught: FinishedLift) -> None:
+    replay = run_replay(folder, None, None, jobs=1)
+    assert replay.identical == 1
+    assert replay.rows == [caught]
+
+
+def test_another_estimator_sees_the_same_commands_and_no_event_of_its_own(
+    folder: Path, caught: FinishedLift
+) -> None:
+    row = run_replay(folder, "pca", None, jobs=1).rows[0]
+    assert row.reactions
+    assert caught.reactions
+    assert [r.command_s for r in row.reactions] == [r.command_s for r in caught.reactions]
+    assert {r.event_s for r in row.reactions} == {None}
+
+
+def test_the_session_says_what_it_does_and_is_not_continued_with_another_reaction(
+    folder: Path, summary: TrialSummary
+) -> None:
+    manifest = read_manifest(folder)
+    assert isinstance(manifest, TrialManifest)
+    assert manifest.react is ReactionKind.TIGHTEN
+    with pytest.raises(InputError, match="react"):
+        run_trial(folder, settings("stop"), ["t2"], 1, resume=True)
+
+
+def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -> None:
+    assert summary.reacting is not None
+    assert (summary.reacting.kind, summary.reacting.caught, summary.reacting.lifts) == ("tighten", 1, 1)
+    line = next(csv.DictReader(io.StringIO((folder / "lifts.csv").read_text())))
+    assert line["react"] == "tighten"
+    assert int(line["counts_added"]) > 0
+    assert float(line["reaction_event_s"]) <= float(line["reaction_command_s"])
+
+
+@pytest.mark.parametrize("react", ["stop", "lower"])
+def test_stop_and_lower_end_below_full_height_and_so_catch_nothing(react: str) -> None:
+    row = lifted(react)
+    assert row.outcome is LiftOutcome.SLIPPED
+    assert row.final_truth_deg is not None
+    assert 0.4 < abs(row.final_truth_deg) < 5.0
+    assert row.reactions
+    assert [r.counts_added for r in row.reactions] == [0]
+    assert [r.rest_s for r in row.reactions] == [None]
+
+
+def test_with_a_largest_turn_it_reacts_later() -> None:
+    late = lifted("tighten", 20.0)
+    assert late.reactions
+    first = late.reactions[0]
+    assert first.event_s is not None
+    assert first.command_s > first.event_s + 0.02
+
+
+def test_what_cannot_or_may_not_react_is_refused_before_anything_moves() -> None:
+    tighten = settings("tighten")
+    require_reaction(tighten, ["t1", "t2"])
+    require_reaction(settings("none"), ["3"])
+    with pytest.raises(InputError, match="no largest_grip_counts"):
+        require_reaction(tighten, ["t1", "3"])
+    with pytest.raises(InputError, match="tells no rate"):
+        require_reaction(replace(tighten, estimator=choose_estimator("pca")), ["t1"])
+    real = lighter().model_copy(update={"gripper": load_bench("wire").gripper, "fakes": None})
+    arm = load_bench("wire").arm
+    real = real.model_copy(
+        update={
+            "arm": arm,
+            "camera": real.camera.model_copy(update={"driver": "camera"}),
+            "tactile": tuple(t.model_copy(update={"driver": "digit"}) for t in real.tactile),
+        }
+    )
+    assert not real.simulated
+    with pytest.raises(InputError, match="reactions_allowed = true"):
+        require_reaction(replace(tighten, bench=real), ["t1"])
+    require_reaction(replace(tighten, bench=real.model_copy(update={"reactions_allowed": True})), ["t1"])
+    forbidden = lighter().model_copy(update={"reactions_allowed": False})
+    with pytest.raises(InputError, match="does not allow"):
+        require_reaction(replace(tighten, bench=forbidden), ["t1"])
+
+
+def test_the_plan_that_is_asked_about_says_what_the_hand_may_do_by_itself() -> None:
+    text = "\n".join(describe_reaction(settings("tighten", 5.0), ["t1", "t2"]))
+    assert "more than 5 degrees" in text
+    assert "t1 wrench 55, t2 toothbrush 14" in text
+    assert describe_reaction(settings("none"), ["t1"]) == []
+
+
+def test_the_command_refuses_in_one_line_and_makes_no_session(tmp_path: Path) -> None:
+    done = rig("trial", "--object", "orange", "--react", "tighten", "--out", tmp_path / "s")
+    assert done.returncode == 2
+    assert "largest_grip_counts" in done.stderr
+    assert not (tmp_path / "s").exists()
+
+
+def test_the_command_says_what_was_caught(folder: Path, summary: TrialSummary) -> None:
+    shown = rig("replay", folder, "--json")
+    assert shown.returncode == 0
+    figures = json.loads(shown.stdout)
+    assert (figures["react"], figures["caught"]) == ("tighten", 1)

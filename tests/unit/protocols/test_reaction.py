@@ -1,0 +1,138 @@
+"""What the hand does about a slip, on a simulated bench and with slips that are told by a script."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.types import Holding
+from protocols.observer import Phase
+from protocols.reaction import FIRST_STEP_COUNTS, MOST_REACTIONS, Reaction, ReactionKind, ReactionStep
+from protocols.slip_trial import run_lift
+
+LiftOf = Callable[..., Any]
+STEP = ReactionStep
+
+
+@dataclass
+class Script:
+    """Says that the object slips at some heights of the lift, and at rest after so many closings."""
+
+    lift: Any
+    at_m: list[float]
+    closings: int = 1
+    steps: list[tuple[ReactionStep, int, int]] = field(default_factory=list)
+    heights_m: list[float] = field(default_factory=list)
+    closed: int = 0
+    reached_m: float = 0.0
+
+    def slip_ns(self) -> int | None:
+        rising = self.lift.observer.phase_now in (Phase.LIFT, Phase.HOLD)
+        self.reached_m = max(self.reached_m, self.lift.height_m if rising else 0.0)
+        return 1 if rising and self.at_m and self.lift.height_m >= self.at_m[0] else None
+
+    def at_rest(self) -> bool:
+        return self.closed >= self.closings
+
+    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+        self.steps.append((step, time_ns, counts))
+        self.heights_m.append(self.lift.height_m)
+        self.closed += step is STEP.CLOSED
+        if step in (STEP.REST, STEP.ENDS):
+            self.at_m.pop(0)
+            self.closed = 0
+
+    def counts(self, step: ReactionStep) -> list[int]:
+        return [counts for s, _, counts in self.steps if s is step]
+
+
+def reacted(lift: Any, kind: ReactionKind, script: Script, largest: int = 40) -> Script:
+    run_lift(lift.bench, lift.plan, lift.observer, Reaction(kind, script, largest))
+    assert lift.bench.hand.state.holding is Holding.FREE
+    return script
+
+
+def test_without_reaction_a_slip_changes_nothing(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, ReactionKind.NONE, Script(lift, [0.01]))
+    assert script.steps == []
+
+
+def test_tighten_stands_while_it_closes_and_then_lifts_on_to_full_height(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.010]))
+    assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.CLOSE, STEP.CLOSED, STEP.REST]
+    assert script.heights_m[0] == pytest.approx(0.010, abs=0.002)
+    assert script.heights_m[1] - script.heights_m[0] < 0.001
+    assert max(script.heights_m[1:]) == min(script.heights_m[1:])
+    assert script.counts(STEP.REST)[0] - script.counts(STEP.STOP)[0] == FIRST_STEP_COUNTS
+    assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
+
+
+def test_each_closing_is_twice_as_far_as_the_one_before(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.005, 0.010], closings=2), largest=200)
+    before = script.counts(STEP.STOP)[0]
+    assert [c - before for c in script.counts(STEP.CLOSED)] == [4, 12, 28, 60]
+
+
+def test_it_never_closes_beyond_the_largest_grip_and_then_stays_where_it_is(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    slips = Script(lift, [0.005, 0.010, 0.015])
+    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_counts + 10)
+    before = script.counts(STEP.STOP)[0]
+    assert max(counts for _, _, counts in script.steps) == before + 10
+    assert script.steps[-1][0] is STEP.ENDS
+    assert script.reached_m < 0.02 < lift.plan.lift_height_m
+
+
+def test_an_object_that_slips_too_often_is_lifted_no_higher(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.004] * 20, closings=0), largest=250)
+    assert len(script.counts(STEP.STOP)) == MOST_REACTIONS
+    assert script.steps[-1][0] is STEP.ENDS
+    assert script.reached_m < 0.01
+
+
+def test_a_slip_at_the_largest_grip_that_ends_by_itself_lets_the_lift_go_on(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    slips = Script(lift, [0.010], closings=0)
+    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_counts)
+    assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.REST]
+    assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", [ReactionKind.STOP, ReactionKind.LOWER])
+def test_stop_and_lower_end_the_lift_and_leave_the_grip_as_it_is(kind: ReactionKind, lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, kind, Script(lift, [0.010, 0.010]))
+    assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.ENDS]
+    assert len({counts for _, _, counts in script.steps}) == 1
+    assert script.reached_m < 0.012
+
+
+def test_lower_sets_down_sooner_than_stop(lift_of: LiftOf) -> None:
+    def held_s(kind: ReactionKind) -> float:
+        lift = lift_of()
+        script = reacted(lift, kind, Script(lift, [0.010]))
+        return (lift.bench.clock.now_ns() - script.steps[-1][1]) / 1e9
+
+    assert held_s(ReactionKind.LOWER) < held_s(ReactionKind.STOP) - 0.5
+
+
+def test_a_slip_while_it_is_held_is_answered_as_well(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [lift.plan.lift_height_m]))
+    assert script.steps[-1][0] is STEP.REST
+    assert lift.height_m > 0.05  # risen beside it, after it was set down
+
+
+def test_a_fault_in_a_reaction_ends_as_any_other(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    script = Script(lift, [0.010])
+    lift.interrupt(lambda: bool(script.counts(STEP.CLOSE)), DeviceError("arm: gone"))
+    with pytest.raises(DeviceError, match="gone") as raised:
+        run_lift(lift.bench, lift.plan, lift.observer, Reaction(ReactionKind.TIGHTEN, script, 40))
+    assert "set down" in raised.value.__notes__[0]

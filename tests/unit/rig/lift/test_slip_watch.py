@@ -1,0 +1,133 @@
+"""When a slip asks for a reaction: thresholds from noise at rest, re-armed, and not sooner than needed."""
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from protocols.reaction import ReactionStep
+from rig.lift.fusion import TipAnswer
+from rig.lift.slip_watch import GIVES_DEG, SlipSettings, SlipWatch, sigmas_for
+from rig.tactile.sample import SlipSample, State
+
+FRAME_NS = 16_000_000
+TIP = "tip"
+
+
+def answer(frame: int, angle_deg: float | None, rate_deg_s: float | None) -> TipAnswer:
+    sample = SlipSample(frame * FRAME_NS, State.TRACKING, angle_deg, None, rate_deg_s=rate_deg_s)
+    return TipAnswer(sample, angle_deg, None, rate_deg_s)
+
+
+def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0) -> list[TipAnswer]:
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(0.0, (angle_deg, rate_deg_s), (frames, 2))
+    return [answer(i, float(a), float(r)) for i, (a, r) in enumerate(noise)]
+
+
+def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, **settings: float) -> SlipWatch:
+    made = SlipWatch(SlipSettings(**settings))
+    made.begin({TIP: resting(noise_deg, noise_deg_s)})
+    return made
+
+
+def show(to: SlipWatch, *answers: tuple[int, float | None, float | None]) -> None:
+    for frame, angle, rate in answers:
+        to.update(TIP, answer(frame, angle, rate))
+
+
+def test_fewer_false_alarms_take_more_sigmas() -> None:
+    sigmas = [sigmas_for(rate, 60.0) for rate in (1.0, 10.0, 100.0)]
+    assert sigmas == sorted(sigmas, reverse=True)
+    assert sigmas[1] == pytest.approx(2.59, abs=0.02)  # twice 0.0048 squared is 10 in 216,000
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e6])
+def test_a_rate_that_no_threshold_gives_is_refused(rate: float) -> None:
+    with pytest.raises(InputError, match="false-alarms-per-hour"):
+        sigmas_for(rate, 60.0)
+
+
+def test_thresholds_grow_with_the_sensors_own_noise() -> None:
+    (quiet_deg, quiet_deg_s), (loud_deg, loud_deg_s) = (
+        watch(0.02 * k, 0.5 * k).thresholds()[TIP] for k in (1, 4)
+    )
+    assert loud_deg - GIVES_DEG == pytest.approx(4 * (quiet_deg - GIVES_DEG))
+    assert loud_deg_s == pytest.approx(4 * quiet_deg_s)
+
+
+def test_a_tip_that_tells_no_rate_raises_nothing() -> None:
+    made = SlipWatch(SlipSettings())
+    made.begin({TIP: [answer(i, 0.0, None) for i in range(50)]})
+    show(made, (100, 5.0, None), (101, 6.0, 60.0))
+    assert made.slip_ns() is None
+    assert made.thresholds() == {}
+
+
+def test_noise_alone_is_a_slip_no_more_often_than_asked() -> None:
+    """Ten minutes of rest at 1,000 an hour; re-armed after each alarm."""
+    made = SlipWatch(SlipSettings(false_alarms_per_hour=1000.0))
+    made.begin({TIP: resting(1.5, 20.0, 2000)})
+    rng = np.random.default_rng(1)
+    frames = 37_500
+    for frame, (angle, rate) in enumerate(rng.normal(0.0, (1.5, 20.0), (frames, 2)), start=3000):
+        show(made, (frame, float(angle), float(rate)))
+        if made.slip_ns() is not None:
+            made.reacted(ReactionStep.STOP, frame, 0)
+            made.reacted(ReactionStep.REST, frame, 0)
+    asked = 1000.0 / 6.0
+    assert 0.2 * asked < len(made.events) <= asked + 2.0 * asked**0.5
+
+
+def test_a_turn_away_from_rest_is_a_slip_and_one_back_is_none() -> None:
+    made = watch()
+    show(made, (100, 0.45, -20.0), (101, 0.2, 20.0))
+    assert made.slip_ns() is None
+    show(made, (102, 0.5, 20.0))
+    assert made.slip_ns() == 102 * FRAME_NS
+    assert [event.serial for event in made.events] == [TIP]
+
+
+def test_it_is_armed_again_from_the_angle_it_has_after_a_reaction() -> None:
+    made = watch()
+    show(made, (100, 0.8, 20.0), *((f, 0.9, 0.0) for f in range(101, 115)))
+    made.reacted(ReactionStep.STOP, 101 * FRAME_NS, 20)
+    made.reacted(ReactionStep.REST, 114 * FRAME_NS, 24)
+    assert made.slip_ns() is None
+    show(made, (115, 1.0, 20.0))
+    assert made.slip_ns() is None
+    show(made, (116, 1.4, 20.0))
+    assert made.slip_ns() == 116 * FRAME_NS
+
+
+def test_rest_is_a_tenth_of_a_second_below_the_noise_of_every_tip_that_answers() -> None:
+    made = SlipWatch(SlipSettings())
+    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
+    assert not made.at_rest()
+    for frame in range(100, 108):
+        made.update("a", answer(frame, 0.5, 0.0))
+        made.update("b", answer(frame, 0.5, 20.0 if frame == 100 else 0.1))
+    assert made.at_rest()
+    made.update("b", answer(108, 0.6, 10.0))
+    assert not made.at_rest()
+
+
+def test_with_a_largest_turn_the_reaction_waits_until_it_would_be_too_late() -> None:
+    made = watch(max_turn_deg=5.0)
+    show(made, (100, 0.5, 5.0), (101, 0.6, 5.0))
+    assert made.slip_ns() is None
+    show(made, (102, 1.0, 30.0))
+    assert made.slip_ns() == 102 * FRAME_NS
+    assert made.events[0].raised_ns == 100 * FRAME_NS
+
+
+def test_the_measured_closing_time_counts_from_the_first_reaction_on() -> None:
+    def asked_after(closing_s: float) -> bool:
+        made = watch(max_turn_deg=5.0)
+        made.reacted(ReactionStep.STOP, 0, 20)
+        made.reacted(ReactionStep.CLOSED, round(closing_s * 1e9), 24)
+        made.reacted(ReactionStep.REST, round(closing_s * 1e9), 24)
+        show(made, (100, 1.0, 10.0), (101, 1.0, 10.0))
+        return made.slip_ns() is not None
+
+    assert not asked_after(0.1)
+    assert asked_after(0.6)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from rig.lift.marker_truth import slip_onset_ns
+from rig.lift.onset import departure_ns
 
 MS = 1_000_000
 
@@ -94,3 +95,11 @@ def test_an_empty_series_has_no_onset():
 def test_onset_refuses_what_is_no_series(times, angles):
     with pytest.raises(InputError, match="slip onset"):
         slip_onset_ns(np.array(times, np.int64), np.array(angles))
+
+
+def test_a_departure_needs_no_growth_and_starts_from_the_rest_given() -> None:
+    time_ns = np.arange(6, dtype=np.int64) * 33_000_000
+    angle = np.array([2.0, 2.0, 2.25, 2.75, 2.75, 2.75])
+    assert departure_ns(time_ns, angle, 2.0) == round(2.5 * 33_000_000)
+    assert departure_ns(time_ns, angle, 2.5) == 0
+    assert departure_ns(time_ns[:3], angle[:3], 2.0) is None

@@ -7,7 +7,7 @@ import typer
 
 from rig.cli import common
 from rig.cli.common import JsonOption
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.frames.estimation import Estimation, SeriesEstimate
@@ -105,7 +105,7 @@ def estimate(
         folder_place(out)
         _session(frames, run, timestamps, fps, out, json)
     else:
-        file_place(out)
+        folder_place(out and out.parent)  # it is made where it is not there
         _series(frames, run, timestamps, fps, out, json)
 
 

@@ -89,8 +89,8 @@ def clips(
     from rig.benchmark.clips.benchmark import ESTIMATORS, as_json, run_clips
     from rig.benchmark.clips.files import write_clips
     from rig.benchmark.clips.limits import ClipLimits
-    from rig.benchmark.clips.tables import NAME
-    from rig.benchmark.readme import check_readme
+    from rig.benchmark.clips.tables import NAME, readme_section
+    from rig.benchmark.readme import check_readme, write_section
     from rig.cli.printing import WorkProgress
     from rig.frames.masks import make_folder
     from rig.tactile.estimators import choose_estimator
@@ -104,7 +104,9 @@ def clips(
     with WorkProgress(0, "clips") as progress:
         result = run_clips(folder, choices, limits, groups, progress.show)
     if out is not None:
-        write_clips(out, result, readme)
+        write_clips(out, result)
+    if readme is not None:
+        write_section(readme, NAME, readme_section(result))
     _print(result, json)
     if json:
         emit_json({"out": None if out is None else str(out), **as_json(result)})

@@ -49,7 +49,8 @@ def compare(
     from rig.report.sides import session_side
     from rig.report.write import write_page
 
-    file_place(out or Path("compare.html"))  # before hours of replays
+    if out is None:
+        file_place(Path("compare.html"))  # that the page can lie here is seen before hours of replays
     if first == second:
         raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
     if on is not None:
@@ -87,7 +88,6 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
 
 
 def _print(found: "Comparison") -> None:
-
     from rig.cli.fitting import table_console
     from rig.cli.printing import console_table
     from rig.report.compare import verdict

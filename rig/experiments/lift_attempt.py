@@ -40,6 +40,10 @@ LEAST_LIFT = 0.4
 """A lift rises to a random share of the object file's height, from this share to all of it."""
 MAX_TRIAL_TURN_DEG = 15.0
 NOBODY = LiveFeed()
+TOLD_OF_A_LIFT = (
+    "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
+)  # fmt: skip
+"""Of its head, in its recording's metadata."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,18 +140,7 @@ def attempt_lift(
 def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
     """What the lift's recording says of itself; a simulated one nothing that differs between equal seeds."""
     bench = settings.bench
-    shown = (
-        "object",
-        "name",
-        "lift",
-        "number",
-        "attempt",
-        "position",
-        "grip_counts",
-        "lift_height_m",
-        "seed",
-    )
-    values = {key: str(getattr(head, key)) for key in shown} | {
+    values = {key: str(getattr(head, key)) for key in TOLD_OF_A_LIFT} | {
         "bench": bench.name,
         "simulated": "SIMULATED" if bench.simulated else "no",
         "session_seed": str(settings.seed),
@@ -158,10 +151,9 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
         "signs": ", ".join(f"{t.serial} on finger {t.finger} {t.sign:+d}" for t in bench.tactile),
         "angles": "degrees, counter-clockwise as the external camera sees them, from the end of phase A",
     }
-    clock = SystemClock()
     return RecordingAbout(
         values,
-        SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - clock.now_ns(),
+        SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - SystemClock().now_ns(),
         bench.camera.serial,
         bench.camera_model(),
         {bench.camera.serial: bench.base_T_camera(), "table": Pose(bench.table.position_m)},

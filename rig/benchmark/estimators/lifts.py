@@ -146,9 +146,15 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 
 
 def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
-    """Fuse the fingertips in the order of capture, from the lift on."""
-    lift_ns = lift.phases[Phase.LIFT]
-    tips = {serial: TipTrack(tip.sign) for serial, tip in lift.tips.items()}
+    signs = {serial: tip.sign for serial, tip in lift.tips.items()}
+    return fused_from(lift.phases[Phase.LIFT], signs, samples)
+
+
+def fused_from(
+    lift_ns: int, signs: Mapping[str, int], samples: Mapping[str, list[SlipSample]]
+) -> list[FusedSample]:
+    """Fuse the fingertips in the order of capture, from the lift on. signs, samples: by serial."""
+    tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
     for serial, tip in tips.items():
         tip.set_zero(samples[serial], lift_ns)
     merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))

@@ -1,6 +1,5 @@
 """`rig benchmark renderer`: estimators on lifts that the second renderer drew, scored as a trial scores."""
 
-import heapq
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,14 +13,13 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.estimators.lifts import fused_from
 from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
 from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.experiments.process_pool import run_tasks
-from rig.lift.fusion import FusedSample, fuse
-from rig.lift.measurement import TipTrack
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.sample import SlipSample
@@ -32,6 +30,8 @@ MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
 WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
 """An answer further off than both is confidently wrong."""
+TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}
+"""The fingertips' signs by name."""
 HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
 Progress = Callable[[int, int, str], None]
 """Called with how many lifts are done, of how many, and the name of the last one."""
@@ -84,12 +84,12 @@ def run_renderer(
 def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, DrawnLift]:
     """Draw one lift and return every estimator's answers, scored; what a worker process does."""
     cv2.setNumThreads(1)
-    samples: dict[str, dict[int, list[SlipSample]]] = {choice.name: {} for choice in choices}
+    samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
     spent: dict[str, list[float]] = {choice.name: [] for choice in choices}
-    for tip, sign in enumerate(SIGNS):
+    for tip, sign in TIPS.items():
         empty: list[Image] = []
         estimators: dict[str, Any] = {}
-        for time_ns, image in frames(lift, tip):
+        for time_ns, image in frames(lift, int(tip)):
             if time_ns is None:
                 empty.append(image)
                 continue
@@ -136,8 +136,8 @@ def as_json(result: RendererResult) -> dict[str, Any]:
     }
 
 
-def _scored(lift: int, samples: Mapping[int, list[SlipSample]], ms: list[float]) -> DrawnLift:
-    fused = _fused(samples)
+def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
+    fused = fused_from(LIFT_NS, TIPS, samples)
     course = draw_course(lift)
     times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
     truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]
@@ -155,20 +155,6 @@ def _scored(lift: int, samples: Mapping[int, list[SlipSample]], ms: list[float])
         if angle is not None
     ]
     return DrawnLift(KIND_NAMES[kind_of(lift)], score, float(np.mean(off)) if off else 0.0, tuple(ms))
-
-
-def _fused(samples: Mapping[int, list[SlipSample]]) -> list[FusedSample]:
-    """Fuse the fingertips in the order of capture, from the lift on."""
-    tips = {tip: TipTrack(sign) for tip, sign in enumerate(SIGNS)}
-    for tip, track in tips.items():
-        track.set_zero(samples[tip], LIFT_NS)
-    fused = []
-    for time_ns, tip, sample in heapq.merge(*([(s.time_ns, tip, s) for s in samples[tip]] for tip in tips)):
-        tips[tip].samples.append(sample)
-        if time_ns >= LIFT_NS:
-            others = [track.newest() for other, track in tips.items() if other != tip and track.samples]
-            fused.append(fuse(tips[tip].newest(), others))
-    return fused
 
 
 def _limits(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:

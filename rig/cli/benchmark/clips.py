@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import ReadmeOption, print_tables
 from rig.cli.common import JsonOption, emit_json
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.clips.benchmark import ClipsResult
@@ -67,10 +68,7 @@ def clips(
             "--out", help="Folder for results.json, index.html and table.md.", callback=folder_place
         ),
     ] = None,
-    readme: Annotated[
-        Path | None,
-        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
-    ] = None,
+    readme: ReadmeOption = None,
     json: JsonOption = False,
 ) -> None:
     """Let estimators answer labelled clips, real or simulated, and compare with the labels.
@@ -115,10 +113,6 @@ def clips(
 
 def _print(result: "ClipsResult", to_stderr: bool) -> None:
     from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr)
-    for table in (clip_table(result), overall_table(result), limit_table(result)):
-        console.print(console_table(table.columns, table.rows, 2, table.title))
-    console.print(f"{result.wall_s:.0f} s", highlight=False)
+    tables = (clip_table(result), overall_table(result), limit_table(result))
+    print_tables(tables, to_stderr, result.wall_s)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -33,10 +34,7 @@ def estimators(
             callback=folder_place,
         ),
     ] = None,
-    readme: Annotated[
-        Path | None,
-        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
-    ] = None,
+    readme: ReadmeOption = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, max=64, help="Worker processes; default: cores.")
     ] = None,

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import Exit, JsonOption, emit_json, say
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 
 def others(
@@ -25,10 +26,7 @@ def others(
         Path,
         typer.Option("--kinhec", help="Folder of kinhec's sequences; made once.", callback=folder_place),
     ] = Path("kinhec-smoke"),
-    readme: Annotated[
-        Path | None,
-        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
-    ] = None,
+    readme: ReadmeOption = None,
     json: JsonOption = False,
 ) -> None:
     """Run what others made against what was made here: clients, data sets, solvers, readers of files.

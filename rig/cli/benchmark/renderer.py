@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import print_tables
 from rig.cli.common import JsonOption, SeedOption, emit_json
 
 if TYPE_CHECKING:
@@ -48,10 +49,6 @@ def renderer(
 def _print(result: "RendererResult", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import limit_table
     from rig.benchmark.renderer.benchmark import lift_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr)
-    for table in (lift_table(result), limit_table(result.limits, f"'{next(iter(result.lifts))}'")):
-        console.print(console_table(table.columns, table.rows, 2, table.title))
-    console.print(f"{result.wall_s:.0f} s", highlight=False)
+    tables = (lift_table(result), limit_table(result.limits, f"'{next(iter(result.lifts))}'"))
+    print_tables(tables, to_stderr, result.wall_s)

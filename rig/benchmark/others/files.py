@@ -1,8 +1,10 @@
 """A session's files opened by what others use: MCAP's tool and library, rerun, pandas, duckdb, COCO's."""
 
+import contextlib
 import importlib
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
@@ -24,7 +26,8 @@ def run_files(session: Path | None, say: Say) -> list[Row]:
     readers: list[tuple[str, str, Callable[[Path, Path], tuple[bool, str]]]] = [
         ("mcap and foxglove's schemas", "mcap", _foxglove), ("rerun", "rerun-sdk", _rerun),
         ("pandas, of Parquet", "pandas", _pandas), ("duckdb, of Parquet", "duckdb", _duckdb),
-        ("pycocotools, of COCO", "pycocotools", _coco),
+        ("pycocotools, of COCO", "pycocotools", _coco), ("labelme, of LabelMe's files", "labelme", _labelme),
+        ("LeRobotDataset", "lerobot", _lerobot),
     ]  # fmt: skip
     rows = [_doctor(recording)]
     for name, package, read in readers:
@@ -33,10 +36,20 @@ def run_files(session: Path | None, say: Say) -> list[Row]:
             rows.append(skipped(PART, name, f"pip install {package}"))
             continue
         say(f"{name} {version}")
-        with tempfile.TemporaryDirectory() as folder:
-            met, result = read(recording, Path(folder))
-        rows.append(Row(PART, name, version, result, met=met))
+        rows.append(_read(name, version, read, recording))
     return rows
+
+
+def _read(name: str, version: str, read: Callable[[Path, Path], tuple[bool, str]], recording: Path) -> Row:
+    # what a reader prints is no part of a table, nor of --json
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(sys.stderr):
+        try:
+            met, result = read(recording, Path(folder))
+        except ImportError as error:
+            return skipped(PART, name, f"version {version} has another interface ({error})")
+        except Exception as error:
+            met, result = False, f"{type(error).__name__}: {error}"
+    return Row(PART, name, version, result, met=met)
 
 
 def _doctor(recording: Path) -> Row:
@@ -66,7 +79,7 @@ def _foxglove(recording: Path, folder: Path) -> tuple[bool, str]:
                 factory.decoder_for("protobuf", schema)(message.data)
                 seen[schema.name] += 1
     counts = ", ".join(f"{count} {name}" for name, count in sorted(seen.items()))
-    return len(seen) == 2, f"decoded {counts}"
+    return {"foxglove.CompressedImage", "foxglove.PoseInFrame"} <= seen.keys(), f"decoded {counts}"
 
 
 def _rerun(recording: Path, folder: Path) -> tuple[bool, str]:
@@ -100,3 +113,21 @@ def _coco(recording: Path, folder: Path) -> tuple[bool, str]:
     data = coco.COCO(str(document))
     areas = [int(data.annToMask(annotation).sum()) for annotation in data.loadAnns(data.getAnnIds())]
     return bool(areas) and min(areas) > 0, f"{len(data.imgs)} images, {len(areas)} masks"
+
+
+def _labelme(recording: Path, folder: Path) -> tuple[bool, str]:
+    module: Any = importlib.import_module("labelme._label_file")
+    export_session(recording.parents[1], "labelme", folder / "labelme")
+    files = [module.LabelFile(str(path)) for path in sorted((folder / "labelme").rglob("*.json"))]
+    shapes = sum(len(file.shapes) for file in files)
+    return bool(shapes) and all(file.imageData for file in files), f"{len(files)} images, {shapes} shapes"
+
+
+def _lerobot(recording: Path, folder: Path) -> tuple[bool, str]:
+    module: Any = importlib.import_module("lerobot.datasets.lerobot_dataset")
+    export_session(recording.parents[1], "lerobot", folder / "lerobot")
+    data = module.LeRobotDataset("local/session", root=folder / "lerobot")
+    first, last = data[0], data[len(data) - 1]
+    images = [key for key in first if key.startswith("observation.images.")]
+    whole = bool(images) and all(tuple(first[key].shape) == tuple(last[key].shape) for key in images)
+    return whole, f"{data.num_episodes} episodes, {len(data)} frames at {data.fps} Hz, {len(images)} cameras"

@@ -13,7 +13,9 @@ from rig.cli.places import folder_place
 def others(
     part: Annotated[
         list[str] | None,
-        typer.Option("--part", help="clients, kinhec, boards, streams or files; repeat. Default: all."),
+        typer.Option(
+            "--part", help="clients, kinhec, boards, streams, recordings or files; repeat. Default: all."
+        ),
     ] = None,
     clones: Annotated[
         Path | None,

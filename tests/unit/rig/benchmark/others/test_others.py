@@ -10,6 +10,7 @@ from drivers.errors import InputError
 from rig.benchmark.others.benchmark import Sources, as_json, others_section, others_table, run_others
 from rig.benchmark.others.pose_sets import _coverage, _figures, _table
 from rig.benchmark.others.real_sets import run_streams
+from rig.benchmark.others.recordings import CSV_PLACE, RECORDED, run_recordings
 from rig.benchmark.others.rows import Row, commit_of, skipped
 
 NOTHING = Sources(None, None, Path("nowhere"))
@@ -77,3 +78,15 @@ def test_offsets_of_real_streams_are_those_of_the_best_correlation() -> None:
     rows = run_streams(Path(clones), lambda text: None)
     assert [row.met for row in rows].count(True) >= 6
     assert not [row for row in rows if row.met is False]
+
+
+def test_protective_stops_are_found_where_a_recording_has_them(tmp_path: Path) -> None:
+    place = tmp_path / RECORDED[0] / CSV_PLACE
+    place.parent.mkdir(parents=True)
+    status = [1, 1, 3, 3, 1, 7, 9]
+    lines = [f"{0.008 * n:.3f} 7 2 {code}" for n, code in enumerate(status)]
+    place.write_text("\n".join(["timestamp robot_mode runtime_state safety_status", *lines]))
+    row, *others = run_recordings(tmp_path, lambda text: None)
+    assert (row.ours, row.theirs, row.met) == ("2", "2", True)
+    assert row.result.startswith("7 states, 125 Hz: 3 running, 0 without a program")
+    assert all(other.result.startswith("skipped: ") for other in others)

@@ -20,6 +20,7 @@ from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.label_angle import label_angle
 from rig.cli.model import model
+from rig.cli.objects import objects
 from rig.cli.output import Output, guarded_output
 from rig.cli.play import play
 from rig.cli.record import record
@@ -68,6 +69,7 @@ for command in (estimate, segment, label, label_angle, train, train_angle, docto
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")
+app.add_typer(objects, name="objects")
 app.add_typer(fakes, name="fakes")
 app.add_typer(benchmark, name="benchmark")
 app.add_typer(calibrate, name="calibrate")

@@ -9,6 +9,7 @@ from rig.cli.common import (
     BenchOption,
     Exit,
     JsonOption,
+    ObjectsOption,
     OutOption,
     ResumeStoredOption,
     SeedOption,
@@ -65,6 +66,7 @@ def trial(
         int | None,
         typer.Option("--jobs", min=1, max=64, help="Simulated lifts side by side; default: cores."),
     ] = None,
+    own_objects: ObjectsOption = None,
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
     out: OutOption = None,
@@ -90,6 +92,8 @@ def trial(
 
       rig trial --bench my_bench.toml --dry-run
 
+      rig trial --lifts 3 --objects my_objects --object my_box
+
       rig trial --resume
 
       rig trial --resume --out sessions/campaign
@@ -103,6 +107,7 @@ def trial(
     from rig.bench.source import session_bench
     from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
+    from rig.config.objects import with_more, with_objects
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
     from rig.live.session import live_session
@@ -111,9 +116,10 @@ def trial(
     from rig.tactile.estimators import choose_estimator
 
     began = time.perf_counter()
-    config = load_calibrated_bench(bench, say)
+    config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
     folder, stored = continued(TrialManifest, "trial", config.name, out, resume)
     if stored is not None:
+        config = with_more(config, stored.config.objects)
         lifts = lifts if given(context, "lifts") else stored.lifts_per_object
         objects = objects or list(stored.objects)
         estimator, window = estimator or stored.estimator, window or stored.window
@@ -121,7 +127,7 @@ def trial(
         seed = seed if given(context, "seed") else stored.seed
     choice = choose_estimator(estimator, window, not no_skip)
     settings = TrialSettings(config, seed, choice, realtime)
-    ids = resolve_objects(objects)
+    ids = resolve_objects(objects, config.objects)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}, session {folder}")
     lifts_done = say_done(folder, len(ids) * lifts) if stored else 0

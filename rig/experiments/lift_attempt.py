@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import CalibrationError, DeviceError
+from drivers.errors import CalibrationError, DeviceError, InputError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import LiftObserver
@@ -19,7 +19,7 @@ from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
+from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
 from rig.experiments.seeds import derived_seed
 from rig.lift.latency import LatencyProbe
 from rig.lift.marker_distance import ExpectedDistance
@@ -79,15 +79,20 @@ class TrialSettings:
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
     """Draw position, turn, grip and height of a lift from its seed and its object's file.
 
-    Raises `InputError` for an object that the fingers do not open around.
+    Raises `InputError` for an object that cannot be lifted here.
     """
-    grasps = find_grasp_file(task.object_id)
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
     rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
     places = [position for position in grasps.position if position.lift_height_m > 0.0]
+    if not places:
+        raise InputError(
+            f"object {grasps.id} {grasps.name} has no position with a lift_height_m above 0, so a trial "
+            "cannot lift it: write how high, as lift_height_m = 0.05"
+        )
     place = places[int(rng.integers(len(places)))]
     low, high = grasps.grip_counts
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
-    refuse_too_wide(settings.bench, grasps, place)
+    refuse_impossible(settings.bench, grasps, place)
     return LiftPlan(
         object_id=grasps.id,
         object_name=grasps.name,

@@ -46,6 +46,8 @@ def parse(line: str, may_be_a_name: bool = False) -> str:
     names: list[str] = []
     while isinstance(command, TyperGroup) and words:
         context = command.make_context(command.name, words, parent=context)
+        if command.invoke_without_command and not [*context._protected_args, *context.args]:
+            return " ".join(names)  # its options are parsed, and it needs no command
         name, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
         names.append(str(name))
     assert command is not None

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def compare(
-    first: Annotated[str, typer.Argument(help="Session folder of a trial; with --on, an estimator.")],
+    first: Annotated[
+        str,
+        typer.Argument(help="Session folder of a trial; with --on, an estimator, also package.module:Class."),
+    ],
     second: Annotated[str, typer.Argument(help="The other one.")],
     on: Annotated[
         Path | None, typer.Option("--on", help="Session whose lifts both estimators are to see.")
@@ -65,7 +68,7 @@ def compare(
     names = _names(sides)
     same = sides[0].estimator == sides[1].estimator
     found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
-    page = out or Path(f"compare_{names[0]}_{names[1]}.html")
+    page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
         emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
@@ -85,6 +88,10 @@ def _estimators(on: Path, first: str, second: str, jobs: int) -> "tuple[Side, Si
 def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
     first, second = (side.name for side in sides)
     return (first, second) if first != second else (f"{first} (1)", f"{second} (2)")
+
+
+def _file_part(name: str) -> str:
+    return name.replace(":", ".").replace("/", "-")
 
 
 def _print(found: "Comparison") -> None:

@@ -50,8 +50,8 @@ def estimate(
         str | None,
         typer.Option(
             help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
-            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts). "
-            "Default: slip."
+            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
+            "or your own, as package.module:Class (rig estimators). Default: slip."
         ),
     ] = None,
     window: Annotated[

@@ -114,8 +114,9 @@ def lift_note(row: LiftRow | TableLift) -> str:
     turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
     parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
-    if isinstance(row, FinishedLift) and row.marker_distance:
-        parts.append(f"WARNING: {row.marker_distance}")
+    if isinstance(row, FinishedLift):
+        amiss = (row.marker_distance, row.estimator_faults)
+        parts += [f"WARNING: {what}" for what in amiss if what]
     return f"{head}, {', '.join(parts)}"
 
 

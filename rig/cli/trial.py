@@ -22,7 +22,7 @@ from rig.cli.common import (
 from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.places import file_place
 from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued, say_done
+from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done
 
 
 def trial(
@@ -37,7 +37,7 @@ def trial(
         typer.Option(
             "--estimator",
             help="slip (default), skeleton, ellipse, pca; these three also with -published; ecc, polar, "
-            "kolamuri, anglenet, toskov.",
+            "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators).",
         ),
     ] = None,
     window: Annotated[
@@ -122,10 +122,11 @@ def trial(
         config = with_more(config, stored.config.objects)
         lifts = lifts if given(context, "lifts") else stored.lifts_per_object
         objects = objects or list(stored.objects)
-        estimator, window = estimator or stored.estimator, window or stored.window
+        estimator, window = named_again(estimator, stored.estimator), window or stored.window
         no_skip = no_skip or not stored.skip
         seed = seed if given(context, "seed") else stored.seed
     choice = choose_estimator(estimator, window, not no_skip)
+    choice.try_making()
     settings = TrialSettings(config, seed, choice, realtime)
     ids = resolve_objects(objects, config.objects)
     simulated = "SIMULATED " if config.simulated else ""

@@ -176,7 +176,9 @@ def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, course
 
 
 def _warning(row: LiftRow) -> str | None:
-    return str(row.marker_distance) if isinstance(row, FinishedLift) and row.marker_distance else None
+    if not isinstance(row, FinishedLift):
+        return None
+    return "; ".join(str(what) for what in (row.marker_distance, row.estimator_faults) if what) or None
 
 
 def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:

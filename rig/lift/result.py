@@ -13,6 +13,7 @@ from rig.lift.onset import estimated_onset_ns, slip_onset_ns
 from rig.results.metrics import Floats, hold_last, summarize
 from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome
 from rig.sessions.timing import StageTimes
+from rig.tactile.foreign import faults_of
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
@@ -59,6 +60,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
             why.value: sum(s.disagreement is why for s in measurement.fused) for why in Disagreement
         },
         marker_distance=measurement.marker_distance(),
+        estimator_faults=faults_of(samples),
     )
     return figures, series
 

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 from protocols.observer import Phase
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
+from rig.tactile.foreign import EstimatorFaults
 
 
 class LiftOutcome(StrEnum):
@@ -96,6 +97,7 @@ class LiftFigures:
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
     only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
+    estimator_faults: where an estimator that is not the rig's own failed on frames.
     """
 
     outcome: LiftOutcome
@@ -117,6 +119,7 @@ class LiftFigures:
     disagreements: dict[str, int]
     marker_distance: MarkerDistance | None = None
     jumped: dict[str, int] | None = None
+    estimator_faults: EstimatorFaults | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,6 +185,7 @@ class ReplayRow:
 
     identical: whether the replay gave exactly the stored row, None where it was not to. problem: what kept
     a lift, or a whole session (then of number 0), from being read; the figures are None then.
+    estimator_fault: where an estimator that is not the rig's own failed on frames.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -223,6 +227,7 @@ class ReplayRow:
     re_held_std_deg: float | None
     re_held_max_deg: float | None
     re_held_frames: int | None
+    estimator_fault: str | None = None
 
 
 def _member(values: object) -> str:

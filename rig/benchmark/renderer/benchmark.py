@@ -22,6 +22,7 @@ from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.experiments.process_pool import run_tasks
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.foreign import EstimatorFaults, faults_of, together
 from rig.tactile.sample import SlipSample
 
 SCHEMA = 1
@@ -39,12 +40,16 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class DrawnLift:
-    """One lift of one estimator. wrong: share of its frames that are confidently wrong."""
+    """One lift of one estimator. wrong: share of its frames that are confidently wrong.
+
+    faults: where an estimator that is not the rig's own failed on frames.
+    """
 
     kind: str
     score: SeriesScore
     wrong: float
     ms: tuple[float, ...]
+    faults: EstimatorFaults | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,12 @@ class RendererResult:
     limits: tuple[Measured, ...]
     seed: int
     wall_s: float
+
+    @property
+    def faults(self) -> dict[str, EstimatorFaults]:
+        """What estimators failed, by name."""
+        failed = {name: [lift.faults for lift in lifts if lift.faults] for name, lifts in self.lifts.items()}
+        return {name: together(faults) for name, faults in failed.items() if faults}
 
     def overall(self, estimator: str) -> ContenderScore:
         """Return one estimator's figures over all lifts."""
@@ -131,6 +142,7 @@ def as_json(result: RendererResult) -> dict[str, Any]:
             }
             for name, lifts in result.lifts.items()
         },
+        "faults": {name: asdict(faults) for name, faults in result.faults.items()},
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),
     }
@@ -154,7 +166,9 @@ def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float])
         for angle, sigma, true in zip(angles, sigmas, truth, strict=True)
         if angle is not None
     ]
-    return DrawnLift(KIND_NAMES[kind_of(lift)], score, float(np.mean(off)) if off else 0.0, tuple(ms))
+    wrong = float(np.mean(off)) if off else 0.0
+    faults = faults_of(sample for tip in samples.values() for sample in tip)
+    return DrawnLift(KIND_NAMES[kind_of(lift)], score, wrong, tuple(ms), faults)
 
 
 def _limits(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:

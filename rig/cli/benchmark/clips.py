@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
-from rig.cli.benchmark.tables import ReadmeOption, print_tables
+from rig.cli.benchmark.tables import ReadmeOption, print_tables, say_faults
 from rig.cli.common import JsonOption, emit_json
 from rig.cli.places import folder_place
 
@@ -27,7 +27,7 @@ def clips(
         typer.Option(
             "--estimator",
             help="Repeat for more; limits are for the first. Default: slip, ecc, polar, ellipse, pca, "
-            "anglenet.",
+            "anglenet. Your own: package.module:Class.",
         ),
     ] = None,
     groups: Annotated[
@@ -116,3 +116,4 @@ def _print(result: "ClipsResult", to_stderr: bool) -> None:
 
     tables = (clip_table(result), overall_table(result), limit_table(result))
     print_tables(tables, to_stderr, result.wall_s)
+    say_faults(result.faults)

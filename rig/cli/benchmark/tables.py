@@ -1,15 +1,17 @@
 """How benchmarks print their tables, and the option that puts one into a README."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.cli.common import say
 from rig.cli.places import file_place
 
 if TYPE_CHECKING:
     from rig.benchmark.estimators.tables import BenchmarkTable
+    from rig.tactile.foreign import EstimatorFaults
 
 ReadmeOption = Annotated[
     Path | None,
@@ -26,3 +28,9 @@ def print_tables(tables: "Sequence[BenchmarkTable]", to_stderr: bool, wall_s: fl
     for table in tables:
         console.print(console_table(table.columns, table.rows, left, table.title))
     console.print(f"{wall_s:.0f} s", highlight=False)
+
+
+def say_faults(faults: "Mapping[str, EstimatorFaults]") -> None:
+    """Say where estimators that are not the rig's own failed, by name."""
+    for name, of in faults.items():
+        say(f"warning: '{name}': {of}")

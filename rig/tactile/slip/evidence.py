@@ -96,9 +96,8 @@ class Evidence:
             pull[MOTION] += fine_pull
             matrix = matrix * DAMPING + PRIOR
             # its solver costs a third of numpy's; the matrix is positive definite
-            turn, right, down = (
-                cv2.solve(matrix, pull, flags=cv2.DECOMP_CHOLESKY)[1].reshape(-1)[MOTION].tolist()
-            )
+            step = cv2.solve(matrix, pull, flags=cv2.DECOMP_CHOLESKY)[1]
+            turn, right, down = step[MOTION, 0].tolist()
             turn = _clipped(turn, MOST_TURN_STEP_RAD)
             move = complex(_clipped(right, MOST_STEP_PX), _clipped(down, MOST_STEP_PX))
             shift_px += turning(angle_rad) * move

@@ -16,10 +16,12 @@ Array = NDArray[np.floating]
 
 FEWEST = 20
 _LEAST_EXPLAINED = 0.5
-_WELL_EXPLAINED = 0.95
+_WELL_EXPLAINED = 0.85
 _NOT_NOISE = 0.6
-"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero."""
+"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero. Below that
+share explained it tells of a wrong valley; above, of sensors that smooth differently, and widens sigma."""
 _GRID_S = 0.002
+_HILL = 1.05
 _ROUNDS = 30
 _DRIFT_FROM_S = 60.0
 """A drift is fitted to streams that overlap for a minute and more."""
@@ -124,11 +126,12 @@ def _refined(
     at = t2 + offset + drift * (t2 - middle)
     cost, gain, noise = _explained(t1, signal, at, wanted)
     system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
-    sigma = noise * _unit_sigmas(system)
+    alike = _autocorrelation(rest)
+    fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
+    sigma = noise * _unit_sigmas(system) * fewer
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    assessment = _assess(
-        explained, _autocorrelation(rest), float(sigma[0]), offset, search_s, _rival(grid, costs, best)
-    )
+    distinct = _rival(grid, costs, best) >= _told_apart(len(t2) / fewer**2)
+    assessment = _assess(explained, alike, float(sigma[0]), offset, search_s, distinct)
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
     return TimeOffset(
@@ -138,7 +141,7 @@ def _refined(
 
 
 def _assess(
-    explained: float, autocorrelation: float, sigma_s: float, offset_s: float, search_s: float, rival: float
+    explained: float, autocorrelation: float, sigma_s: float, offset_s: float, search_s: float, distinct: bool
 ) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
@@ -149,7 +152,7 @@ def _assess(
         )
     if abs(offset_s) > search_s - 2 * _GRID_S:
         return Assessment((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
-    if rival < 1.5:
+    if not distinct:
         return Assessment(
             ("another offset fits almost as well, because the motion repeats: wiggle at a changing rate",)
         )
@@ -199,10 +202,22 @@ def _unit_sigmas(system: Array) -> Array:
 
 
 def _rival(grid: Array, costs: Array, best: int) -> float:
-    """Cost of the second-best local minimum over that of the best one; 1 means equally good."""
+    """Cost of the second-best valley over that of the best one; 1 means equally good.
+
+    Between valleys is a hill; noise makes many small minima in one.
+    """
     inner = (costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])
-    others = [c for i, c in enumerate(costs[1:-1], start=1) if inner[i - 1] and abs(i - best) > 2]
+    others = [
+        costs[i]
+        for i in np.flatnonzero(inner) + 1
+        if abs(i - best) > 2 and costs[min(i, best) : max(i, best) + 1].max() > _HILL * costs[i]
+    ]
     return float(min(others) / max(costs[best], 1e-300)) if others else np.inf
+
+
+def _told_apart(samples: float) -> float:
+    """By how much the second-best minimum has to be worse: of many samples, less than of few."""
+    return float(np.clip(1.0 + 25.0 / max(samples, 1.0), 1.15, 1.5))
 
 
 def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:

@@ -73,6 +73,10 @@ class SessionError(InputError):
     """A session folder is missing, damaged, or does not fit the request."""
 
 
+class EstimatorError(InputError):
+    """An estimator of somebody's own cannot be made, or answers what cannot be."""
+
+
 class CalibrationError(InputError):
     """A calibration is missing, degenerate, or belongs to another device."""
 

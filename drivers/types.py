@@ -97,6 +97,11 @@ class ArmLimits:
     keep_out: tuple[Box, ...] = ()
     """Where the tool centre point must not go, the hand around it reckoned in."""
 
+    def has_inside(self, point_m: Vector3) -> bool:
+        """Whether a point lies in the workspace; one that is no number does not."""
+        sides = zip(self.workspace_min_m, point_m, self.workspace_max_m, strict=True)
+        return all(low <= value <= high for low, value, high in sides)
+
 
 @dataclass(frozen=True, slots=True)
 class GripperState:

@@ -48,9 +48,10 @@ def _at_height(pose: Pose, z_m: float) -> Pose:
 
 
 def _require_within(bench: Bench, way: Sequence[Pose]) -> None:
-    low, high = bench.arm.limits.workspace_min_m, bench.arm.limits.workspace_max_m
+    limits = bench.arm.limits
     for pose in way:
-        if any(not lo <= v <= hi for lo, v, hi in zip(low, pose.position_m, high, strict=True)):
+        if not limits.has_inside(pose.position_m):
+            low, high = limits.workspace_min_m, limits.workspace_max_m
             raise OutOfLimitsError(
                 f"arm: the way home leads through {pose.position_m} m, outside {low} to {high} m; "
                 "bring the arm inside with the pendant, then start again"

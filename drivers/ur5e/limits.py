@@ -18,8 +18,8 @@ JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
 
 def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
     """Raise `OutOfLimitsError` for a target, speed or acceleration outside the limits, or not a number."""
-    low, high = limits.workspace_min_m, limits.workspace_max_m
-    if any(not lo <= v <= hi for lo, v, hi in zip(low, target.position_m, high, strict=True)):
+    if not limits.has_inside(target.position_m):
+        low, high = limits.workspace_min_m, limits.workspace_max_m
         raise OutOfLimitsError(f"arm: target {target.position_m} m leaves the workspace {low} to {high} m")
     if not all(map(math.isfinite, target.quaternion_xyzw)):
         raise OutOfLimitsError(f"arm: target {target} is no pose")

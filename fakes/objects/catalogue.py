@@ -6,11 +6,12 @@ The file says where the figures come from. The estimators and the rig never see 
 import tomllib
 from dataclasses import MISSING, dataclass, fields
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
 from drivers.errors import InputError
+from fakes.objects.plain import parse_plain
 from fakes.objects.shapes import SHAPES, Ball, ContactShape, Pad, Shape
 from fakes.objects.texture import TEXTURES
 
@@ -36,7 +37,8 @@ class GraspSite:
 class ObjectModel:
     """One object: mass, friction against the gel, where its centre of mass lies, where it is grasped.
 
-    id: the paper's number ("1" to "16") or "t1" to "t7". friction: Coulomb, dimensionless.
+    id: the paper's number ("1" to "16"), "t1" to "t7", or the text that describes it. friction: Coulomb,
+    dimensionless.
     com_from_left_m: centre of mass from the object's left end along x. marked_above_n: a soft object
     keeps a mark of a finger that pushes harder, None where it takes all that the fingers can do.
     """
@@ -71,13 +73,13 @@ def parse_catalogue(text: str) -> dict[str, ObjectModel]:
 
 
 def find_object(text: str) -> ObjectModel:
-    """Return the object of an id or name, upper and lower case alike.
+    """Return the object of an id or name, upper and lower case alike, or of a text that describes it.
 
     Raises `InputError` that lists what exists and offers the closest match.
     """
-    gauge = find_gauge(text)
-    if gauge is not None:
-        return gauge
+    made = find_gauge(text) or find_plain(text)
+    if made is not None:
+        return made
     catalogue = load_catalogue()
     name = " ".join(text.lower().split())
     by_any_name = {key: model for model in catalogue.values() for key in (model.id, model.name)}
@@ -108,6 +110,18 @@ def find_gauge(text: str) -> ObjectModel | None:
     part = Pad(length_mm=24.0, width_mm=18.0) if kind == "gauge" else Ball(radius_mm=size_mm / 2.0)
     site = GraspSite(0.0, size_mm / 1e3, ContactShape((part,), exact=True))
     return ObjectModel(text, f"{kind} of {size_mm:g} mm", 0.05, 0.9, 0.04, 0.02, (site,))
+
+
+@lru_cache(maxsize=64)
+def find_plain(text: str) -> ObjectModel | None:
+    """The plain object that a text describes (`fakes.objects.plain`); None for any other text.
+
+    Its id is the whole text, by which another process makes the same one. Raises `InputError`.
+    """
+    said = parse_plain(text)
+    if said is None:
+        return None
+    return ObjectModel(id=text, **{**said, "sites": tuple(GraspSite(*site) for site in said["sites"])})
 
 
 def _object(key: str, table: Any) -> ObjectModel:

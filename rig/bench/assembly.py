@@ -22,6 +22,7 @@ from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.operator import Operator
 from rig.bench.operators import SimulatedOperator
+from rig.bench.twins import laid_as
 from rig.config import BenchConfig, CameraConfig, TactileConfig
 
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -64,7 +65,11 @@ def build_bench(
         base_T_home=world.layout.home,
         hand=Hand(HandState(Holding.FREE)),
     )
-    return bench, SimulatedOperator(world.lay, lambda: world.gap_at(clock.now_ns()), seed)
+
+    def lay(object_id: str) -> None:
+        world.lay(laid_as(config.objects, object_id))
+
+    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed)
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:

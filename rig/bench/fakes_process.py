@@ -20,6 +20,7 @@ from fakes.wire.ur.controller import POLYSCOPE
 from rig.bench.assembly import simulated_bench_plan
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import SimulatedOperator
+from rig.bench.twins import laid_as
 from rig.config import BenchConfig
 
 START_S = 60.0
@@ -104,7 +105,7 @@ def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
     control = fakes_control(config)
 
     def place(object_id: str) -> None:
-        control.call("place", object=object_id, seed=seed)
+        control.call("place", object=laid_as(config.objects, object_id), seed=seed)
 
     return SimulatedOperator(
         place, lambda: tuple(control.call("gap")["gap_m"]), seed, partial(prove_simulated, config)

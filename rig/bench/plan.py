@@ -107,10 +107,10 @@ def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
 
 
 def _require_inside(limits: ArmLimits, pose: Pose) -> None:
-    low, high = limits.workspace_min_m, limits.workspace_max_m
-    if any(not lo <= v <= hi for lo, v, hi in zip(low, pose.position_m, high, strict=True)):
+    if not limits.has_inside(pose.position_m):
         raise OutOfLimitsError(
-            f"arm: {_point(pose.position_m)} m leaves the workspace {_point(low)} to {_point(high)} m"
+            f"arm: {_point(pose.position_m)} m leaves the workspace {_point(limits.workspace_min_m)} to "
+            f"{_point(limits.workspace_max_m)} m"
         )
 
 

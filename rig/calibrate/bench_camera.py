@@ -14,6 +14,7 @@ from protocols.capture_still import capture_still
 from protocols.grasps import find_grasp_file
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
+from rig.bench.twins import refuse_undrawn
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.bench_hand_eye import visits
 from rig.calibrate.camera import camera_from_folder
@@ -113,7 +114,8 @@ def _outline_m(target: Target) -> NDArray[np.float64]:
 def collect_markers(station: Station, object_name: str) -> CalibrationResult:
     """Look at an object's markers while it rests in its place: sixty pictures. Nothing moves."""
     config = station.config
-    grasps = find_grasp_file(object_name)
+    grasps = find_grasp_file(object_name, config.objects)
+    refuse_undrawn(config, grasps)
     raw = station.raw("markers")
     with station.connected("Nothing moves; the camera looks at an object.") as (bench, operator):
         operator.place(grasps.id, grasps.name)

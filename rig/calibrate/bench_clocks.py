@@ -17,6 +17,7 @@ from protocols.capture_touch import Touch
 from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
+from rig.bench.twins import refuse_undrawn
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.from_tables import sync_from_folder
 from rig.calibrate.result import CalibrationResult
@@ -68,7 +69,8 @@ def _touch(config: BenchConfig, name: str) -> Touch:
         return Touch(
             "wiggle", name, f"block {size} mm wide with the markers", grasp_at(config), width_m, _FIRM
         )
-    grasps = find_grasp_file(name)
+    grasps = find_grasp_file(name, config.objects)
+    refuse_undrawn(config, grasps)
     place = min(grasps.position, key=lambda p: abs(p.offset_m))
     pose = grasp_at(config, place.offset_m)
     return Touch("wiggle", grasps.id, grasps.name, pose, place.width_m, grasps.grip_counts[1])

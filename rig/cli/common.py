@@ -33,6 +33,10 @@ JsonOption = Annotated[
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything simulated or drawn.")]
 BenchOption = Annotated[str, typer.Option("--bench", help="fake, wire, or the path of a bench file.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
+ObjectsOption = Annotated[
+    Path | None,
+    typer.Option("--objects", help="Folder of your own objects; default: objects/ beside the bench file."),
+]
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Session folder; default sessions/<date>_<what>.")
 ]

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def compare(
-    first: Annotated[str, typer.Argument(help="Session folder of a trial; with --on, an estimator.")],
+    first: Annotated[
+        str,
+        typer.Argument(help="Session folder of a trial; with --on, an estimator, also package.module:Class."),
+    ],
     second: Annotated[str, typer.Argument(help="The other one.")],
     on: Annotated[
         Path | None, typer.Option("--on", help="Session whose lifts both estimators are to see.")
@@ -49,7 +52,8 @@ def compare(
     from rig.report.sides import session_side
     from rig.report.write import write_page
 
-    file_place(out or Path("compare.html"))  # before hours of replays
+    if out is None:
+        file_place(Path("compare.html"))  # that the page can lie here is seen before hours of replays
     if first == second:
         raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
     if on is not None:
@@ -64,7 +68,7 @@ def compare(
     names = _names(sides)
     same = sides[0].estimator == sides[1].estimator
     found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
-    page = out or Path(f"compare_{names[0]}_{names[1]}.html")
+    page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
         emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
@@ -86,8 +90,11 @@ def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
     return (first, second) if first != second else (f"{first} (1)", f"{second} (2)")
 
 
-def _print(found: "Comparison") -> None:
+def _file_part(name: str) -> str:
+    return name.replace(":", ".").replace("/", "-")
 
+
+def _print(found: "Comparison") -> None:
     from rig.cli.fitting import table_console
     from rig.cli.printing import console_table
     from rig.report.compare import verdict

@@ -7,7 +7,7 @@ import typer
 
 from rig.cli import common
 from rig.cli.common import JsonOption
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.frames.estimation import Estimation, SeriesEstimate
@@ -50,8 +50,8 @@ def estimate(
         str | None,
         typer.Option(
             help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
-            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts). "
-            "Default: slip."
+            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
+            "or your own, as package.module:Class (rig estimators). Default: slip."
         ),
     ] = None,
     window: Annotated[
@@ -105,7 +105,7 @@ def estimate(
         folder_place(out)
         _session(frames, run, timestamps, fps, out, json)
     else:
-        file_place(out)
+        folder_place(out and out.parent)  # it is made where it is not there
         _series(frames, run, timestamps, fps, out, json)
 
 

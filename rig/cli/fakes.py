@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.common import JsonOption, SeedOption, emit_json, say
+from rig.cli.common import JsonOption, ObjectsOption, SeedOption, emit_json, say
 from rig.cli.places import file_place
 
 fakes = typer.Typer(
@@ -74,17 +74,22 @@ def place(
     name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object id or name.")],
     bench: ServedBench,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="How it lies, and how it slips.")] = None,
+    objects: ObjectsOption = None,
 ) -> None:
-    """Lay an object down in the world of running fakes.
+    """Lay an object down in the world of running fakes; one of your own as a plain shape.
 
     Examples:
       rig fakes place wrench --bench fakes.toml
 
     """
     from rig.bench.fakes_process import fakes_control
+    from rig.bench.twins import laid_as
     from rig.config import load_bench
+    from rig.config.objects import with_objects
 
-    fakes_control(load_bench(bench)).call("place", object=name, seed=seed)
+    config = with_objects(load_bench(bench), bench, objects)
+    own = next((each.id for each in config.objects if name.lower() in each.names), name)
+    fakes_control(config).call("place", object=laid_as(config.objects, own), seed=seed)
 
 
 @fakes.command("fault")

@@ -15,11 +15,13 @@ from rig.cli.common import Exit, begin_answer, emit_error, exit_code, say, stop_
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
+from rig.cli.estimators import estimators
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.label_angle import label_angle
 from rig.cli.model import model
+from rig.cli.objects import objects
 from rig.cli.output import Output, guarded_output
 from rig.cli.play import play
 from rig.cli.record import record
@@ -64,10 +66,11 @@ def _program(
 
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, segment, label, label_angle, train, train_angle, doctor):
+for command in (estimate, estimators, segment, label, label_angle, train, train_angle, doctor):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")
+app.add_typer(objects, name="objects")
 app.add_typer(fakes, name="fakes")
 app.add_typer(benchmark, name="benchmark")
 app.add_typer(calibrate, name="calibrate")

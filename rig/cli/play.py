@@ -18,7 +18,8 @@ def play(
         Path,
         typer.Option(
             "--out",
-            help="The film: .webm (plays in browsers), .mp4 (MPEG-4) or .avi (motion JPEG).",
+            help="The film: .webm (plays in browsers), .mp4 (MPEG-4), .avi (motion JPEG) or .webp (an "
+            "animated picture).",
             callback=file_place,
         ),
     ],
@@ -28,17 +29,22 @@ def play(
     speed: Annotated[
         float, typer.Option("--speed", min=0.01, max=20, help="1 as it happened, 0.25 four times slower.")
     ] = 1.0,
+    width: Annotated[
+        int | None, typer.Option("--width", min=320, max=3840, help="Of the film, px. Default: as drawn.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Render a lift: both fingertips with contact and axes, the camera, and the growing angle curve.
 
-    Needs no display. Browsers play .webm (VP8) alone; VLC, mpv and ffmpeg play all three. The legend
-    stands below the pictures.
+    Needs no display. Browsers play .webm (VP8), and show .webp as a picture that moves; VLC, mpv and
+    ffmpeg play the other three. The legend stands below the pictures.
 
     Examples:
       rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.webm
 
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
+
+      rig play sessions/2026-11-21T093000_trial --lift 11 --fps 10 --width 1000 --out lift11.webp
 
     """
     from rig.report.film import write_film
@@ -47,7 +53,7 @@ def play(
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
     chosen = find_lift(session, manifest, lift)
-    film = write_film(session, manifest, chosen, out, fps, speed)
+    film = write_film(session, manifest, chosen, out, fps, speed, width)
     width, height = film.size_px
     say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")
     if film.codec == "mp4v":

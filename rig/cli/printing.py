@@ -115,10 +115,11 @@ def lift_note(row: LiftRow | TableLift) -> str:
     turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
     parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
-    if isinstance(row, FinishedLift) and row.reactions:
-        parts.append(f"{len(row.reactions)} reactions")
-    if isinstance(row, FinishedLift) and row.marker_distance:
-        parts.append(f"WARNING: {row.marker_distance}")
+    if isinstance(row, FinishedLift):
+        if row.reactions:
+            parts.append(f"{len(row.reactions)} reactions")
+        amiss = (row.marker_distance, row.estimator_faults)
+        parts += [f"WARNING: {what}" for what in amiss if what]
     return f"{head}, {', '.join(parts)}"
 
 

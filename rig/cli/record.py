@@ -7,6 +7,7 @@ import typer
 from rig.cli.common import (
     BenchOption,
     JsonOption,
+    ObjectsOption,
     OutOption,
     ResumeStoredOption,
     SeedOption,
@@ -28,10 +29,16 @@ def record(
     object_name: Annotated[
         str | None, typer.Option("--object", help="Object id or name; needed unless a session is continued.")
     ] = None,
-    poses: Annotated[int, typer.Option("--poses", min=1, max=15, help="Accepted grasp poses.")] = 15,
+    poses: Annotated[
+        int | None,
+        typer.Option(
+            "--poses", min=1, max=720, help="Accepted grasp poses; default: all of the object's file, 15."
+        ),
+    ] = None,
     images: Annotated[
         int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
     ] = 225,
+    own_objects: ObjectsOption = None,
     randomise: Annotated[
         bool,
         typer.Option(
@@ -48,7 +55,9 @@ def record(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Grasp one object in 3 positions x 5 orientations at varied grip, and keep the images.
+    """Grasp one object in all poses of its file at varied grip, and keep the images.
+
+    The paper's objects have 3 positions x 5 orientations; one of your own may have fewer.
 
     Simulated recordings keep the true contacts under truth/masks, apart from what the rig sees: labels
     for rig train.
@@ -66,29 +75,33 @@ def record(
     import time
 
     from drivers.errors import InputError
-    from protocols.grasps import find_grasp_file
+    from protocols.grasps import find_grasp_file, grasp_poses
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.cli.printing import OneMessage, WorkProgress
     from rig.config.calibrations import load_calibrated_bench
+    from rig.config.objects import with_more, with_objects
     from rig.experiments.pose_attempt import RecordSettings
     from rig.experiments.record import recording_plan, run_record
     from rig.sessions.manifest import RecordManifest
 
     began = time.perf_counter()
     config = load_calibrated_bench(bench, say)
-    grasps = None if object_name is None else find_grasp_file(object_name)
+    config = with_objects(config, bench, own_objects)
+    grasps = None if object_name is None else find_grasp_file(object_name, config.objects)
     folder, stored = continued(
         RecordManifest, "record", config.name, out, resume, grasps.id if grasps else None
     )
     if stored is not None:
-        grasps = grasps or find_grasp_file(stored.objects[0])
-        poses = poses if given(context, "poses") else stored.poses
+        config = with_more(config, stored.config.objects)
+        grasps = grasps or find_grasp_file(stored.objects[0], config.objects)
+        poses = poses or stored.poses
         images = images if given(context, "images") else stored.images
         randomise = randomise or stored.randomised
         seed = seed if given(context, "seed") else stored.seed
     if grasps is None:
         raise InputError("--object is missing: which object is grasped?")
+    poses = poses or len(grasp_poses(grasps))
     settings = RecordSettings(config, seed, grasps, poses, images, randomise)
     simulated = "SIMULATED " if config.simulated else ""
     say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")

@@ -16,7 +16,12 @@ def replay(
     sessions: Annotated[
         list[Path] | None, typer.Argument(help="Session folders of trials, or folders of them.")
     ] = None,
-    estimator: Annotated[str | None, typer.Option("--estimator", help="Default: the session's own.")] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator", help="Default: the session's own; one that is not the rig's has to be named."
+        ),
+    ] = None,
     window: Annotated[
         int | None, typer.Option("--window", min=1, max=100, help="Default: the session's.")
     ] = None,
@@ -56,7 +61,7 @@ def replay(
 
     """
     from drivers.errors import InputError
-    from rig.cli.resuming import continued, may_be_continued
+    from rig.cli.resuming import continued, may_be_continued, named_again
     from rig.sessions.manifest import ReplayManifest
 
     if sessions and len(sessions) == 1 and not (out or resume or engine):
@@ -68,7 +73,7 @@ def replay(
     folder, stored = continued(ReplayManifest, "replay", None, out, resume)
     if stored is not None:
         sessions = sessions or [Path(session) for session in stored.sessions]
-        estimator, window = estimator or stored.estimator, window or stored.window
+        estimator, window = named_again(estimator, stored.estimator), window or stored.window
     if not sessions:
         raise InputError("which sessions? give their folders, or a folder that holds them")
     with may_be_continued(folder, out, resume, no_report=True):

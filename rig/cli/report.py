@@ -44,6 +44,14 @@ def report(
             "--out", help="The page; default report.html in the session or folder.", callback=file_place
         ),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            help="Also a .png of the page's top, as Chromium shows it.",
+            callback=file_place,
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Write a session's report: one HTML page that needs nothing else, and prints.
@@ -62,10 +70,17 @@ def report(
 
       rig report wrench.csv knife.csv --json
 
+      rig report sessions/old_trial --picture trial.png
+
     """
+    from rig.report.picture import picture_of, require_picture
     from rig.report.write import write_report
 
+    if picture is not None:
+        require_picture(picture)
     written = write_report(sources, out)
+    if picture is not None:
+        picture_of(written.path, picture)
     for problem in written.problems:
         say(f"note: {problem}")
     if json:

@@ -61,6 +61,10 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     asked = [row.identical for row in good if row.identical is not None]
     same = f"; {sum(asked)} of {len(asked)} lifts exactly as stored" if asked else ""
     console.print(f"estimator {estimators}{same}", highlight=False)
+    failed = [row.estimator_fault for row in good if row.estimator_fault]
+    if failed:
+        text = f"WARNING: in {len(failed)} lifts {failed[0]}"
+        console.print(text, highlight=False, soft_wrap=True, markup=False)
     for row in rows:
         if row.problem:
             console.print(f"broken: {row.problem}", highlight=False, soft_wrap=True, markup=False)
@@ -111,7 +115,10 @@ def row_note(row: "ReplayRow") -> str:
     from rig.results.table import table_lift
 
     where = Path(row.session).name
-    return f"{where}: {row.problem}" if row.problem else f"{where}: {lift_note(table_lift(row))}"
+    if row.problem:
+        return f"{where}: {row.problem}"
+    amiss = f", WARNING: {row.estimator_fault}" if row.estimator_fault else ""
+    return f"{where}: {lift_note(table_lift(row))}{amiss}"
 
 
 def _session_table(rows: "list[ReplayRow]") -> "Table":

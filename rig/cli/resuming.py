@@ -51,6 +51,19 @@ def continued(
     return folder, stored
 
 
+def named_again(estimator: str | None, stored: str | None) -> str | None:
+    """Return the estimator to go on with, the stored one by default.
+
+    Raises `EstimatorError` where that one is not the rig's own: it runs where a person names it, and a
+    session's file is no person.
+    """
+    from rig.tactile.estimators import stored_choice
+
+    if estimator is None and stored is not None:
+        stored_choice(stored, None).require_named()
+    return estimator or stored
+
+
 def say_done(folder: Path, wanted: int) -> int:
     """Say and return how many of the lifts of a trial that goes on are done. Raises `SessionError`."""
     from rig.sessions.rows import read_lifts

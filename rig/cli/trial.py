@@ -9,6 +9,7 @@ from rig.cli.common import (
     BenchOption,
     Exit,
     JsonOption,
+    ObjectsOption,
     OutOption,
     ResumeStoredOption,
     SeedOption,
@@ -21,7 +22,7 @@ from rig.cli.common import (
 from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.places import file_place
 from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued, say_done
+from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done
 
 
 def trial(
@@ -36,7 +37,7 @@ def trial(
         typer.Option(
             "--estimator",
             help="slip (default), skeleton, ellipse, pca; these three also with -published; ecc, polar, "
-            "kolamuri, anglenet, toskov.",
+            "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators).",
         ),
     ] = None,
     window: Annotated[
@@ -91,6 +92,7 @@ def trial(
         int | None,
         typer.Option("--jobs", min=1, max=64, help="Simulated lifts side by side; default: cores."),
     ] = None,
+    own_objects: ObjectsOption = None,
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
     out: OutOption = None,
@@ -118,6 +120,8 @@ def trial(
 
       rig trial --lifts 1 --object toothbrush --react tighten
 
+      rig trial --lifts 3 --objects my_objects --object my_box
+
       rig trial --resume
 
       rig trial --resume --out sessions/campaign
@@ -132,6 +136,7 @@ def trial(
     from rig.bench.source import session_bench
     from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
     from rig.config.calibrations import load_calibrated_bench
+    from rig.config.objects import with_more, with_objects
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
@@ -142,12 +147,13 @@ def trial(
     from rig.tactile.estimators import choose_estimator
 
     began = time.perf_counter()
-    config = load_calibrated_bench(bench, say)
+    config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
     folder, stored = continued(TrialManifest, "trial", config.name, out, resume)
     if stored is not None:
+        config = with_more(config, stored.config.objects)
         lifts = lifts if given(context, "lifts") else stored.lifts_per_object
         objects = objects or list(stored.objects)
-        estimator, window = estimator or stored.estimator, window or stored.window
+        estimator, window = named_again(estimator, stored.estimator), window or stored.window
         no_skip = no_skip or not stored.skip
         seed = seed if given(context, "seed") else stored.seed
         react = react if given(context, "react") else stored.react.value
@@ -155,9 +161,10 @@ def trial(
             false_alarms_per_hour = stored.false_alarms_per_hour
         max_turn_deg = max_turn_deg or stored.max_turn_deg
     choice = choose_estimator(estimator, window, not no_skip)
+    choice.try_making()
     slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
     settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
-    ids = resolve_objects(objects)
+    ids = resolve_objects(objects, config.objects)
     require_reaction(settings, ids)
     simulated = "SIMULATED " if config.simulated else ""
     told = "" if react == "none" else f", reaction to slip '{react}'"

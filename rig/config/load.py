@@ -1,7 +1,7 @@
 """Reading a bench file, and saying where it is wrong."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -51,10 +51,16 @@ def parse_bench(text: str, name: str) -> BenchConfig:
     return config
 
 
-def validation_text(error: ValidationError, source: str | None = None) -> str:
-    """Say in one line which keys are wrong and why, with their lines in `source` where given."""
+def validation_text(
+    error: ValidationError, source: str | None = None, known: Collection[str] | None = None
+) -> str:
+    """Say in one line which keys are wrong and why, with their lines in `source` where given.
+
+    known: every key there is, a bench file's by default.
+    """
     every = error.errors()
-    named = [(details["loc"], _reason(details)) for details in every[:MOST_FAULTS]]
+    keys = known_keys() if known is None else set(known)
+    named = [(details["loc"], _reason(details, keys)) for details in every[:MOST_FAULTS]]
     return _text(named, source, len(every))
 
 
@@ -68,10 +74,10 @@ def _text(faults: Sequence[KeyFault], source: str | None, count: int | None = No
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
-def _reason(details: Any) -> str:
+def _reason(details: Any, known: set[str]) -> str:
     if details["type"] == "extra_forbidden":
         key = str(details["loc"][-1])
-        near = get_close_matches(key, known_keys() - {key}, n=1)
+        near = get_close_matches(key, known - {key}, n=1)
         return "unknown key" + (f", did you mean '{near[0]}'?" if near else "")
     found = "" if details["type"] == "missing" else f", found {shown(details['input'])}"
     return f"{details['msg'].removeprefix('Value error, ')}{found}"

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
 from drivers.types import ArmLimits, Box, GripperLimits, Pose, Vector6
+from protocols.grasps import GraspFile
 from rig.config.fields import (
     BenchSection,
     Coordinate,
@@ -189,7 +190,7 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
-    later = frozenset({"keep_out", "reactions_allowed"})
+    later = frozenset({"keep_out", "objects", "reactions_allowed"})
     name: FileName
     reactions_allowed: bool | None = None
     """Whether arm and fingers may react to slip by themselves; where nothing is said, in simulation only."""
@@ -203,6 +204,8 @@ class BenchConfig(BenchSection):
     faults: tuple[FaultConfig, ...] = ()
     calibrations: CalibrationsInUse = CalibrationsInUse()
     """Measured values that replace the nominal ones above; found beside the file, never written in it."""
+    objects: tuple[GraspFile, ...] = ()
+    """A lab's own objects; found beside the file or in a folder that is given, never written in it."""
 
     def camera_model(self) -> CameraModel:
         """The camera as calibrated, else this file's pinhole: its focal length, no distortion."""

@@ -18,6 +18,11 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     """
     if "calibrations" in config.model_fields_set:
         yield ("calibrations",), "are not written in a bench file; they are found beside it"
+    if "objects" in config.model_fields_set:
+        yield (
+            ("objects",),
+            "are not written in a bench file, but in files of their own (rig objects new FILE)",
+        )
     yield from _arm(config.arm)
     yield from _gripper(config.gripper)
     for number, tactile in enumerate(config.tactile):

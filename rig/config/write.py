@@ -14,8 +14,8 @@ def bench_text(config: BenchConfig) -> str:
 
     Of a real bench also those at their default that its file has to say.
     """
-    # calibrations are not written into a bench file but found beside it
-    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations"})
+    # calibrations and objects are not written into a bench file but found beside it
+    values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
     if not config.simulated:
         limits = {key: getattr(config.arm.limits, key) for key in LIMITS}
         values["arm"] |= {key: getattr(config.arm, key) for key in ON_THE_FLANGE}

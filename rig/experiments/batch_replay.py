@@ -82,6 +82,7 @@ def plan_replays(folders: list[Path], estimator: str | None, window: int | None)
             manifest = read_manifest(folder)
             if isinstance(manifest, TrialManifest):
                 settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+                settings.estimator.require_named()
                 again = repeats(folder, settings)
                 tasks += [ReplayTask(folder, settings, row, manifest.started, again) for row in usable.lifts]
                 broken += [(folder, problem) for problem in usable.problems]

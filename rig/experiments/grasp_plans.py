@@ -7,6 +7,7 @@ from drivers.types import Pose
 from protocols.grasps import GraspFile, Position
 from protocols.steps import require_room
 from rig.bench.assembly import TOOL_DOWN
+from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
 
 
@@ -19,8 +20,9 @@ def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  #
     return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
 
 
-def refuse_too_wide(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
-    """Raise `InputError` where the bench's fingers do not open around an object."""
+def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
+    """Raise `InputError` for what the fingers do not open around, or a simulated bench cannot draw."""
+    refuse_undrawn(bench, grasps)
     try:
         require_room(bench.gripper_limits(), place.width_m)
     except OutOfLimitsError as error:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.errors import CalibrationError, DeviceError
+from drivers.errors import CalibrationError, DeviceError, InputError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import LiftObserver
@@ -20,7 +20,7 @@ from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
+from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
 from rig.experiments.seeds import derived_seed
 from rig.lift.latency import LatencyProbe
 from rig.lift.marker_distance import ExpectedDistance
@@ -42,6 +42,10 @@ LEAST_LIFT = 0.4
 """A lift rises to a random share of the object file's height, from this share to all of it."""
 MAX_TRIAL_TURN_DEG = 15.0
 NOBODY = LiveFeed()
+TOLD_OF_A_LIFT = (
+    "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
+)  # fmt: skip
+"""Of its head, in its recording's metadata."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +83,20 @@ class TrialSettings:
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
     """Draw position, turn, grip and height of a lift from its seed and its object's file.
 
-    Raises `InputError` for an object that the fingers do not open around.
+    Raises `InputError` for an object that cannot be lifted here.
     """
-    grasps = find_grasp_file(task.object_id)
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
     rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
     places = [position for position in grasps.position if position.lift_height_m > 0.0]
+    if not places:
+        raise InputError(
+            f"object {grasps.id} {grasps.name} has no position with a lift_height_m above 0, so a trial "
+            "cannot lift it: write how high, as lift_height_m = 0.05"
+        )
     place = places[int(rng.integers(len(places)))]
     low, high = grasps.grip_counts
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
-    refuse_too_wide(settings.bench, grasps, place)
+    refuse_impossible(settings.bench, grasps, place)
     return LiftPlan(
         object_id=grasps.id,
         object_name=grasps.name,
@@ -141,18 +150,7 @@ def attempt_lift(
 def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
     """What the lift's recording says of itself; a simulated one nothing that differs between equal seeds."""
     bench = settings.bench
-    shown = (
-        "object",
-        "name",
-        "lift",
-        "number",
-        "attempt",
-        "position",
-        "grip_counts",
-        "lift_height_m",
-        "seed",
-    )
-    values = {key: str(getattr(head, key)) for key in shown} | {
+    values = {key: str(getattr(head, key)) for key in TOLD_OF_A_LIFT} | {
         "bench": bench.name,
         "simulated": "SIMULATED" if bench.simulated else "no",
         "session_seed": str(settings.seed),
@@ -163,10 +161,9 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
         "signs": ", ".join(f"{t.serial} on finger {t.finger} {t.sign:+d}" for t in bench.tactile),
         "angles": "degrees, counter-clockwise as the external camera sees them, from the end of phase A",
     }
-    clock = SystemClock()
     return RecordingAbout(
         values,
-        SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - clock.now_ns(),
+        SIMULATED_EPOCH_NS if bench.simulated else time.time_ns() - SystemClock().now_ns(),
         bench.camera.serial,
         bench.camera_model(),
         {bench.camera.serial: bench.base_T_camera(), "table": Pose(bench.table.position_m)},
@@ -192,7 +189,9 @@ def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurem
 
 
 def _warning(row: LiftRow) -> str | None:
-    return str(row.marker_distance) if isinstance(row, FinishedLift) and row.marker_distance else None
+    if not isinstance(row, FinishedLift):
+        return None
+    return "; ".join(str(what) for what in (row.marker_distance, row.estimator_faults) if what) or None
 
 
 def new_measurement(settings: TrialSettings, recorder: LiftRecorder | None = None) -> LiftMeasurement:

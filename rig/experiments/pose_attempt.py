@@ -16,7 +16,7 @@ from rig.bench.assembly import true_masks
 from rig.bench.source import BenchSource
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.grasp_plans import grasp_pose, refuse_too_wide
+from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
 from rig.experiments.pose_capture import PoseCapture
 from rig.experiments.seeds import derived_seed
 from rig.sessions.layout import true_mask_file
@@ -69,7 +69,7 @@ class PoseTask:
 
 def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
     """Plan one pose: its images spread over grips from the lightest to the firmest."""
-    refuse_too_wide(settings.bench, settings.grasps, pose.position)
+    refuse_impossible(settings.bench, settings.grasps, pose.position)
     low, high = settings.grasps.grip_counts
     levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
     share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]

@@ -29,7 +29,7 @@ def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
         sigmas_for(settings.slip.false_alarms_per_hour / len(bench.tactile), tactile.rate_hz)
     if settings.react is ReactionKind.TIGHTEN:
         for object_id in objects:
-            find_grasp_file(object_id).require_largest_grip()
+            find_grasp_file(object_id, bench.objects).require_largest_grip()
 
 
 def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[str]:
@@ -43,7 +43,7 @@ def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[s
         return [f"{head} and holds the object there."]
     if settings.react is ReactionKind.LOWER:
         return [f"{head} and sets the object down."]
-    grasps = [find_grasp_file(object_id) for object_id in objects]
+    grasps = [find_grasp_file(object_id, settings.bench.objects) for object_id in objects]
     largest = ", ".join(f"{g.id} {g.name} {g.require_largest_grip()}" for g in grasps)
     return [
         f"{head} the fingers close step by step ({FIRST_STEP_COUNTS} counts, then twice as many each time), "

@@ -22,6 +22,7 @@ from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
+from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
 from rig.experiments.pose_capture import ReferenceCapture
@@ -60,11 +61,12 @@ def record_manifest(settings: RecordSettings) -> RecordManifest:
 def recording_plan(settings: RecordSettings) -> Plan:
     """Return where a recording will move the arm and how firmly the fingers will close, pose by pose.
 
-    Raises `InputError` for an object that the fingers do not open around.
+    Raises `InputError` for an object that cannot be grasped here.
     """
     table = Pose(settings.bench.table.position_m)
     home = home_pose(settings.bench)
     head = [
+        *plain_notes(settings.bench, [settings.grasps]),
         home_plan(home, "Before each pose"),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s to these grasps (base frame):",
     ]

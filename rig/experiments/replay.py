@@ -16,7 +16,7 @@ from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_usable_lifts
-from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.estimators import EstimatorChoice, choose_estimator, stored_choice
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,11 @@ def run_replay(
     """Replay all accepted lifts of a session; nothing in the session changes.
 
     estimator, window: those of the session when None. Raises `SessionError` for a folder that
-    is none, or where no finished lift can be read.
+    is none, or where no finished lift can be read, `EstimatorError` for a session whose estimator is not
+    the rig's own and was not named.
     """
     settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+    settings.estimator.require_named()
     stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
     rows: dict[int, FinishedLift] = {}
     work = partial(replay_or_problem, folder, settings)
@@ -97,7 +99,11 @@ def truth_note(folder: Path) -> str | None:
 
 
 def session_settings(folder: Path, estimator: str | None, window: int | None) -> TrialSettings:
-    """Return the settings a trial session was made with. Raises `SessionError`."""
+    """Return the settings a trial session was made with, or with another estimator.
+
+    An estimator that is not the rig's own is imported where it is named here, and not where the session
+    alone names it: then it cannot be made. Raises `SessionError`, `InputError`.
+    """
     manifest = read_manifest_of(folder, TrialManifest, "only trials have lifts to replay")
     return TrialSettings(
         manifest.config,
@@ -110,6 +116,8 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
 
 def _choice(manifest: TrialManifest, estimator: str | None, window: int | None) -> EstimatorChoice:
     """Return the session's own estimator, or another with its usual window."""
-    if estimator is None or estimator == manifest.estimator:
-        return choose_estimator(manifest.estimator, window or manifest.window, manifest.skip)
+    if estimator is None:
+        return stored_choice(manifest.estimator, window or manifest.window, manifest.skip)
+    if estimator == manifest.estimator:
+        return choose_estimator(estimator, window or manifest.window, manifest.skip)
     return choose_estimator(estimator, window)

@@ -1,18 +1,20 @@
 """The slip trial: five accepted lifts for each object, every one on disk as soon as it ends."""
 
 import logging
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from drivers.errors import InputError
 from drivers.types import Pose
-from protocols.grasps import TRIAL_OBJECTS, find_grasp_file
+from protocols.grasps import TRIAL_OBJECTS, GraspFile, find_grasp_file
 from protocols.home import home_plan
 from protocols.slip_trial import LIFT_S, LiftPlan
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
+from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
@@ -42,12 +44,12 @@ def trial_manifest(settings: TrialSettings, objects: list[str], lifts: int) -> T
     )
 
 
-def resolve_objects(names: list[str] | None) -> list[str]:
-    """Return object ids from ids or names, the paper's nine when none are given.
+def resolve_objects(names: list[str] | None, own: Sequence[GraspFile] = ()) -> list[str]:
+    """Return object ids from ids or names, the paper's nine when none are given. own: a lab's objects.
 
     Raises `InputError` for an unknown object, or for one named twice.
     """
-    ids = [find_grasp_file(name).id for name in names or TRIAL_OBJECTS]
+    ids = [find_grasp_file(name, own).id for name in names or TRIAL_OBJECTS]
     twice = next((i for i in ids if ids.count(i) > 1), None)
     if twice:
         raise InputError(f"object {twice} is named twice: use --lifts for more lifts of one object")
@@ -57,11 +59,13 @@ def resolve_objects(names: list[str] | None) -> list[str]:
 def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
     """Return what a trial will do with the arm and the gripper, lift by lift.
 
-    Raises `InputError` for an object that the fingers do not open around.
+    Raises `InputError` for an object that cannot be lifted here.
     """
     table = Pose(settings.bench.table.position_m)
     home = home_pose(settings.bench)
+    own = settings.bench.objects
     head = [
+        *plain_notes(settings.bench, [find_grasp_file(i, own) for i in objects]),
         home_plan(home, "Before each lift"),
         *describe_reaction(settings, objects),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",

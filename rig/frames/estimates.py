@@ -103,7 +103,9 @@ def zeroed(
     reference time outside the series.
     """
     unreadable = sum(
-        answer.sample.state is State.LOST and answer.sample.contact_area_px == 0 and not answer.jumped
+        answer.sample.state is State.LOST
+        and answer.sample.contact_area_px == 0
+        and not (answer.jumped or answer.sample.fault)
         for answer in answers
     )
     place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)

@@ -9,7 +9,8 @@ from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, fig
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, make_background
 from rig.frames.times import FrameTime, parse_time
-from rig.tactile.estimators import PUBLISHED, TOSKOV, EstimatorChoice
+from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
+from rig.tactile.foreign import faults_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,8 @@ class SeriesEstimate:
     def warnings(self) -> list[str]:
         """The doubts, and what came out amiss."""
         found, more = self.figures, list(self.doubts)
+        if faults := faults_of(answer.sample for answer in self.estimate.answers):
+            more.append(str(faults))
         if found.unreadable:
             more.append(f"{found.unreadable} frames could not be read; their rows say 'lost'")
         if found.jumped:
@@ -66,7 +69,7 @@ class Estimation:
                 f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
             )
         self.choice, self._background, self._aspect = choice, background, aspect
-        self._published = choice.name.endswith(PUBLISHED)
+        self._published = choice.name.endswith(PUBLISHED) and choice.name in ESTIMATORS
         self._reference = _time("--reference-time", reference_time)
         self.lift = _time("--lift-from", lift_from)
         if self._published and self._reference is not None:

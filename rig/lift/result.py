@@ -15,6 +15,7 @@ from rig.lift.tip_track import ZERO_S
 from rig.results.metrics import Floats, hold_last, summarize
 from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome, ReactionRecord
 from rig.sessions.timing import StageTimes
+from rig.tactile.foreign import faults_of
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
@@ -68,6 +69,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         marker_distance=measurement.marker_distance(),
         reactions=reactions,
         slip_thresholds=None if watch is None else slip_thresholds(watch),
+        estimator_faults=faults_of(samples),
     )
     return figures, series
 

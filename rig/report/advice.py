@@ -24,7 +24,7 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
     """All there is to say about a trial, the worst first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
         _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
-        _marker_distance, _drops, _jumps, _slow, _one_sided, _false_alarms,
+        _marker_distance, _estimator_faults, _drops, _jumps, _slow, _one_sided, _false_alarms,
     )  # fmt: skip
     found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
     found += calibration_notices(trial.manifest, now or datetime.now(UTC))
@@ -140,6 +140,16 @@ def _marker_distance(trial: Trial) -> list[Notice]:
         "rig calibrate camera and hand-eye; and see that objects are put in their place."
     )
     return [Notice("warn", what, advice)]
+
+
+def _estimator_faults(trial: Trial) -> list[Notice]:
+    found = [(lift, faults) for lift in trial.lifts if (faults := lift.row.estimator_faults)]
+    if not found:
+        return []
+    worst, faults = max(found, key=lambda pair: pair[1].frames)
+    what = f"The estimator itself failed in {len(found)} lifts, most in {worst.name}: {faults}."
+    advice = "The frames are kept: mend the estimator's code, then rig replay with --estimator."
+    return [Notice("bad", what, advice)]
 
 
 def _drops(trial: Trial) -> list[Notice]:

@@ -1,23 +1,20 @@
 """A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
 
-import os
-import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, RecordingError, SessionError
+from drivers.errors import SessionError
 from drivers.types import Image
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
+from rig.report.film_file import Film, require_film_name, save_film
 from rig.report.lift_chart import shown_range
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
@@ -29,19 +26,7 @@ HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
 CURVE_WIDTH_PX = 560
 DEFAULT_FPS = 30.0
 LEGEND_PX = 30
-CODECS = {".webm": "VP80", ".mp4": "mp4v", ".avi": "MJPG"}
-"""Codecs that every build of OpenCV writes, by the file's ending. Browsers play the first."""
 _TEXT = cv2.FONT_HERSHEY_SIMPLEX
-
-
-@dataclass(frozen=True, slots=True)
-class Film:
-    """A film that was written. codec: the four letters OpenCV knows it by."""
-
-    path: Path
-    frames: int
-    codec: str
-    size_px: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,86 +47,16 @@ def write_film(
     out: Path,
     fps: float = DEFAULT_FPS,
     speed: float = 1.0,
+    width_px: int | None = None,
 ) -> Film:
     """Render a lift. fps: of the film; speed: 1 as it happened, 0.25 four times slower.
 
-    Raises `InputError` for an ending that no codec is known for, `SessionError` for a recording
-    that cannot be read, `RecordingError` when the film cannot be written.
+    width_px: of the film, as drawn without it. Raises `InputError` for an ending that no codec is known
+    for, `SessionError` for a recording that cannot be read, `RecordingError` when the film cannot be written.
     """
     require_film_name(out)
-    return save_film(out, _pictures(_read(folder, manifest, lift), speed / fps), fps)
-
-
-def require_film_name(out: Path) -> None:
-    """Raise `InputError` for an ending that no codec is known for, or a folder that is not there."""
-    if out.suffix.lower() not in CODECS:
-        raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
-    if not out.parent.is_dir():
-        raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
-
-
-def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
-    """Write pictures of one size (height x width x 3, RGB) as a film, whole or not at all.
-
-    Raises `RecordingError` when it cannot be written.
-    """
-    first = next(pictures)
-    codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
-    aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")
-    try:
-        count = _write(aside, codec, fps, size, chain([first], pictures))
-        there = _pictures_in(aside)
-        if there < count:  # its writer tells of no full disk
-            raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
-        aside.replace(out)
-    except OSError as error:
-        raise RecordingError(f"{out}: cannot be written ({error.strerror}); choose another --out") from error
-    finally:
-        aside.unlink(missing_ok=True)
-    return Film(out, count, codec, size)
-
-
-def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
-    path.touch()  # says what is wrong, as the writer does not
-    with _quiet():
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
-    count = 0
-    try:
-        for picture in pictures:
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-            count += 1
-    finally:
-        writer.release()
-    return count
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Let OpenCV's libraries say nothing on standard error: that WebM has a tag of its own is no fault."""
-    sys.stderr.flush()
-    try:
-        kept = os.dup(2)
-    except OSError:  # there is none
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
-
-
-def _pictures_in(path: Path) -> int:
-    film, there = cv2.VideoCapture(str(path)), 0
-    try:
-        while film.grab():
-            there += 1
-    finally:
-        film.release()
-    return there
+    pictures = _pictures(_read(folder, manifest, lift), speed / fps)
+    return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
 
 
 def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
@@ -170,6 +85,15 @@ def _pictures(scene: _Scene, step_s: float) -> Iterator[Image]:
     start, end = shown_range(scene.curves)
     for time_s in np.arange(start, end, step_s):
         yield _picture(scene, float(time_s))
+
+
+def _of_width(picture: Image, width_px: int | None) -> Image:
+    if width_px is None:
+        return picture
+    height_px = round(picture.shape[0] * width_px / picture.shape[1])
+    return _even(
+        np.asarray(cv2.resize(picture, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
+    )
 
 
 def _picture(scene: _Scene, time_s: float) -> Image:

@@ -1,11 +1,12 @@
 """Errors by groups of lifts: by object, and by the surface that the fingers hold."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from drivers.errors import InputError
-from protocols.grasps import find_grasp_file
+from protocols.grasps import GraspFile, find_grasp_file
 from rig.report.curves import signed_errors
 from rig.report.parts import Chart
 from rig.report.session import Lift, object_label
@@ -35,11 +36,15 @@ def object_chart(lifts: Sequence[Lift]) -> Chart:
     )
 
 
-def surface_chart(lifts: Sequence[Lift]) -> Chart | None:
-    """A box per kind of surface, as the object files name it; None where they name fewer than two."""
-    named = [lift for lift in lifts if surface(lift)]
-    groups = errors_by(named, surface)
-    groups = {f"{s} ({_lifts(named, s)} lifts)": groups[s] for s in SURFACES if s in groups}
+def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart | None:
+    """A box per kind of surface, as the object files name it; None where they name fewer than two.
+
+    own: a lab's objects, as the session kept them.
+    """
+    named = [lift for lift in lifts if surface(lift, own)]
+    groups = errors_by(named, lambda lift: surface(lift, own))
+    counts = Counter(surface(lift, own) for lift in named)
+    groups = {f"{s} ({counts[s]} lifts)": groups[s] for s in SURFACES if s in groups}
     if len(groups) < 2:
         return None
     caption = (
@@ -48,15 +53,11 @@ def surface_chart(lifts: Sequence[Lift]) -> Chart | None:
     return boxes(groups, "Error by grasped surface", caption)
 
 
-def surface(lift: Lift) -> str:
+def surface(lift: Lift, own: Sequence[GraspFile] = ()) -> str:
     """What the object file says of the surface at the lift's grasp position; "" where it says nothing."""
     try:
-        grasps = find_grasp_file(lift.row.object)
+        grasps = find_grasp_file(lift.row.object, own)
     except InputError:
         return ""
     place = next((p for p in grasps.position if p.name == lift.row.position), None)
     return (place.surface or "") if place else ""
-
-
-def _lifts(lifts: Sequence[Lift], kind: str) -> int:
-    return sum(surface(lift) == kind for lift in lifts)

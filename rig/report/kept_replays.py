@@ -1,7 +1,8 @@
 """Replays that comparisons have made, kept outside the sessions: the same one again takes no time.
 
 A replay follows from the recordings, the estimator and the code; each line is kept as soon as its lift is
-done, so that what was stopped goes on. Nothing is kept where nothing can be written.
+done, so that what was stopped goes on. Nothing is kept where nothing can be written, nor of an estimator that
+is not the rig's own, whose code may have changed since.
 """
 
 import hashlib
@@ -34,8 +35,8 @@ def replayed(
     Raises `SessionError` for a damaged session.
     """
     usable = read_usable_lifts(folder)
-    file = _file(folder, settings)
-    kept = {(row.number, row.attempt): _measured(row) for row in _kept(file)}
+    file = None if settings.estimator.foreign else _file(folder, settings)
+    kept = {(row.number, row.attempt): _measured(row) for row in _kept(file)} if file else {}
     known = [row for row in usable.lifts if (row.number, row.attempt) in kept]
     rows = {row.number: replace(row, **kept[row.number, row.attempt]) for row in known}
     before, problems = len(rows), list(usable.problems)
@@ -45,7 +46,8 @@ def replayed(
             problems.append(row)
             continue
         rows[row.number] = row
-        _keep(file, row)
+        if file is not None:
+            _keep(file, row)
         progress(len(rows), len(usable.lifts), row)
     return [rows[number] for number in sorted(rows)], tuple(problems), before
 

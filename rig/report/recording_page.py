@@ -24,6 +24,7 @@ from rig.report.recording_charts import (
 )
 from rig.report.strips import JPEG_QUALITY
 from rig.report.text import made_text
+from rig.sessions.manifest import RecordManifest
 
 THUMB_PX = (72, 96)
 ACROSS, GAP_PX, LABEL_PX = 8, 3, 15
@@ -57,12 +58,12 @@ def recording_page(recording: Recording, now: datetime | None = None) -> str:
 
 
 def _object_names(recording: Recording) -> str:
-    return ", ".join(f"{i} {_name(i)}".strip() for i in recording.manifest.objects)
+    return ", ".join(f"{i} {_name(i, recording.manifest)}".strip() for i in recording.manifest.objects)
 
 
-def _name(object_id: str) -> str:
+def _name(object_id: str, manifest: RecordManifest) -> str:
     try:
-        return find_grasp_file(object_id).name
+        return find_grasp_file(object_id, manifest.config.objects).name
     except InputError:
         return ""
 
@@ -112,7 +113,9 @@ def _notices(recording: Recording, gaps: Sequence[str], now: datetime) -> list[N
         done = sum(row.accepted for row in recording.rows)
         found.append(Notice("bad", f"Unfinished: {done} of {recording.manifest.poses} poses.", advice))
     if not _whole(recording):
-        advice = "Take more of the poses in the object's file: --poses 15 is all of them."
+        there = _all_poses(recording)
+        all_of_them = f": --poses {there} is all of them" if there else ""
+        advice = f"Take more of the poses in the object's file{all_of_them}."
         found += [Notice("warn", f"{gap}.", advice) for gap in gaps]
     found += calibration_notices(recording.manifest, now)
     if found:
@@ -125,11 +128,17 @@ def _notices(recording: Recording, gaps: Sequence[str], now: datetime) -> list[N
 
 def _whole(recording: Recording) -> bool:
     """Whether all poses of the object's file were taken: what is not reached then, the file has not."""
+    wanted = _all_poses(recording)
+    return wanted is not None and sum(row.accepted for row in recording.rows) >= wanted
+
+
+def _all_poses(recording: Recording) -> int | None:
+    """How many poses the object's file has; None where nobody knows the file."""
+    manifest = recording.manifest
     try:
-        wanted = len(grasp_poses(find_grasp_file(recording.manifest.objects[0])))
+        return len(grasp_poses(find_grasp_file(manifest.objects[0], manifest.config.objects)))
     except (InputError, IndexError):
-        return False
-    return sum(row.accepted for row in recording.rows) >= wanted
+        return None
 
 
 def _gaps(serial: str, taken: Sequence[Taken]) -> list[str]:

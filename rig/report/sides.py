@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.errors import InputError, SessionError
+from drivers.named_classes import is_class_name
 from rig.experiments.replay import session_settings
 from rig.report.compare import ComparedLift
 from rig.report.kept_replays import replayed
@@ -34,7 +35,11 @@ class Side:
 def session_side(folder: Path, name: str | None = None) -> Side:
     """A session with the results it has. Raises `SessionError`, `InputError`."""
     if not is_session(folder):
-        hint = " (an estimator's name needs --on SESSION)" if str(folder) in ESTIMATORS else ""
+        hint = (
+            " (an estimator's name needs --on SESSION)"
+            if str(folder) in ESTIMATORS or is_class_name(str(folder))
+            else ""
+        )
         raise InputError(f"{folder}: no session folder{hint}")
     manifest = read_manifest_of(folder, TrialManifest, "only trials have lifts to compare")
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
@@ -62,6 +67,7 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     if not rows:
         raise SessionError(problems[0])
     kept = (f"{before} lifts had been replayed with {estimator} before",) if before else ()
-    notes = (*stored.notes, *problems, *kept)
+    amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in rows if row.estimator_faults)
+    notes = (*stored.notes, *problems, *kept, *amiss)
     asked = f"{wanted.name}, window {wanted.window}"
     return Side(estimator, [ComparedLift(row) for row in rows], stored.simulated, asked, notes)

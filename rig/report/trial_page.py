@@ -119,7 +119,7 @@ def _charts(trial: Trial) -> list[Chart]:
         coverage_chart(lifts),
         error_against_angle(lifts),
         error_against_rate(lifts),
-        surface_chart(trial.lifts),
+        surface_chart(trial.lifts, trial.manifest.config.objects),
     ]
     return [chart for chart in charts if chart is not None]
 

@@ -12,7 +12,7 @@ from typing import Any, get_args, get_type_hints
 from drivers.errors import FormatError, InputError
 from drivers.formats import reason
 from rig.results.summary import TrialSummary, flat_errors, summarize_lifts
-from rig.sessions.records import REPLAYS, ErrorSummary, LiftRow, ReplayRow
+from rig.sessions.records import REPLAYS, ErrorSummary, FinishedLift, LiftRow, ReplayRow
 from rig.sessions.table_files import Line, has_parquet, read_csv, read_parquet
 
 
@@ -58,7 +58,9 @@ def table_row(
 ) -> ReplayRow:
     """Return a lift's row as a line of the table. identical, problem: see `ReplayRow`."""
     known = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
-    return replace(_EMPTY, **asdict(head), **known, **flat_errors(row), identical=identical, problem=problem)
+    faults = row.estimator_faults if isinstance(row, FinishedLift) else None
+    told = {"identical": identical, "problem": problem, "estimator_fault": str(faults) if faults else None}
+    return replace(_EMPTY, **asdict(head), **known, **flat_errors(row), **told)
 
 
 def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:

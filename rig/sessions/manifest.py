@@ -14,6 +14,7 @@ from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
+from rig.config.objects import with_objects_of
 from rig.sessions.codec import STRICT, Codec, json_value
 from rig.sessions.files import read_whole
 from rig.sessions.layout import MANIFEST, RESULTS
@@ -42,7 +43,7 @@ class BenchManifest(Manifest):
     """What trials and recordings have in common: the bench, and what is drawn on it.
 
     signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
-    bench with all that is in use. objects: ids.
+    bench with all that is in use, a lab's own objects too. objects: ids.
     """
 
     bench: str
@@ -120,7 +121,8 @@ def begun(kind: str) -> Manifest:
 
 
 def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -> BenchManifest:
-    """Return what a new manifest says of the bench and of what is drawn on it."""
+    """Return what a new manifest says of the bench and of what is drawn on it. objects: ids."""
+    ids = tuple(objects)
     return BenchManifest(
         **vars(begun(kind)),
         bench=bench.name,
@@ -129,8 +131,8 @@ def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -
         serials=(*(t.serial for t in bench.tactile), bench.camera.serial),
         signs={t.serial: t.sign for t in bench.tactile},
         calibration=bench.calibrations.files,
-        config=bench.without_passwords(),
-        objects=tuple(objects),
+        config=with_objects_of(bench.without_passwords(), ids),
+        objects=ids,
     )
 
 

@@ -2,9 +2,12 @@
 
 Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
 schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns, plus one offset
-for the whole file, which makes them dates (`RecordingAbout`).
+for the whole file, which makes them dates (`RecordingAbout`). A message's publish time is its own, of a
+frame that of capture. Its log time is the same, or that of the message before it where that one is later: so
+the file is in the order of log times, and in the order in which a replay needs it.
 """
 
+import heapq
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,6 +42,8 @@ IMAGE_PREFIX = "/image/"
 ANGLE_PREFIX = "/angle/"
 TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
 FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
+_LARGEST_STEP_NS = NS_PER_S
+"""From a message to the next at most: one wrong stamp moves no other message's log time far."""
 _NUMBER = {"type": ["number", "null"]}
 _SCHEMAS: dict[str, dict[str, object]] = {
     "rig.Phase": {"phase": {"type": "string"}},
@@ -83,8 +88,19 @@ class RecordedAngle:
     contact_area_px: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Message:
+    """date: ns, its own. log_time: ns, of its place in the file."""
+
+    channel: int
+    log_time: int
+    date: int
+    sequence: int
+    data: bytes
+
+
 class LiftRecorder:
-    """Writes the messages of one lift to a binary stream; `close` completes the file.
+    """Keeps the messages of one lift; `close` writes them to a binary stream and completes the file.
 
     about: what the file says of itself.
     """
@@ -103,6 +119,8 @@ class LiftRecorder:
             self._writer.add_metadata("rig", dict(self._about.values))
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
+        self._arrived: list[_Message] = []
+        self._results: list[_Message] = []
 
     def image(self, frame: Frame, jpeg: bytes) -> None:
         """Keep a frame's encoded bytes as received."""
@@ -143,7 +161,10 @@ class LiftRecorder:
         """Keep an angle, of a fingertip, fused, or of the markers."""
         value = {"angle_deg": angle.angle_deg, "sigma_deg": angle.sigma_deg, "state": angle.state}
         area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
-        self._json(topic, "rig.Angle", angle.time_ns, {**value, **area})
+        date = self._date(angle.time_ns)
+        data = _json_bytes({**value, **area})
+        # known when the lift is over; its place in the file is among what was seen at its time
+        self._results.append(_Message(self._json_channel(topic, "rig.Angle"), date, date, 0, data))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
         """Keep the outline of a fingertip's contact, (N, 2) px each; none where nothing is touched."""
@@ -168,11 +189,25 @@ class LiftRecorder:
         return {CLOCK_OFFSET: str(offset)} if offset else {}
 
     def close(self) -> None:
-        """Complete the file (index and summary)."""
+        """Write the messages in the order of their log times, and complete the file (index and summary)."""
+        results = sorted(self._results, key=_log_time)
+        for message in heapq.merge(self._arrived, results, key=_log_time):
+            self._writer.add_message(
+                message.channel, message.log_time, message.data, message.date, message.sequence
+            )
         self._writer.finish()
 
     def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
         """Keep a small JSON value under one of this module's schemas."""
+        self._keep(self._json_channel(topic, schema), time_ns, _json_bytes(value), 0)
+
+    def _keep(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:
+        date = self._date(time_ns)
+        latest = self._arrived[-1].log_time if self._arrived else date
+        log_time = max(latest, min(date, latest + _LARGEST_STEP_NS))
+        self._arrived.append(_Message(channel, log_time, date, sequence, data))
+
+    def _json_channel(self, topic: str, schema: str) -> int:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
                 topic=topic,
@@ -180,9 +215,7 @@ class LiftRecorder:
                 schema_id=self._json_schema(schema),
                 metadata=self._channel_metadata(),
             )
-        data = json.dumps(value, separators=(",", ":")).encode()
-        date = self._date(time_ns)
-        self._writer.add_message(self._channels[topic], date, data, date)
+        return self._channels[topic]
 
     def _json_schema(self, name: str) -> int:
         if name not in self._schemas:
@@ -203,10 +236,15 @@ class LiftRecorder:
                 schema_id=self._schemas[name],
                 metadata=self._channel_metadata(),
             )
-        date = self._date(time_ns)
-        self._writer.add_message(
-            self._channels[topic], date, message.SerializeToString(deterministic=True), date, sequence
-        )
+        self._keep(self._channels[topic], time_ns, message.SerializeToString(deterministic=True), sequence)
+
+
+def _log_time(message: _Message) -> int:
+    return message.log_time
+
+
+def _json_bytes(value: Mapping[str, object]) -> bytes:
+    return json.dumps(value, separators=(",", ":")).encode()
 
 
 def seconds_text(time_ns: int) -> str:

@@ -203,7 +203,8 @@ def _records(data: memoryview) -> Iterator[tuple[int, int, int, bytes]]:
         if at > len(data):
             raise ValueError("a message runs over its chunk's end")
         if opcode == Opcode.MESSAGE:
-            channel, sequence, time_ns, _ = _MESSAGE.unpack_from(data[begin:at])
+            # its own time is that of publishing; the log's says where it stands in the file
+            channel, sequence, _, time_ns = _MESSAGE.unpack_from(data[begin:at])
             if time_ns > _LAST_NS:
                 raise ValueError("a message's time is beyond 64 bits")
             yield channel, sequence, time_ns, bytes(data[begin + _MESSAGE.size : at])

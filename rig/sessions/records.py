@@ -16,6 +16,7 @@ from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
+from rig.tactile.foreign import EstimatorFaults
 
 
 class LiftOutcome(StrEnum):
@@ -137,6 +138,7 @@ class LiftFigures:
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
     only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
     reactions, slip_thresholds (by serial): there only in lifts that react to slip.
+    estimator_faults: where an estimator that is not the rig's own failed on frames.
     """
 
     outcome: LiftOutcome
@@ -160,6 +162,7 @@ class LiftFigures:
     jumped: dict[str, int] | None = None
     reactions: tuple[ReactionRecord, ...] | None = None
     slip_thresholds: dict[str, SlipThreshold] | None = None
+    estimator_faults: EstimatorFaults | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +229,7 @@ class ReplayRow:
     react: what was to be done about slip, None in tables of before that was asked. identical: whether the
     replay gave exactly the stored row, None where it was not to. problem: what kept
     a lift, or a whole session (then of number 0), from being read; the figures are None then.
+    estimator_fault: where an estimator that is not the rig's own failed on frames.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -268,6 +272,7 @@ class ReplayRow:
     re_held_max_deg: float | None
     re_held_frames: int | None
     react: str | None = None
+    estimator_fault: str | None = None
 
 
 def _member(values: object) -> str:

@@ -1,12 +1,17 @@
 """Estimators by their names."""
 
-from dataclasses import dataclass
+import shlex
+from dataclasses import dataclass, field
 
-from drivers.errors import InputError
+import numpy as np
+
+from drivers.errors import EstimatorError, InputError
+from drivers.named_classes import installed_classes, is_class_name
 from drivers.types import Image
 from rig.tactile.contact.dot_free import DotFreeEstimator
 from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.foreign import GROUP, ForeignEstimator, require_estimator
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator, PublishedEstimator
 from rig.tactile.paper.published import ANGLES
@@ -35,13 +40,16 @@ PAPER_WINDOW, MAX_WINDOW = 2, 100
 class EstimatorChoice:
     """Which estimator, and how it runs.
 
-    name: one of `ESTIMATORS`. window: mean over the last n angles, 1 to 100. skip: leave out what a
-    frame does not need (`slip` only).
+    name: one of `ESTIMATORS`, an entry point's of the group `slip_rig.estimators`, or
+    `package.module:Class`. window: mean over the last n angles, 1 to 100. skip: leave out what a
+    frame does not need (`slip` only). named: whether a person named it for this run; what only a stored
+    session names is made if it is the rig's own, and else not imported.
     """
 
     name: str
     window: int
     skip: bool = True
+    named: bool = field(default=True, compare=False)
 
     def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
         """Build the estimator of one sensor.
@@ -50,9 +58,10 @@ class EstimatorChoice:
         those of the published script.
         background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
         pixel on the gel where known (`slip` only; the paper's methods take pixels as square). sign: of
-        the fingertip (`toskov` only, whose angle is the object's).
+        the fingertip (`toskov` only, whose angle is the object's). One that is not the rig's own sees whole
+        frames, and has what its constructor asks for. Raises `EstimatorError` where it cannot be made.
         """
-        if self.name.endswith(PUBLISHED):
+        if self.name.endswith(PUBLISHED) and not self.foreign:
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
             return PublishedEstimator(ContactFinder(background), method, self.window)
         if self._fills(background):
@@ -60,6 +69,33 @@ class EstimatorChoice:
         else:
             estimator = self._of(background, aspect, sign)
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
+
+    def try_making(self) -> None:
+        """Make one that is not the rig's own of an even grey, to see before a lift that it can be made.
+
+        Raises `EstimatorError`. Where it refuses such a background by an `InputError`, nothing is known.
+        """
+        if not self.foreign:
+            return
+        try:
+            self.make(np.full((320, 240, 3), 128, np.uint8))
+        except EstimatorError:
+            raise
+        except InputError:
+            return
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is none of the rig's own."""
+        return is_foreign(self.name)
+
+    def require_named(self) -> None:
+        """Raise `EstimatorError` for one that is not the rig's own, and that only a stored session names."""
+        if self.foreign and not self.named:
+            raise EstimatorError(
+                f"the session names the estimator '{self.name}', which is no part of the rig and runs only "
+                f"where you name it: add --estimator {shlex.quote(self.name)}, or another"
+            )
 
     def sees(self, background: Image) -> str:
         """Say what of the frames of this gel the angles come from."""
@@ -70,9 +106,13 @@ class EstimatorChoice:
         return "the whole frame"
 
     def _fills(self, background: Image) -> bool:
-        return self.name != KOLAMURI and not self.name.endswith(PUBLISHED) and is_dotted(background)
+        whole = self.foreign or self.name == KOLAMURI or self.name.endswith(PUBLISHED)
+        return not whole and is_dotted(background)
 
     def _of(self, background: Image, aspect: float | None, sign: int) -> TactileEstimator:
+        if self.foreign:
+            self.require_named()
+            return ForeignEstimator(self.name, background, aspect, sign)
         if self.name == DEFAULT_ESTIMATOR:
             return SlipEstimator(background, aspect, self.skip)
         if self.name in MATCHERS:
@@ -89,15 +129,40 @@ class EstimatorChoice:
 def choose_estimator(
     name: str | None = None, window: int | None = None, skip: bool = True
 ) -> EstimatorChoice:
-    """Check a choice; by default `slip`, and the window of 2 for the paper's methods, 1 for the others.
+    """Check what a person chose; by default `slip`, and the window of 2 for the paper's methods, else 1.
 
-    Raises `InputError` for an unknown name or a window out of range.
+    A class that is not the rig's own is imported here. Raises `InputError` for an unknown name, one that
+    cannot be imported or is no estimator, or a window out of range.
     """
     name = name or DEFAULT_ESTIMATOR
-    if name not in ESTIMATORS:
-        raise InputError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    usual = 1 if name in (DEFAULT_ESTIMATOR, *MATCHERS, *PEERS) else PAPER_WINDOW
+    if is_foreign(name):
+        _require_known(name)
+        require_estimator(name)
+    return EstimatorChoice(name, _window(name, window), skip)
+
+
+def stored_choice(name: str, window: int | None, skip: bool = True) -> EstimatorChoice:
+    """Return the choice that a stored session names; nothing is imported. Raises `InputError` as above."""
+    return EstimatorChoice(name, _window(name, window), skip, named=False)
+
+
+def is_foreign(name: str) -> bool:
+    """Whether a name is none of the rig's own estimators."""
+    return name not in ESTIMATORS
+
+
+def _require_known(name: str) -> None:
+    offered = [found.name for found in installed_classes(GROUP)]
+    if name not in offered and not is_class_name(name):
+        raise InputError(
+            f"unknown estimator '{name}': choose one of {', '.join((*ESTIMATORS, *offered))}, or give one of "
+            "your own as package.module:Class"
+        )
+
+
+def _window(name: str, window: int | None) -> int:
+    usual = PAPER_WINDOW if name in (*METHODS, *(method + PUBLISHED for method in ANGLES)) else 1
     window = usual if window is None else window
     if not 1 <= window <= MAX_WINDOW:
         raise InputError(f"window {window} is out of range: choose 1 to {MAX_WINDOW}")
-    return EstimatorChoice(name, window, skip)
+    return window

@@ -36,7 +36,8 @@ class SlipSample:
     none. unseen_deg: the part of it that comes from turns while the contact was lost.
     rate_deg_s, shift_px (x right, y down, since the reference): None where unknown.
     contact_area_px: contact area in pixels of the given image, 0 without contact.
-    stage_s: wall time spent per stage; skipped: names of the stages that were not needed.
+    stage_s: wall time spent per stage; skipped: names of the stages that were not needed. fault: what was
+    wrong where an estimator that is not the rig's own raised, or told what cannot be; then `lost`.
     """
 
     time_ns: int
@@ -49,6 +50,7 @@ class SlipSample:
     contact_area_px: float = 0.0
     stage_s: dict[str, float] = field(default_factory=dict)
     skipped: tuple[str, ...] = ()
+    fault: str | None = None
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return one standard deviation of the turn between a zero and this, deg; None as sigma_deg.

@@ -1,50 +1,53 @@
 """Command lines in README and docs parse, with their options, as the program itself parses them."""
 
-import re
-import shlex
 from pathlib import Path
 
 import pytest
-import typer
-from typer.core import TyperGroup
 
-from rig.cli.main import app
+from support.documentation import PAGES, ROOT, USAGE_ERROR, code_lines, commands, parse, spans
 
-ROOT = Path(__file__).resolve().parents[2]
-USAGE_ERROR = typer.BadParameter.__bases__[0]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def command_lines(page: Path) -> list[str]:
-    """Lines that begin with `rig` in blocks of code, comments left out."""
-    lines = page.read_text(encoding="utf-8").splitlines()
-    return [line.strip() for line in lines if re.match(r"(?:    |\$ )rig ", line)]
-
-
-def parse(line: str) -> str:
-    """Parse a command line to its last option, running nothing; return its last command's name."""
-    words, command, context = shlex.split(line, comments=True)[1:], typer.main.get_command(app), None
-    while isinstance(command, TyperGroup):
-        context = command.make_context(command.name, words, parent=context)
-        _, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
-    assert command is not None
-    return str(command.make_context(command.name, words, parent=context).command.name)
+COMMANDS_PAGE = ROOT / "docs" / "commands.md"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
 def test_every_command_line_parses(page: Path) -> None:
-    lines = command_lines(page)
-    assert lines, "no command line is found: has the way they are written changed?"
-    for line in lines:
-        try:
-            assert parse(line) in line
-        except USAGE_ERROR as error:
-            pytest.fail(f"{page.name}: {line}: {error}")
+    try:
+        for line in code_lines(page):
+            parse(line)
+        for line in spans(page):
+            parse(line, may_be_a_name=True)
+    except USAGE_ERROR as error:
+        pytest.fail(f"{page.name}: {line}: {error}")
+
+
+def test_command_lines_are_found() -> None:
+    found = {page.name: len(code_lines(page)) for page in PAGES}
+    assert sum(count > 0 for count in found.values()) > len(PAGES) / 2, found
+
+
+def test_every_command_stands_on_the_page_of_commands() -> None:
+    named = {parse(line, may_be_a_name=True) for line in spans(COMMANDS_PAGE)}
+    assert commands() <= named
 
 
 @pytest.mark.parametrize(
-    "line", ["rig label-angle", "rig label-angle a --nope", "rig estimat x", "rig bench new"]
+    "line",
+    [
+        "rig label-angle a --nope",
+        "rig estimat x",
+        "rig bench new",
+        "rig label-angle",
+        "rig play a --lift 1",
+        "rig nope",
+    ],
 )
 def test_a_wrong_one_would_be_seen(line: str) -> None:
     with pytest.raises(USAGE_ERROR):
         parse(line)
+
+
+def test_lines_are_found_in_blocks_and_in_the_text(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```sh\nrig trial \\\n    --lifts 1  # once\n```\n\nand `rig label-angle`\n")
+    assert code_lines(page) == ["rig trial --lifts 1  # once"]
+    assert spans(page) == ["rig label-angle"]

@@ -223,7 +223,7 @@ def test_an_output_that_cannot_be_written_is_an_input_error(lift: Path, tmp_path
     (tmp_path / "file").write_text("")
     done = estimate(lift / "frames", "--background", "first:2", "--out", tmp_path / "file" / "x.csv")
     assert done.error is not None
-    assert "cannot be written" in done.error
+    assert "is a file; give a folder" in done.error
 
 
 @pytest.fixture

@@ -5,8 +5,11 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import cv2
 import pytest
 
+from rig.report.picture import SIZE_PX
+from support.browser import NEEDS_CHROMIUM
 from support.command_line import rig
 
 
@@ -37,6 +40,27 @@ def test_a_trial_asked_for_no_report_has_none_until_it_is_asked_for(trial: Path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(trial / "report.html")
     assert "toothbrush, lift 1" in (trial / "report.html").read_text()
+
+
+@NEEDS_CHROMIUM
+def test_a_picture_of_the_report_is_as_a_browser_shows_it(trial: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "report.png"
+    done = rig("report", str(trial), "--out", str(tmp_path / "page.html"), "--picture", str(picture))
+    assert done.returncode == 0, done.stderr
+    seen = cv2.imread(str(picture))
+    assert seen is not None
+    assert seen.shape[:2] == SIZE_PX[::-1]
+    assert seen.std() > 20
+    said(rig("report", str(trial), "--picture", str(tmp_path / "a.jpg")), 2, "choose another --picture")
+
+
+def test_without_a_browser_the_picture_is_refused_before_the_page(
+    trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    page = tmp_path / "page.html"
+    said(rig("report", str(trial), "--out", str(page), "--picture", "a.png"), 2, "install chromium")
+    assert not page.exists()
 
 
 def test_a_report_that_cannot_be_written_does_not_fail_the_trial(trial: Path, light_bench_file: Path) -> None:

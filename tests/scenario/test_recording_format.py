@@ -81,7 +81,7 @@ def test_times_are_dates_of_one_epoch_and_inside_those_of_the_bench(one_lift: Pa
     path = one_lift / "lifts/001.mcap"
     with path.open("rb") as stream:
         dates = [
-            message.log_time for _, _, message in make_reader(stream).iter_messages(log_time_order=False)
+            message.publish_time for _, _, message in make_reader(stream).iter_messages(log_time_order=False)
         ]
     times = [time_ns for _, time_ns, _, _ in recorded_messages(path)]
     assert {date - time_ns for date, time_ns in zip(dates, times, strict=True)} == {SIMULATED_EPOCH_NS}

@@ -98,9 +98,13 @@ def test_served_fakes_print_a_bench_file_take_orders_and_end_cleanly(tmp_path: P
     try:
         assert process.stderr is not None
         assert "SIMULATED" in process.stderr.readline()
+        (tmp_path / "objects").mkdir()
         assert rig("fakes", "place", "wrench", "--bench", file).returncode == 0
         status = rig("fakes", "status", "--bench", file, "--json")
         assert json.loads(status.stdout)["object"] == "t1"
+        assert rig("objects", "new", tmp_path / "objects" / "lever.toml").returncode == 0
+        assert rig("fakes", "place", "lever", "--bench", file).returncode == 0, "it lies beside the file"
+        assert json.loads(rig("fakes", "status", "--bench", file, "--json").stdout)["object"] == "lever"
         wrong = rig("fakes", "fault", "arm", "hiccup", "--bench", file)
         assert wrong.returncode == 2
         assert "protective_stop" in wrong.stderr

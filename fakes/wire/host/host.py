@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from drivers.errors import DeviceError, InputError
 from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
+from fakes.objects.plain import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.mirror import snapshot_of
 from fakes.wire.host.render import Renderer
@@ -229,7 +230,7 @@ class FakesHost:
             "tool_m": self._world.tool.position_at(now),
             "tool_moving": self._track.moving,
             "finger_counts": self._world.fingers.position_at(now),
-            "object": model.id if model else None,
+            "object": short_id(model.id) if model else None,
             "held": state.held,
             "force_n": state.force_n,
             "turn_deg": math.degrees(state.object_turn_rad),

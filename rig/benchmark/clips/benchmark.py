@@ -20,6 +20,7 @@ from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.measured import Measured
 from rig.frames.estimates import Answer, Estimate, zeroed
 from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.foreign import EstimatorFaults, faults_of
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 SCHEMA = 1
@@ -55,6 +56,11 @@ class EstimatorRuns:
     overall: ClipScore
     groups: dict[str, ClipScore]
 
+    @property
+    def faults(self) -> EstimatorFaults | None:
+        """Where an estimator that is not the rig's own failed on frames."""
+        return faults_of(answer.sample for run in self.runs for answer in run.estimate.answers)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipsResult:
@@ -65,6 +71,11 @@ class ClipsResult:
     estimators: tuple[EstimatorRuns, ...]
     limits: tuple[Measured, ...]
     wall_s: float
+
+    @property
+    def faults(self) -> dict[str, EstimatorFaults]:
+        """What estimators failed, by name."""
+        return {of.name: of.faults for of in self.estimators if of.faults}
 
 
 def run_clips(
@@ -106,6 +117,7 @@ def as_json(result: ClipsResult) -> dict[str, Any]:
         "folder": str(result.folder),
         "machine": machine(),
         "estimators": {of.name: _estimator_json(of) for of in result.estimators},
+        "faults": {name: asdict(faults) for name, faults in result.faults.items()},
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from drivers.errors import InputError
+from drivers.errors import EstimatorError, InputError
 from drivers.types import Image
 from rig.benchmark.contact.spans import ContactClip, FrameSpan
 from rig.benchmark.estimators.benchmark import machine
@@ -123,6 +123,8 @@ def _score(folder: Path, clip: ContactClip, background: Image, choice: Estimator
     estimator, told = choice.make(background), []
     for frame in _series(folder, clip.clip):
         sample = None if frame.image is None else estimator.update(frame.image, frame.time.time_ns)
+        if sample is not None and sample.fault:
+            raise EstimatorError(f"{clip.clip}: {sample.fault}")
         told.append(sample is not None and sample.state is not State.NO_CONTACT)
     return ContactScore(_counts(told, clip.empty), _counts(told, clip.held))
 

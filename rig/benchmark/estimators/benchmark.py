@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 
 from protocols.grasps import TRIAL_OBJECTS
+from rig.benchmark.estimators.contenders import CONTENDERS
 from rig.benchmark.estimators.endurance import Endurance, measure_endurance
 from rig.benchmark.estimators.lifts import LiftScores, Tips, score_lift, session_lifts
 from rig.benchmark.estimators.limits import closest_of_paper, judge
@@ -18,6 +19,7 @@ from rig.benchmark.estimators.precision import Precision, compare_precision
 from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.stress import (
     CONTACTS,
+    NAMES,
     StressedClip,
     StressRow,
     run_stress,
@@ -34,6 +36,7 @@ from rig.experiments.trial import run_trial
 from rig.sessions.manifest import is_session
 from rig.sessions.records import FinishedLift, LiftRow
 from rig.tactile.estimators import choose_estimator
+from rig.tactile.foreign import EstimatorFaults, together
 
 SCHEMA = 1
 LIFTS, FULL_LIFTS = 5, 10
@@ -49,7 +52,7 @@ class BenchmarkSettings:
 
     session: a finished trial to use the lifts of; None records them in `out`/session, and goes on
     there where that was interrupted. jobs: worker processes; timing always has one. groups: of
-    stress conditions, all when None.
+    stress conditions, all when None. more: estimators beside the rig's own, by name.
     """
 
     out: Path
@@ -61,11 +64,21 @@ class BenchmarkSettings:
     lifts: int | None = None
     timed_lifts: int | None = None
     groups: tuple[str, ...] | None = None
+    more: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All that are compared."""
+        return tuple(dict.fromkeys((*CONTENDERS, *self.more)))
 
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkResult:
-    """Everything measured. scores: by estimator and window, over all lifts. endurance: in a long run only."""
+    """Everything measured.
+
+    scores: by estimator and window, over all lifts. endurance: in a long run only. faults: where estimators
+    that are not the rig's own failed on frames of lifts, by name.
+    """
 
     session: Path
     simulated: bool
@@ -82,6 +95,7 @@ class BenchmarkResult:
     stress: list[StressRow]
     limits: list[Measured]
     wall_s: float
+    faults: dict[str, EstimatorFaults]
 
     @property
     def closest_of_paper(self) -> tuple[str, int] | None:
@@ -92,15 +106,18 @@ class BenchmarkResult:
 def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: None) -> BenchmarkResult:
     """Record or read the lifts, time and score every estimator on them, and put them under stress.
 
-    Raises `SessionError` for a session without lifts, and what `run_trial` raises.
+    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and what
+    `run_trial` raises.
     """
     began = time.perf_counter()
+    for name in settings.more:
+        choose_estimator(name)
     folder = settings.session or _recorded(settings, progress)
     tips, rows = session_lifts(folder)
     timed = _spread_out(rows, settings.timed_lifts or (FULL_TIMED_LIFTS if settings.full else TIMED_LIFTS))
     # Timed first and alone: worker processes beside it would share its core.
-    timing = time_lifts(folder, tips, timed, partial(progress, "timing"))
-    lifts = _lifts(folder, tips, rows, settings.jobs, progress)
+    timing = time_lifts(folder, tips, timed, partial(progress, "timing"), settings.names)
+    lifts = _lifts(folder, tips, rows, settings, progress)
     stress = _stress(settings, progress)
     endurance = _endurance(settings.seed, progress) if settings.full else None
     scores = {key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores}
@@ -121,7 +138,13 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
         stress=stress,
         limits=judge(scores, timing, gap, apart, stress, endurance),
         wall_s=time.perf_counter() - began,
+        faults=_faults(lifts),
     )
+
+
+def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
+    names = dict.fromkeys(name for lift in lifts for name in lift.faults)
+    return {name: together([lift.faults[name] for lift in lifts if name in lift.faults]) for name in names}
 
 
 def _endurance(seed: int, progress: Progress) -> Endurance:
@@ -156,6 +179,7 @@ def as_json(result: BenchmarkResult) -> dict[str, object]:
         "precision": asdict(result.precision),
         "endurance": asdict(result.endurance) if result.endurance else None,
         "stress": [asdict(row) for row in result.stress],
+        "faults": {name: asdict(faults) for name, faults in result.faults.items()},
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),
     }
@@ -188,17 +212,20 @@ def _recorded(settings: BenchmarkSettings, progress: Progress) -> Path:
 
 
 def _lifts(
-    folder: Path, tips: Tips, rows: list[FinishedLift], jobs: int, progress: Progress
+    folder: Path, tips: Tips, rows: list[FinishedLift], settings: BenchmarkSettings, progress: Progress
 ) -> list[LiftScores]:
     found: dict[int, LiftScores] = {}
-    for row, scores in run_tasks(partial(score_lift, folder, tips), list(rows), jobs):
+    for row, scores in run_tasks(
+        partial(score_lift, folder, tips, settings.names), list(rows), settings.jobs
+    ):
         found[row.number] = scores
         progress("estimators", len(found), len(rows), f"{row.object}/{row.lift}")
     return [found[row.number] for row in rows]
 
 
 def _stress(settings: BenchmarkSettings, progress: Progress) -> list[StressRow]:
-    tasks = stress_tasks(settings.full, settings.seed)
+    stressed = tuple(dict.fromkeys((*NAMES, *settings.more)))
+    tasks = stress_tasks(settings.full, settings.seed, stressed)
     tasks = [task for task in tasks if settings.groups is None or task.group in settings.groups]
     done: dict[int, list[StressedClip]] = {}
     order = {task: place for place, task in enumerate(tasks)}

@@ -24,26 +24,29 @@ WINDOWS = tuple(range(1, 11))
 """1: no filter. The paper compares 2 to 10."""
 
 
-def complete(name: str, background: Image, aspect: float | None = None) -> TactileEstimator:
-    """Make a contender as a user gets it, with its usual window: for timing. aspect: as `EstimatorChoice`."""
+def complete(name: str, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
+    """Make a contender as a user gets it, with its usual window: for timing.
+
+    aspect, sign: as `EstimatorChoice.make` takes them.
+    """
     choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
-    return choice.make(background, aspect)
+    return choice.make(background, aspect, sign)
 
 
 def unfiltered(
-    background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS
+    background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS, sign: int = 1
 ) -> dict[str, TactileEstimator]:
     """Make contenders that give the angles before any window; the paper's share one contact mask.
 
     A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
     """
     finder = SharedContact(background)
-    return {name: _unfiltered(name, background, aspect, finder) for name in names}
+    return {name: _unfiltered(name, background, aspect, finder, sign) for name in names}
 
 
 def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
     """Return the samples of an unfiltered pass as the contender gives them with a window of n."""
-    if name.endswith(PUBLISHED):
+    if name in PAPER and name.endswith(PUBLISHED):
         script = ScriptFilter(window)
         return [_published(sample, script) for sample in samples]
     if window == 1:
@@ -107,10 +110,10 @@ class _Replayed(TactileEstimator):
 
 
 def _unfiltered(
-    name: str, background: Image, aspect: float | None, finder: ContactFinder
+    name: str, background: Image, aspect: float | None, finder: ContactFinder, sign: int
 ) -> TactileEstimator:
-    if name.endswith(PUBLISHED):
+    if name in PAPER and name.endswith(PUBLISHED):
         return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])
     if name in METHODS:
         return AxisEstimator(finder, METHODS[name])
-    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background, aspect)
+    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background, aspect, sign)

@@ -2,7 +2,7 @@
 
 import heapq
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
@@ -27,6 +27,7 @@ from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
+from rig.tactile.foreign import EstimatorFaults, faults_of
 from rig.tactile.sample import SlipSample
 
 Scores = dict[tuple[str, int], SeriesScore]
@@ -59,7 +60,8 @@ class LiftScores:
     """One lift: a score per contender and window, and how far `--no-skip` is from skipping.
 
     skip_gap_deg: largest difference of the two fused angles. skip_apart: frames that only one
-    of them answers. skipped: stages left out, by name, and `frames` looked at.
+    of them answers. skipped: stages left out, by name, and `frames` looked at. faults: where
+    contenders that are not the rig's own failed, by name.
     """
 
     scores: Scores
@@ -67,6 +69,7 @@ class LiftScores:
     skip_apart: int
     frames: int
     skipped: dict[str, int] = field(default_factory=dict)
+    faults: dict[str, EstimatorFaults] = field(default_factory=dict)
 
 
 def session_lifts(folder: Path) -> tuple[Tips, list[FinishedLift]]:
@@ -88,30 +91,34 @@ def open_lift(folder: Path, tips: Tips, row: FinishedLift) -> RecordedLift:
     return RecordedLift(row, recording, tips, phases, backgrounds)
 
 
-def score_lift(folder: Path, tips: Tips, row: FinishedLift) -> LiftScores:
-    """Run every contender over one lift's frames; what a worker process does."""
+def score_lift(folder: Path, tips: Tips, names: Sequence[str], row: FinishedLift) -> LiftScores:
+    """Run every contender over one lift's frames; what a worker process does. names: theirs."""
     cv2.setNumThreads(1)
     lift = open_lift(folder, tips, row)
-    passes = run_passes(lift)
+    passes = run_passes(lift, names)
     truth = truth_at(lift, passes[DEFAULT_ESTIMATOR])
     scores = {
         (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
-        for name in CONTENDERS
+        for name in names
         for window in WINDOWS
         if name != NO_SKIP or window == 1
     }
     gap, apart = _skip_gap(lift, passes)
     ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
     skipped = dict(Counter(stage for sample in ours for stage in sample.skipped))
-    return LiftScores(scores, gap, apart, len(ours), skipped)
+    faults = {
+        name: found for name in names if (found := faults_of(s for tip in passes[name].values() for s in tip))
+    }
+    return LiftScores(scores, gap, apart, len(ours), skipped, faults)
 
 
-def run_passes(lift: RecordedLift) -> Passes:
+def run_passes(lift: RecordedLift, names: Sequence[str] = CONTENDERS) -> Passes:
     """Return every contender's unfiltered samples of every fingertip, from phase A on."""
-    passes: Passes = {name: {} for name in CONTENDERS}
+    passes: Passes = {name: {} for name in names}
     for serial, background in lift.backgrounds.items():
-        estimators = unfiltered(background, lift.tips[serial].pixel_aspect)
-        samples: dict[str, list[SlipSample]] = {name: [] for name in CONTENDERS}
+        tip = lift.tips[serial]
+        estimators = unfiltered(background, tip.pixel_aspect, names, tip.sign)
+        samples: dict[str, list[SlipSample]] = {name: [] for name in names}
         for frame in lift.frames(serial):
             for name, estimator in estimators.items():
                 samples[name].append(estimator.update(frame.image, frame.time_ns))
@@ -146,9 +153,15 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 
 
 def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
-    """Fuse the fingertips in the order of capture, from the lift on."""
-    lift_ns = lift.phases[Phase.LIFT]
-    tips = {serial: TipTrack(tip.sign) for serial, tip in lift.tips.items()}
+    signs = {serial: tip.sign for serial, tip in lift.tips.items()}
+    return fused_from(lift.phases[Phase.LIFT], signs, samples)
+
+
+def fused_from(
+    lift_ns: int, signs: Mapping[str, int], samples: Mapping[str, list[SlipSample]]
+) -> list[FusedSample]:
+    """Fuse the fingertips in the order of capture, from the lift on. signs, samples: by serial."""
+    tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
     for serial, tip in tips.items():
         tip.set_zero(samples[serial], lift_ns)
     merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))

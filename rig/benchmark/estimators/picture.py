@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rig.benchmark.estimators.benchmark import BenchmarkResult
-from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, PAPER, WINDOWS
+from rig.benchmark.estimators.contenders import NO_SKIP, PAPER, WINDOWS
 from rig.pages.figure import drawing, png, svg
 from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, TRUTH, WARNING
 from rig.pages.palette import PAPER as SHEET
@@ -26,6 +26,7 @@ _LOOKS = {
     "ellipse": (WARNING.light, "v"),
     "pca": ("#CC79A7", "P"),
 }
+_OTHERS = (INK.light, "X")
 _LABEL_GAP = 0.062
 """Least distance between two labels, as a share of the axes' height."""
 _DPI = 130
@@ -57,7 +58,7 @@ def draw(result: BenchmarkResult) -> tuple[bytes, Markup]:
 
     Left the front of run time and error, right the error by window.
     """
-    points = [point for name in CONTENDERS if (point := _point(result, name))]
+    points = [point for name in result.timing.contenders if (point := _point(result, name))]
     with drawing(HEIGHT_PX, WIDTH_PX) as figure:
         left, right = figure.subplots(1, 2)
         simulated = "SIMULATED: " if result.simulated else ""
@@ -159,8 +160,8 @@ def _finish(axes: Axes, points: Sequence[Point], ends: Sequence[tuple[float, flo
 
 
 def _style(name: str) -> dict[str, Any]:
-    color, marker = _LOOKS[name.removesuffix(PUBLISHED)]
-    hollow = name.endswith(PUBLISHED) or name == NO_SKIP
+    color, marker = _LOOKS.get(name.removesuffix(PUBLISHED), _OTHERS)
+    hollow = (name in PAPER and name.endswith(PUBLISHED)) or name == NO_SKIP
     return {
         "color": color,
         "marker": marker,

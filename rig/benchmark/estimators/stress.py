@@ -49,6 +49,7 @@ class StressTask:
     contact: str
     seed: int
     full: bool
+    names: tuple[str, ...] = NAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +80,12 @@ def conditions(full: bool = False) -> list[Condition]:
     return [c for c in CONDITIONS if full or not c.full]
 
 
-def stress_tasks(full: bool, seed: int) -> list[StressTask]:
-    """Return the pieces of work, the same for the same seed."""
+def stress_tasks(full: bool, seed: int, names: tuple[str, ...] = NAMES) -> list[StressTask]:
+    """Return the pieces of work, the same for the same seed. names: of the estimators."""
     seeds = range(seed, seed + (3 if full else 1))
     groups = dict.fromkeys(c.group for c in conditions(full))
     return [
-        StressTask(group, contact, s, full)
+        StressTask(group, contact, s, full, names)
         for s in seeds
         for group in groups
         for contact in _contacts(group, full)
@@ -102,15 +103,15 @@ def run_stress(task: StressTask) -> list[StressedClip]:
         for shown in (scene, opposite(scene)) if condition.both_signs else (scene,):
             rng = np.random.default_rng(derived_seed(task.seed, condition.name, task.contact))
             clip = condition.change(render_clip(shown), rng)
-            scores += [_scored(condition, task, shown, name, clip) for name in NAMES]
+            scores += [_scored(condition, task, shown, name, clip) for name in task.names]
     return scores
 
 
 def stress_rows(scores: Sequence[StressedClip], full: bool = False) -> list[StressRow]:
     """Put clips together, condition by condition in the order of the table."""
-    rows = []
+    rows, names = [], dict.fromkeys(score.estimator for score in scores)
     for condition in conditions(full):
-        for name in NAMES:
+        for name in names:
             of = [s for s in scores if s.condition == condition.name and s.estimator == name]
             if of:
                 score = score_all([s.score for s in of])

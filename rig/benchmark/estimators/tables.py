@@ -60,13 +60,14 @@ def stress_table(result: BenchmarkResult) -> BenchmarkTable:
     """MARE per condition and estimator; a share in brackets where not every frame was answered."""
     by = {(row.condition, row.estimator): row for row in result.stress}
     conditions = dict.fromkeys((row.group, row.condition) for row in result.stress)
+    names = tuple(dict.fromkeys((*NAMES, *(row.estimator for row in result.stress))))
     rows = [
-        (group, condition, *(_stress_cell(by.get((condition, name))) for name in NAMES),
+        (group, condition, *(_stress_cell(by.get((condition, name))) for name in names),
          _share(_within(by.get((condition, DEFAULT_ESTIMATOR)))))
         for group, condition in conditions
     ]  # fmt: skip
     title = "SIMULATED clips with known angles: mean error in degrees (share of frames answered, if not all)"
-    return BenchmarkTable(title, ("group", "condition", *NAMES, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
+    return BenchmarkTable(title, ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
 
 
 def limit_table(limits: Sequence[Measured], whose: str = f"'{DEFAULT_ESTIMATOR}'") -> BenchmarkTable:
@@ -125,6 +126,7 @@ def _usual(result: BenchmarkResult) -> list[tuple[str, int]]:
     """The usual window of each estimator, and the paper's best method where that is another."""
     keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), *((name, 1) for name in ALIGNMENTS)]
     keys += [(name, PAPER_WINDOW) for name in PAPER]
+    keys += [(name, 1) for name in result.settings.more if (name, 1) not in keys]
     best = result.closest_of_paper
     return keys + ([best] if best and best not in keys else [])
 

@@ -92,6 +92,7 @@ def time_lifts(
     tips: Tips,
     rows: Sequence[FinishedLift],
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
+    names: Sequence[str] = CONTENDERS,
 ) -> TimingReport:
     """Time every contender on one fingertip's frames of some lifts, in this process, single-threaded.
 
@@ -101,7 +102,7 @@ def time_lifts(
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        samples: dict[str, list[tuple[SlipSample, float]]] = {name: [] for name in CONTENDERS}
+        samples: dict[str, list[tuple[SlipSample, float]]] = {name: [] for name in names}
         stage: dict[str, list[float]] = {"stage": [], "thinning": [], "ours": []}
         lift = open_lift(folder, tips, rows[0])
         for number, row in enumerate(rows):
@@ -131,16 +132,16 @@ def _time_tip(
     samples: Mapping[str, list[tuple[SlipSample, float]]],
     stage: Mapping[str, list[float]],
 ) -> None:
-    background, aspect = lift.backgrounds[serial], lift.tips[serial].pixel_aspect
-    estimators = {name: complete(name, background, aspect) for name in CONTENDERS}
+    background, tip, names = lift.backgrounds[serial], lift.tips[serial], list(samples)
+    estimators = {name: complete(name, background, tip.pixel_aspect, tip.sign) for name in names}
     finder = ContactFinder(background)
     frames = islice(lift.frames(serial), FRAMES_PER_LIFT)
     for number in count():
         turn = list(islice(frames, TURN_FRAMES))
         if not turn:
             return
-        first = number % len(CONTENDERS)
-        for name in CONTENDERS[first:] + CONTENDERS[:first]:
+        first = number % len(names)
+        for name in names[first:] + names[:first]:
             for frame in turn:
                 began = time.perf_counter()
                 sample = estimators[name].update(frame.image, frame.time_ns)

@@ -1,6 +1,5 @@
 """`rig benchmark renderer`: estimators on lifts that the second renderer drew, scored as a trial scores."""
 
-import heapq
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,16 +13,16 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.estimators.lifts import fused_from
 from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
 from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.experiments.process_pool import run_tasks
-from rig.lift.fusion import FusedSample, fuse
-from rig.lift.tip_track import TipTrack
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.foreign import EstimatorFaults, faults_of, together
 from rig.tactile.sample import SlipSample
 
 SCHEMA = 1
@@ -32,6 +31,8 @@ MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
 WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
 """An answer further off than both is confidently wrong."""
+TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}
+"""The fingertips' signs by name."""
 HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
 Progress = Callable[[int, int, str], None]
 """Called with how many lifts are done, of how many, and the name of the last one."""
@@ -39,12 +40,16 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class DrawnLift:
-    """One lift of one estimator. wrong: share of its frames that are confidently wrong."""
+    """One lift of one estimator. wrong: share of its frames that are confidently wrong.
+
+    faults: where an estimator that is not the rig's own failed on frames.
+    """
 
     kind: str
     score: SeriesScore
     wrong: float
     ms: tuple[float, ...]
+    faults: EstimatorFaults | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,12 @@ class RendererResult:
     limits: tuple[Measured, ...]
     seed: int
     wall_s: float
+
+    @property
+    def faults(self) -> dict[str, EstimatorFaults]:
+        """What estimators failed, by name."""
+        failed = {name: [lift.faults for lift in lifts if lift.faults] for name, lifts in self.lifts.items()}
+        return {name: together(faults) for name, faults in failed.items() if faults}
 
     def overall(self, estimator: str) -> ContenderScore:
         """Return one estimator's figures over all lifts."""
@@ -84,12 +95,12 @@ def run_renderer(
 def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, DrawnLift]:
     """Draw one lift and return every estimator's answers, scored; what a worker process does."""
     cv2.setNumThreads(1)
-    samples: dict[str, dict[int, list[SlipSample]]] = {choice.name: {} for choice in choices}
+    samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
     spent: dict[str, list[float]] = {choice.name: [] for choice in choices}
-    for tip, sign in enumerate(SIGNS):
+    for tip, sign in TIPS.items():
         empty: list[Image] = []
         estimators: dict[str, Any] = {}
-        for time_ns, image in frames(lift, tip):
+        for time_ns, image in frames(lift, int(tip)):
             if time_ns is None:
                 empty.append(image)
                 continue
@@ -131,13 +142,14 @@ def as_json(result: RendererResult) -> dict[str, Any]:
             }
             for name, lifts in result.lifts.items()
         },
+        "faults": {name: asdict(faults) for name, faults in result.faults.items()},
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),
     }
 
 
-def _scored(lift: int, samples: Mapping[int, list[SlipSample]], ms: list[float]) -> DrawnLift:
-    fused = _fused(samples)
+def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
+    fused = fused_from(LIFT_NS, TIPS, samples)
     course = draw_course(lift)
     times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
     truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]
@@ -154,21 +166,9 @@ def _scored(lift: int, samples: Mapping[int, list[SlipSample]], ms: list[float])
         for angle, sigma, true in zip(angles, sigmas, truth, strict=True)
         if angle is not None
     ]
-    return DrawnLift(KIND_NAMES[kind_of(lift)], score, float(np.mean(off)) if off else 0.0, tuple(ms))
-
-
-def _fused(samples: Mapping[int, list[SlipSample]]) -> list[FusedSample]:
-    """Fuse the fingertips in the order of capture, from the lift on."""
-    tips = {tip: TipTrack(sign) for tip, sign in enumerate(SIGNS)}
-    for tip, track in tips.items():
-        track.set_zero(samples[tip], LIFT_NS)
-    fused = []
-    for time_ns, tip, sample in heapq.merge(*([(s.time_ns, tip, s) for s in samples[tip]] for tip in tips)):
-        tips[tip].samples.append(sample)
-        if time_ns >= LIFT_NS:
-            others = [track.newest() for other, track in tips.items() if other != tip and track.samples]
-            fused.append(fuse(tips[tip].newest(), others))
-    return fused
+    wrong = float(np.mean(off)) if off else 0.0
+    faults = faults_of(sample for tip in samples.values() for sample in tip)
+    return DrawnLift(KIND_NAMES[kind_of(lift)], score, wrong, tuple(ms), faults)
 
 
 def _limits(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:

@@ -21,7 +21,8 @@ from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
 from rig.benchmark.wire.faults import FaultResult, run_faults
 from rig.benchmark.wire.moments import Moment, Stage, random_moment
 from rig.config import BenchConfig, load_bench
-from rig.report.film import HEIGHT_PX, save_film
+from rig.report.film import HEIGHT_PX
+from rig.report.film_file import save_film
 from rig.sessions.codec import Codec, json_line
 from rig.sessions.files import append_line
 from rig.sessions.layout import recording_file

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import ReadmeOption, print_tables, say_faults
 from rig.cli.common import JsonOption, emit_json
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.clips.benchmark import ClipsResult
@@ -26,7 +27,7 @@ def clips(
         typer.Option(
             "--estimator",
             help="Repeat for more; limits are for the first. Default: slip, ecc, polar, ellipse, pca, "
-            "anglenet.",
+            "anglenet. Your own: package.module:Class.",
         ),
     ] = None,
     groups: Annotated[
@@ -67,10 +68,7 @@ def clips(
             "--out", help="Folder for results.json, index.html and table.md.", callback=folder_place
         ),
     ] = None,
-    readme: Annotated[
-        Path | None,
-        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
-    ] = None,
+    readme: ReadmeOption = None,
     json: JsonOption = False,
 ) -> None:
     """Let estimators answer labelled clips, real or simulated, and compare with the labels.
@@ -89,8 +87,8 @@ def clips(
     from rig.benchmark.clips.benchmark import ESTIMATORS, as_json, run_clips
     from rig.benchmark.clips.files import write_clips
     from rig.benchmark.clips.limits import ClipLimits
-    from rig.benchmark.clips.tables import NAME
-    from rig.benchmark.readme import check_readme
+    from rig.benchmark.clips.tables import NAME, readme_section
+    from rig.benchmark.readme import check_readme, write_section
     from rig.cli.printing import WorkProgress
     from rig.frames.masks import make_folder
     from rig.tactile.estimators import choose_estimator
@@ -104,7 +102,9 @@ def clips(
     with WorkProgress(0, "clips") as progress:
         result = run_clips(folder, choices, limits, groups, progress.show)
     if out is not None:
-        write_clips(out, result, readme)
+        write_clips(out, result)
+    if readme is not None:
+        write_section(readme, NAME, readme_section(result))
     _print(result, json)
     if json:
         emit_json({"out": None if out is None else str(out), **as_json(result)})
@@ -113,10 +113,7 @@ def clips(
 
 def _print(result: "ClipsResult", to_stderr: bool) -> None:
     from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr)
-    for table in (clip_table(result), overall_table(result), limit_table(result)):
-        console.print(console_table(table.columns, table.rows, 2, table.title))
-    console.print(f"{result.wall_s:.0f} s", highlight=False)
+    tables = (clip_table(result), overall_table(result), limit_table(result))
+    print_tables(tables, to_stderr, result.wall_s)
+    say_faults(result.faults)

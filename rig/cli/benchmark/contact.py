@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import print_tables
 from rig.cli.common import JsonOption, emit_json
 
 if TYPE_CHECKING:
@@ -64,11 +65,7 @@ def contact(
 def _print(result: "ContactResult", to_stderr: bool) -> None:
     from rig.benchmark.contact.benchmark import contact_table
     from rig.benchmark.estimators.tables import limit_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr)
     name = next(iter(result.clips))
-    for table in (contact_table(result), limit_table(result.limits, f"'{name}'")):
-        console.print(console_table(table.columns, table.rows, 2, table.title))
-    console.print(f"{result.wall_s:.0f} s", highlight=False)
+    tables = (contact_table(result), limit_table(result.limits, f"'{name}'"))
+    print_tables(tables, to_stderr, result.wall_s)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import ReadmeOption, say_faults
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -25,6 +26,13 @@ def estimators(
         Path | None,
         typer.Option("--session", help="Use the lifts of this trial instead of recording 45 simulated ones."),
     ] = None,
+    more: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            help="One more beside those that are always compared, as package.module:Class; repeat for more.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -33,10 +41,7 @@ def estimators(
             callback=folder_place,
         ),
     ] = None,
-    readme: Annotated[
-        Path | None,
-        typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
-    ] = None,
+    readme: ReadmeOption = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, max=64, help="Worker processes; default: cores.")
     ] = None,
@@ -55,6 +60,8 @@ def estimators(
 
       rig benchmark estimators --full --readme README.md
 
+      rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
+
     """
     from rig.benchmark.estimators.benchmark import BenchmarkSettings, as_json, run_benchmark
     from rig.benchmark.estimators.files import check_writable, write_results
@@ -62,12 +69,15 @@ def estimators(
 
     folder = out or default_folder("benchmark")
     check_writable(folder, readme)
-    settings = BenchmarkSettings(folder, session, seed, full, jobs or max(1, os.cpu_count() or 1))
+    settings = BenchmarkSettings(
+        folder, session, seed, full, jobs or max(1, os.cpu_count() or 1), more=tuple(more or ())
+    )
     say(f"benchmark of estimators, seed {seed}, results in {folder}")
     with Parts() as parts:
         result = run_benchmark(settings, parts)
     write_results(folder, result, readme)
     _print(result, json)
+    say_faults(result.faults)
     if json:
         emit_json({"out": str(folder), **as_json(result)})
     exit_where_missed(result.limits)

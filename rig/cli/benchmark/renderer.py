@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import print_tables, say_faults
 from rig.cli.common import JsonOption, SeedOption, emit_json
 
 if TYPE_CHECKING:
@@ -14,7 +15,11 @@ if TYPE_CHECKING:
 def renderer(
     estimator: Annotated[
         list[str] | None,
-        typer.Option("--estimator", help="Repeat for more; limits are for the first. Default: slip."),
+        typer.Option(
+            "--estimator",
+            help="Repeat for more, also your own as package.module:Class; limits are for the first. "
+            "Default: slip.",
+        ),
     ] = None,
     lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="How many are drawn.")] = 45,
     jobs: Annotated[
@@ -48,10 +53,7 @@ def renderer(
 def _print(result: "RendererResult", to_stderr: bool) -> None:
     from rig.benchmark.estimators.tables import limit_table
     from rig.benchmark.renderer.benchmark import lift_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
 
-    console = table_console(to_stderr)
-    for table in (lift_table(result), limit_table(result.limits, f"'{next(iter(result.lifts))}'")):
-        console.print(console_table(table.columns, table.rows, 2, table.title))
-    console.print(f"{result.wall_s:.0f} s", highlight=False)
+    tables = (lift_table(result), limit_table(result.limits, f"'{next(iter(result.lifts))}'"))
+    print_tables(tables, to_stderr, result.wall_s)
+    say_faults(result.faults)

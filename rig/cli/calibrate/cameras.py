@@ -15,7 +15,7 @@ from rig.cli.calibrate.options import (
     file_and_say,
     station,
 )
-from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
+from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
 from rig.cli.dry_run import DryRunOption
 
 
@@ -135,6 +135,7 @@ def markers(
     pattern: PicturesOption = "*",
     serial: CameraSerial = "unknown",
     object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
+    objects: ObjectsOption = None,
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
     dry: DryRunOption = False,
@@ -159,7 +160,7 @@ def markers(
     from rig.calibrate.markers import markers_from_folder
 
     if source is None:
-        result = collect_markers(station(bench, seed, out, yes, dry, json), object_name)
+        result = collect_markers(station(bench, seed, out, yes, dry, json, objects), object_name)
     else:
         lens = None if camera_file is None else read_camera(camera_file)
         result = markers_from_folder(source, pattern, ids, dictionary, lens, serial)

@@ -35,17 +35,24 @@ PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses 
 
 
 def station(
-    bench: str, seed: int, out: Path | None, yes: bool, dry: bool = False, json: bool = False
+    bench: str,
+    seed: int,
+    out: Path | None,
+    yes: bool,
+    dry: bool = False,
+    json: bool = False,
+    objects: Path | None = None,
 ) -> "Station":
     """Where a calibration is collected, and who is asked before something moves. Raises `InputError`.
 
-    dry: show what would be done, as `dry_run` does, and end.
+    dry: show what would be done, as `dry_run` does, and end. objects: the folder of a lab's own.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
     from rig.config import load_bench
+    from rig.config.objects import with_objects
 
-    config = load_bench(bench)
+    config = with_objects(load_bench(bench), bench, objects)
     before = partial(dry_run, config, json=json) if dry else _nothing
     return Station(config, seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say, before)
 

@@ -11,7 +11,7 @@ from rig.cli.calibrate.options import (
     file_and_say,
     station,
 )
-from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption
+from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
 from rig.cli.dry_run import DryRunOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
@@ -153,6 +153,7 @@ def sync(
             "--object", help="What carries the markers on a bench: a block by its width, or an object."
         ),
     ] = "gauge:30",
+    objects: ObjectsOption = None,
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
     dry: DryRunOption = False,
@@ -181,6 +182,5 @@ def sync(
     if source is not None:
         file_and_say(sync_from_folder(source, first, second, search), out, bench, json)
     else:
-        file_all(
-            collect_streams(station(bench, seed, out, yes, dry, json), object_name, search), out, bench, json
-        )
+        at = station(bench, seed, out, yes, dry, json, objects)
+        file_all(collect_streams(at, object_name, search), out, bench, json)

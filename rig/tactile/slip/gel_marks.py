@@ -19,7 +19,7 @@ TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
 # What changes by less, relative to the light, is nothing even where the rest is all alike.
 LEAST_CHANGE = 1e-3
 # A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is so near, px.
-REACH_PX, RIM_PX, FILL_PX = 3, 3, 4.0
+REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.5
 # The plane through the rim is held level by this: where the picture ends, all of the rim lies on one side.
 LEVEL = 0.01
 # With more of the background than this the gel is patterned, and there is nothing to fill from.

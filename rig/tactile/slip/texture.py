@@ -45,10 +45,10 @@ class TextureField:
         self.scale = scale
         self.planes = structure(difference, scale / FINENESS)
 
-    def at(self, places: NDArray[np.complex64]) -> NDArray[np.float32]:
-        """Return (..., 3) at places (...) in work pixels; 0 outside."""
-        middle = (self.scale - 1) / 2.0 * (1 + 1j)
-        return read(self.planes, places * np.float32(self.scale) + np.complex64(middle))
+    @property
+    def middle_px(self) -> complex:
+        """Where in this field's pixels the middle of the first work pixel is."""
+        return (self.scale - 1) / 2.0 * (1 + 1j)
 
 
 def fine_scale(shape: tuple[int, ...], size: tuple[int, int]) -> int:
@@ -82,8 +82,9 @@ class TextureKey:
 
         center_px: one, or (..., 1). step: looks at every step-th point.
         """
-        turn = complex(math.cos(angle_rad), -math.sin(angle_rad))
-        seen = field.at(self.points_px[::step] * np.complex64(turn) + np.complex64(center_px))
+        turn = field.scale * complex(math.cos(angle_rad), -math.sin(angle_rad))
+        first = np.complex64(field.scale * center_px + field.middle_px)
+        seen = read(field.planes, self.points_px[::step] * np.complex64(turn) + first)
         cosine, sine = math.cos(2.0 * angle_rad) * self.unit, math.sin(2.0 * angle_rad) * self.unit
         back = [[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, self.unit]]
         return np.asarray(seen @ np.array(back, np.float32), np.float32)

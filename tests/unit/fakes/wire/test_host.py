@@ -29,18 +29,23 @@ from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import build_real_bench, simulated_bench_plan
 from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
+from rig.bench.twins import laid_as
 from rig.config import BenchConfig, load_bench
 from rig.config.load import parse_bench
+from rig.config.objects import new_object_text, parse_object
 from rig.config.write import bench_text
 
+PLAIN = laid_as([parse_object(new_object_text("lever"), "lever.toml")], "lever")
+"""An object that only its file describes."""
 
-def lifted_world() -> World:
-    """A world whose fingers close on the wrench within 1 s, and whose tool rises from then on."""
+
+def lifted_world(text: str = "t1") -> World:
+    """A world whose fingers close on an object within 1 s, and whose tool rises from then on."""
     plan = simulated_bench_plan(load_bench("fake"))
     world = World(plan.layout, 3)
-    world.place(find_object("t1"), seed=5)
+    world.place(find_object(text), seed=5)
     table = plan.layout.base_T_table
-    site = find_object("t1").sites[0]
+    site = find_object(text).sites[0]
     grasp = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, plan.layout.home.rotation)
     closed = 6.0 + (plan.layout.max_opening_m - site.width_m + 0.004) / plan.layout.opening_per_count_m
     world.tool = ToolPath.resting(grasp)
@@ -51,8 +56,9 @@ def lifted_world() -> World:
     return world
 
 
-def test_the_mirror_shows_what_the_world_shows() -> None:
-    world = lifted_world()
+@pytest.mark.parametrize("text", ["t1", PLAIN])
+def test_the_mirror_shows_what_the_world_shows(text: str) -> None:
+    world = lifted_world(text)
     mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
     for step in range(1, 251):
         mirror.feed(snapshot_of(world, to_ns(1.0 + 0.004 * step)))

@@ -177,8 +177,11 @@ def test_the_command_writes_page_json_and_table_and_misses_limits_with_4(clips: 
     assert json.loads((out / "results.json").read_text()).keys() == figures.keys() - {"out"}
     assert "old" not in readme.read_text()
     assert "| ellipse |" in readme.read_text()
-    missed = CliRunner().invoke(app, [*arguments[:-1], *limits, "--mean-deg", "0.0001"])
+    readme.write_text(f"{begin}\n{end}\n")
+    without_out = [*arguments[:-1], *limits, "--mean-deg", "0.0001", "--readme", str(readme)]
+    missed = CliRunner().invoke(app, without_out)
     assert missed.exit_code == 4
+    assert "| ellipse |" in readme.read_text()
     assert "limit missed: mean error up to 30 degrees" in missed.stderr
 
 

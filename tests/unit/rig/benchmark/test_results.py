@@ -42,7 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told
         told.append((part, done, total))
 
     out = tmp_path_factory.mktemp("benchmark")
-    settings = BenchmarkSettings(out, objects=("t2",), lifts=1, jobs=1, groups=())
+    settings = BenchmarkSettings(out, objects=("t2",), lifts=1, jobs=1, groups=(), more=("kolamuri",))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "FRAMES_PER_LIFT", 120)
         patch.setattr(benchmark, "load_bench", lighter)
@@ -76,9 +76,13 @@ def test_the_benchmark_scores_a_lift_as_the_trial_does(result: BenchmarkResult) 
 
 def test_every_estimator_has_every_window_from_one_pass(result: BenchmarkResult) -> None:
     assert set(result.scores) == {
-        (name, window) for name in CONTENDERS for window in WINDOWS if name != NO_SKIP or window == 1
+        (name, window)
+        for name in (*CONTENDERS, "kolamuri")
+        for window in WINDOWS
+        if name != NO_SKIP or window == 1
     }
-    assert set(result.timing.contenders) == set(CONTENDERS)
+    assert set(result.timing.contenders) == {*CONTENDERS, "kolamuri"}
+    assert result.faults == {}
     for of in result.timing.contenders.values():
         assert 0.0 < of.contact.p50_ms <= of.contact.p99_ms <= of.contact.max_ms
         assert of.contact.count < of.frames
@@ -123,6 +127,7 @@ def test_tables_have_a_cell_per_column(result: BenchmarkResult) -> None:
         assert table.rows
         assert {len(row) for row in table.rows} == {len(table.columns)}
     assert {row[2] for row in stress_table(balls).rows} == {"refused 100%"}
+    assert estimator_table(result).rows[-1][0] == "kolamuri"
 
 
 def test_the_readme_has_the_benchmarks_table() -> None:

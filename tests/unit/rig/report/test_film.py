@@ -9,7 +9,8 @@ import pytest
 
 from drivers.errors import InputError, SessionError
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.report.film import HEIGHT_PX, LEGEND_PX, Film, write_film
+from rig.report.film import HEIGHT_PX, LEGEND_PX, write_film
+from rig.report.film_file import Film
 from rig.report.session import find_lift
 from rig.report.strips import rgb
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -55,6 +56,21 @@ def test_the_legend_stands_below_in_the_colours_of_the_curves(trial: Path, tmp_p
     for colour in (ESTIMATE, TRUTH):
         away = np.abs(legend - np.array(rgb(colour.light)[::-1])).sum(axis=2)
         assert (away < 60).sum() > 20
+
+
+def test_an_animated_picture_is_as_long_and_as_wide_as_asked(trial: Path, tmp_path: Path) -> None:
+    manifest = read_manifest_of(trial, TrialManifest, "no trial")
+    chosen, out = find_lift(trial, manifest, "1"), tmp_path / "lift.webp"
+    made = write_film(trial, manifest, chosen, out, fps=10.0, width_px=640)
+    read, animation = cv2.imreadanimation(str(out))
+    assert read
+    assert len(animation.frames) == made.frames == pytest.approx(36, abs=2)
+    assert animation.frames[0].shape[:2] == made.size_px[::-1]
+    assert made.size_px[0] == 640
+    assert np.abs(animation.frames[5].astype(int) - animation.frames[-1]).mean() > 1.0
+    with pytest.raises(InputError, match=r"ends in \.webm"):
+        write_film(trial, manifest, chosen, out, fps=500.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["lift.webp"]
 
 
 @NEEDS_CHROMIUM

@@ -95,7 +95,7 @@ def test_what_is_read_is_what_the_format_s_own_library_reads(whole: bytes, tmp_p
     for topics in ((), ("/phase",), (FUSED_TOPIC, "/image/T1"), ("/nothing",)):
         with path.open("rb") as stream:
             expected = [
-                (channel.topic, message.log_time, message.sequence, message.data)
+                (channel.topic, message.publish_time, message.sequence, message.data)
                 for _, channel, message in make_reader(stream).iter_messages(
                     topics or None, log_time_order=False
                 )
@@ -232,7 +232,7 @@ def written(
     schema = writer.register_schema("x", "", b"")
     channel = writer.register_channel(topic, "json", schema)
     for data, time_ns in messages:
-        writer.add_message(channel, time_ns, data, 0)
+        writer.add_message(channel, time_ns, data, time_ns)
     writer.finish()
     return stream.getvalue()
 

@@ -125,9 +125,10 @@ def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
     turns = [0.0] * 10 + [1.5 * i for i in range(28)]
     images = (specked(picture(20.0 + turn, i + 1), 0.5) for i, turn in enumerate(turns))
     samples = [tracker.update(image, round(i * 4e7)) for i, image in enumerate(images)]
-    assert samples[-1].angle_deg is not None
-    assert samples[9].angle_deg is not None
-    assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)
+    answered = np.array([sample.angle_deg for sample in samples[9:]], float)
+    off = np.abs(answered - answered[0] - turns[9:])
+    assert off.mean() < 1.0
+    assert off.max() < 5.0, "held for three frames of 1.5 degrees at most: at the start, after a keyframe"
 
 
 @pytest.mark.parametrize(("blind_deg", "sigma_deg"), [(90.0, (0.0, 5.0)), (0.0, (25.0, 60.0))])

@@ -1,0 +1,59 @@
+"""What a simulated bench lays down for an object: its twin of the catalogue, or a plain shape."""
+
+import json
+from collections.abc import Sequence
+
+from drivers.errors import InputError
+from fakes.objects.plain import PREFIX
+from protocols.grasps import GraspFile, Position
+from rig.config import BenchConfig
+
+
+def laid_as(own: Sequence[GraspFile], object_id: str) -> str:
+    """Return the text by which a simulated world lays an object down.
+
+    own: a lab's objects, which have no twin there and become plain shapes. Raises `InputError`.
+    """
+    grasps = next((each for each in own if each.id == object_id), None)
+    return object_id if grasps is None else _plain(grasps)
+
+
+def refuse_undrawn(config: BenchConfig, grasps: GraspFile) -> None:
+    """Raise `InputError` where a bench is simulated and could not show an object."""
+    if config.simulated:
+        laid_as(config.objects, grasps.id)
+
+
+def plain_notes(config: BenchConfig, objects: Sequence[GraspFile]) -> list[str]:
+    """Say which objects are plain shapes on a simulated bench, and what is taken for true of them."""
+    own = {each.id for each in config.objects} if config.simulated else set()
+    return [_note(each) for each in objects if each.id in own]
+
+
+def _note(grasps: GraspFile) -> str:
+    body = grasps.simulated
+    shapes = ", ".join(f"{p.name} {p.surface} {1e3 * p.width_m:g} mm" for p in grasps.position)
+    return (
+        f"SIMULATED: object {grasps.id} has no simulated twin and is drawn as a plain shape: {shapes}; "
+        f"{body.mass_kg:g} kg, friction {body.friction:g}, {1e3 * body.length_m:g} mm long."
+    )
+
+
+def _plain(grasps: GraspFile) -> str:
+    said = {
+        "id": grasps.id,
+        "name": grasps.name,
+        **grasps.simulated.model_dump(),
+        "sites": [_site(grasps, position) for position in grasps.position],
+    }
+    return PREFIX + json.dumps(said, sort_keys=True)
+
+
+def _site(grasps: GraspFile, position: Position) -> dict[str, object]:
+    if position.surface is None:
+        raise InputError(
+            f"object {grasps.id} {grasps.name} has no simulated twin, and its file says no surface at "
+            f"'{position.name}', so the simulated bench cannot draw it: write surface = \"flat\" (or edge, "
+            "cylinder, ball) there, or use a real bench"
+        )
+    return {"offset_m": position.offset_m, "width_m": position.width_m, "surface": position.surface}

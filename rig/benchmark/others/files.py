@@ -1,0 +1,133 @@
+"""A session's files opened by what others use: MCAP's tool and library, rerun, pandas, duckdb, COCO's."""
+
+import contextlib
+import importlib
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rig.benchmark.others.rows import Row, Say, installed, skipped
+from rig.export.formats import export_session
+
+PART = "files"
+_LIMIT_S = 120.0
+
+
+def run_files(session: Path | None, say: Say) -> list[Row]:
+    """A row for each reader; a session of `rig trial` is needed."""
+    if session is None:
+        return [skipped(PART, "recordings and exports", "rig trial --lifts 1 --out S, then --session S")]
+    recording = sorted((session / "lifts").glob("*.mcap"))[0]
+    readers: list[tuple[str, str, Callable[[Path, Path], tuple[bool, str]]]] = [
+        ("mcap and foxglove's schemas", "mcap", _foxglove), ("rerun", "rerun-sdk", _rerun),
+        ("pandas, of Parquet", "pandas", _pandas), ("duckdb, of Parquet", "duckdb", _duckdb),
+        ("pycocotools, of COCO", "pycocotools", _coco), ("labelme, of LabelMe's files", "labelme", _labelme),
+        ("LeRobotDataset", "lerobot", _lerobot),
+    ]  # fmt: skip
+    rows = [_doctor(recording)]
+    for name, package, read in readers:
+        version = installed(package)
+        if version is None:
+            rows.append(skipped(PART, name, f"pip install {package}"))
+            continue
+        say(f"{name} {version}")
+        rows.append(_read(name, version, read, recording))
+    return rows
+
+
+def _read(name: str, version: str, read: Callable[[Path, Path], tuple[bool, str]], recording: Path) -> Row:
+    # what a reader prints is no part of a table, nor of --json
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(sys.stderr):
+        try:
+            met, result = read(recording, Path(folder))
+        except ImportError as error:
+            return skipped(PART, name, f"version {version} has another interface ({error})")
+        except Exception as error:
+            met, result = False, f"{type(error).__name__}: {error}"
+    return Row(PART, name, version, result, met=met)
+
+
+def _doctor(recording: Path) -> Row:
+    """MCAP's own command line tool."""
+    tool = shutil.which("mcap")
+    if tool is None:
+        return skipped(PART, "mcap doctor", "the program mcap is not on the PATH (github.com/foxglove/mcap)")
+    version = _said([tool, "version"])[1]
+    code, said = _said([tool, "doctor", str(recording)])
+    return Row(PART, "mcap doctor", version, said or "no complaint", met=code == 0)
+
+
+def _said(command: list[str]) -> tuple[int, str]:
+    done = subprocess.run(  # noqa: S603 - the reader's own program
+        command, capture_output=True, text=True, timeout=_LIMIT_S, check=False
+    )
+    return done.returncode, (done.stdout + done.stderr).strip()[-160:]
+
+
+def _foxglove(recording: Path, folder: Path) -> tuple[bool, str]:
+    reader: Any = importlib.import_module("mcap.reader")
+    factory: Any = importlib.import_module("mcap_protobuf.decoder").DecoderFactory()
+    seen: Counter[str] = Counter()
+    with recording.open("rb") as stream:
+        for schema, _, message in reader.make_reader(stream).iter_messages():
+            if schema is not None and schema.encoding == "protobuf":
+                factory.decoder_for("protobuf", schema)(message.data)
+                seen[schema.name] += 1
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(seen.items()))
+    return {"foxglove.CompressedImage", "foxglove.PoseInFrame"} <= seen.keys(), f"decoded {counts}"
+
+
+def _rerun(recording: Path, folder: Path) -> tuple[bool, str]:
+    reader: Any = importlib.import_module("rerun.chunk")
+    paths = {chunk.entity_path for chunk in reader.McapReader(recording).stream().to_chunks()}
+    return "/arm/tcp" in paths and sum(p.startswith("/image/") for p in paths) == 3, f"{len(paths)} entities"
+
+
+def _parquet(recording: Path, folder: Path) -> Path:
+    export_session(recording.parents[1], "parquet", folder / "tables")
+    return folder / "tables" / "angles.parquet"
+
+
+def _pandas(recording: Path, folder: Path) -> tuple[bool, str]:
+    pandas: Any = importlib.import_module("pandas")
+    table = pandas.read_parquet(_parquet(recording, folder))
+    return len(table) > 0, f"{len(table)} angles of {len(table.columns)} columns"
+
+
+def _duckdb(recording: Path, folder: Path) -> tuple[bool, str]:
+    duckdb: Any = importlib.import_module("duckdb")
+    path = str(_parquet(recording, folder))
+    count = duckdb.execute("SELECT count(*) FROM read_parquet(?)", [path]).fetchone()[0]
+    return count > 0, f"{count} angles"
+
+
+def _coco(recording: Path, folder: Path) -> tuple[bool, str]:
+    coco: Any = importlib.import_module("pycocotools.coco")
+    export_session(recording.parents[1], "coco", folder / "coco")
+    document = next((folder / "coco").rglob("*.json"))
+    data = coco.COCO(str(document))
+    areas = [int(data.annToMask(annotation).sum()) for annotation in data.loadAnns(data.getAnnIds())]
+    return bool(areas) and min(areas) > 0, f"{len(data.imgs)} images, {len(areas)} masks"
+
+
+def _labelme(recording: Path, folder: Path) -> tuple[bool, str]:
+    module: Any = importlib.import_module("labelme._label_file")
+    export_session(recording.parents[1], "labelme", folder / "labelme")
+    files = [module.LabelFile(str(path)) for path in sorted((folder / "labelme").rglob("*.json"))]
+    shapes = sum(len(file.shapes) for file in files)
+    return bool(shapes) and all(file.imageData for file in files), f"{len(files)} images, {shapes} shapes"
+
+
+def _lerobot(recording: Path, folder: Path) -> tuple[bool, str]:
+    module: Any = importlib.import_module("lerobot.datasets.lerobot_dataset")
+    export_session(recording.parents[1], "lerobot", folder / "lerobot")
+    data = module.LeRobotDataset("local/session", root=folder / "lerobot")
+    first, last = data[0], data[len(data) - 1]
+    images = [key for key in first if key.startswith("observation.images.")]
+    whole = bool(images) and all(tuple(first[key].shape) == tuple(last[key].shape) for key in images)
+    return whole, f"{data.num_episodes} episodes, {len(data)} frames at {data.fps} Hz, {len(images)} cameras"

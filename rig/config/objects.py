@@ -1,0 +1,115 @@
+"""A lab's own objects: the files of a folder, read beside the package's, for a bench."""
+
+import json
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from drivers.errors import InputError
+from drivers.formats import parse_toml, read_text
+from drivers.formats.toml_text import MOST_BYTES
+from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
+from rig.config.lines import line_of
+from rig.config.load import validation_text
+from rig.config.models import BenchConfig
+
+FOLDER = "objects"
+MOST_FILES = 1000
+
+
+def objects_folder(bench: str, given: Path | None = None) -> Path | None:
+    """Where a lab's objects are: the folder given, else `objects/` beside the bench file, if there is one.
+
+    bench: a name or a path; beside a built-in bench is here. Raises `InputError` for a given folder that is
+    not there.
+    """
+    if given is not None:
+        if not given.is_dir():
+            raise InputError(
+                f"--objects {given}: no such folder; 'rig objects new FILE' writes a file to begin"
+            )
+        return given
+    path = Path(bench)
+    folder = (path.parent if path.is_file() else Path()) / FOLDER
+    found = folder.is_dir() and folder.resolve() != OBJECTS_FOLDER.resolve()
+    return folder if found else None
+
+
+def read_objects(folder: Path) -> dict[Path, GraspFile]:
+    """Read the objects of a folder, by file. Raises `InputError` naming the file and, where known, the line.
+
+    An id or a name is one object's alone, here and in the package.
+    """
+    paths = sorted(folder.glob("*.toml"))
+    if len(paths) > MOST_FILES:
+        raise InputError(f"{folder}: holds {len(paths)} files, more than the {MOST_FILES} that are read")
+    found: dict[Path, GraspFile] = {}
+    taken = {name: "the package" for own in load_grasp_files().values() for name in own.names}
+    for path in paths:
+        text = read_text(path, MOST_BYTES)
+        found[path] = read = parse_object(text, str(path))
+        for key, name in zip(("id", "name"), read.names, strict=True):
+            if name in taken:
+                raise InputError(
+                    f"{path}: line {line_of(text, [key])}: {key}: '{name}' is an object of {taken[name]} "
+                    "already; give it another one"
+                )
+        taken |= dict.fromkeys(read.names, str(path))
+    return found
+
+
+def parse_object(text: str, name: str) -> GraspFile:
+    """Read an object file's text; `name` is what messages call it. Raises `InputError`."""
+    document = json.dumps(parse_toml(text, name), default=str)
+    try:
+        return GraspFile.model_validate_json(document, strict=True)
+    except ValidationError as error:
+        raise InputError(f"{name}: {validation_text(error, text, _KEYS)}") from error
+
+
+def with_objects(config: BenchConfig, bench: str, given: Path | None = None) -> BenchConfig:
+    """Return a bench that knows a lab's objects. Raises `InputError`.
+
+    bench, given: as in `objects_folder`.
+    """
+    folder = objects_folder(bench, given)
+    return config if folder is None else with_more(config, read_objects(folder).values())
+
+
+def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:
+    """Return a bench that also knows these objects, as those a session kept; its own of one id stay."""
+    known = {own.id for own in config.objects}
+    more = [each for each in objects if each.id not in known]
+    return config.model_copy(update={"objects": (*config.objects, *more)}) if more else config
+
+
+def with_objects_of(config: BenchConfig, ids: Collection[str]) -> BenchConfig:
+    """Return a bench that knows no other objects of a lab's own than these, as a session keeps it."""
+    return config.model_copy(update={"objects": tuple(each for each in config.objects if each.id in ids)})
+
+
+def new_object_text(called: str) -> str:
+    """Return an object file that explains each key. called: what its id and name are made of."""
+    text = Path(__file__).with_name("new_object.toml").read_text(encoding="utf-8")
+    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "_" for c in called)
+    own_id = plain.lstrip("_-")[:40] or "my_object"
+    return text.replace('"my_object"', f'"{own_id}"').replace('"my object"', f'"{own_id.replace("_", " ")}"')
+
+
+def new_object_file(path: Path) -> None:
+    """Write an object file that explains each key, named as the file is.
+
+    Raises `InputError`; never overwrites.
+    """
+    text = new_object_text(path.stem)
+    try:
+        with path.open("x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError as error:
+        raise InputError(f"{path} exists already: give another name, or move it aside") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+_KEYS = {key for model in (GraspFile, Position, PlainBody) for key in model.model_fields}

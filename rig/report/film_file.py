@@ -1,0 +1,120 @@
+"""Files of films: what a codec makes of pictures, whole or not at all."""
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+
+import cv2
+
+from drivers.errors import InputError, RecordingError
+from drivers.types import Image
+
+CODECS = {".webm": "VP80", ".mp4": "mp4v", ".avi": "MJPG", ".webp": "WEBP"}
+"""Codecs that every build of OpenCV writes, by the file's ending. Browsers play the first and the last."""
+ANIMATED = ".webp"
+"""An animated picture, which pages show like any picture; it is encoded as a whole, in memory."""
+MOST_ANIMATED, _WEBP_QUALITY = 400, 60
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A film that was written. codec: the four letters OpenCV knows it by."""
+
+    path: Path
+    frames: int
+    codec: str
+    size_px: tuple[int, int]
+
+
+def require_film_name(out: Path) -> None:
+    """Raise `InputError` for an ending that no codec is known for, or a folder that is not there."""
+    if out.suffix.lower() not in CODECS:
+        raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
+
+
+def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
+    """Write pictures of one size (height x width x 3, RGB) as a film, whole or not at all.
+
+    Raises `RecordingError` when it cannot be written, `InputError` for too many pictures of an animated one.
+    """
+    first = next(pictures)
+    codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
+    aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")
+    try:
+        all_pictures = chain([first], pictures)
+        if out.suffix.lower() == ANIMATED:
+            count, there = _animate(aside, fps, all_pictures), cv2.imcount(str(aside))
+        else:
+            count, there = _write(aside, codec, fps, size, all_pictures), _pictures_in(aside)
+        if there < count:  # its writer tells of no full disk
+            raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
+        aside.replace(out)
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written ({error.strerror}); choose another --out") from error
+    finally:
+        aside.unlink(missing_ok=True)
+    return Film(out, count, codec, size)
+
+
+def _animate(path: Path, fps: float, pictures: Iterable[Image]) -> int:
+    frames = [cv2.cvtColor(p, cv2.COLOR_RGB2BGR) for p in islice(pictures, MOST_ANIMATED + 1)]
+    if len(frames) > MOST_ANIMATED:
+        raise InputError(
+            f"{path.suffix} takes {MOST_ANIMATED} pictures at most; give a lower --fps, a higher --speed "
+            "or an --out that ends in .webm"
+        )
+    animation = cv2.Animation()
+    animation.frames = frames
+    animation.durations = [round(1000 / fps)] * len(frames)
+    _, encoded = cv2.imencodeanimation(ANIMATED, animation, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])
+    path.write_bytes(encoded.tobytes())
+    return len(frames)
+
+
+def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
+    path.touch()  # says what is wrong, as the writer does not
+    with _quiet():
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
+    count = 0
+    try:
+        for picture in pictures:
+            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+            count += 1
+    finally:
+        writer.release()
+    return count
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let OpenCV's libraries say nothing on standard error: that WebM has a tag of its own is no fault."""
+    sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _pictures_in(path: Path) -> int:
+    film, there = cv2.VideoCapture(str(path)), 0
+    try:
+        while film.grab():
+            there += 1
+    finally:
+        film.release()
+    return there

@@ -1,0 +1,146 @@
+"""A lab's own objects from the command line: listed, begun, lifted, recorded, and kept by the session."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from support.command_line import rig
+
+LEVER = """id = "lever"
+name = "my lever"
+orientations_deg = [0.0, 20.0]
+grip_counts = [3, 5]
+
+[[position]]
+name = "end"
+offset_m = -0.05
+width_m = 0.02
+lift_height_m = 0.06
+surface = "edge"
+"""
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory, light_bench_file: Path) -> Path:
+    """A lab's folder: a bench file, and an object beside it."""
+    folder = tmp_path_factory.mktemp("lab")
+    shutil.copy(light_bench_file, folder / "bench.toml")
+    (folder / "objects").mkdir()
+    (folder / "objects" / "lever.toml").write_text(LEVER)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trial of one lift of it, in a place where its file is not."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "session"
+    what = ("--object", "my lever", "--lifts", 1, "--bench", lab / "bench.toml", "--estimator", "pca")
+    done = rig("trial", *what, "--jobs", 1, "--no-report", "--out", folder, "--json")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_objects_are_listed_with_where_they_come_from(lab: Path) -> None:
+    done = rig("objects", "--bench", lab / "bench.toml", "--json")
+    listed = {each["id"]: each for each in json.loads(done.stdout)["objects"]}
+    assert listed["lever"]["from"] == str(lab / "objects" / "lever.toml")
+    assert listed["t1"]["from"] == "the package"
+    assert "my lever" not in rig("objects", "--bench", "fake").stdout
+    assert "lever.toml" in rig("objects", "--objects", lab / "objects").stdout.replace("\n", "")
+
+
+def test_a_new_object_file_is_listed_as_it_is(tmp_path: Path) -> None:
+    done = rig("objects", "new", tmp_path / "cup.toml")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(tmp_path / "cup.toml")
+    assert "cup" in rig("objects", "--objects", tmp_path, "--json").stdout
+    assert rig("objects", "new", tmp_path / "cup.toml").returncode == 2
+
+
+def test_a_dry_run_shows_it_and_what_is_taken_for_true_of_it(lab: Path) -> None:
+    done = rig(
+        "trial", "--object", "lever", "--lifts", 1, "--bench", lab / "bench.toml", "--dry-run", "--json"
+    )
+    plan = json.loads(done.stdout)
+    assert done.returncode == 0
+    assert any(line.startswith("SIMULATED: object lever has no simulated twin") for line in plan["plan"])
+    assert any("lever/1 my lever" in line for line in plan["plan"])
+
+
+def test_a_trial_lifts_it_and_its_session_says_where_it_was_grasped(session: Path) -> None:
+    row = json.loads((session / "lifts.jsonl").read_text())
+    assert (row["object"], row["name"], row["position"]) == ("lever", "my lever", "end")
+    assert row["answered"] > 0.5
+    assert abs(row["final_truth_deg"]) > 1.0, "an edge held far from its middle turns"
+    kept = json.loads((session / "session.json").read_text())["config"]["objects"]
+    assert [each["id"] for each in kept] == ["lever"]
+
+
+def test_a_session_is_replayed_and_reported_without_the_folder(session: Path) -> None:
+    replayed = json.loads(rig("replay", session, "--json").stdout)
+    assert replayed["identical"] == 1
+    page = rig("report", session, "--json")
+    assert page.returncode == 0, page.stderr
+    assert "my lever" in (session / "report.html").read_text()
+    compared = rig("compare", "slip", "pca", "--on", session, "--out", session / "compared.html", "--json")
+    assert "lever" in compared.stdout, compared.stderr
+
+
+def test_a_session_goes_on_without_the_folder_but_not_with_another_object(
+    session: Path, lab: Path, tmp_path: Path, light_bench_file: Path
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(session, folder)
+    again = ("trial", "--resume", "--out", folder, "--no-report", "--json", "--bench")
+    done = rig(*again, light_bench_file)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["lifts_accepted"] == 1
+    shutil.copytree(lab, tmp_path / "lab")
+    changed = tmp_path / "lab" / "objects" / "lever.toml"
+    changed.write_text(LEVER.replace("width_m = 0.02", "width_m = 0.025"))
+    other = rig(*again, tmp_path / "lab" / "bench.toml")
+    assert other.returncode == 2
+    assert "config.objects[0].position[0].width_m 0.02, not 0.025" in other.stderr
+
+
+def test_a_recording_takes_every_pose_of_a_smaller_file(lab: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    what = ("record", "--object", "lever", "--images", 8, "--bench", lab / "bench.toml", "--out", folder)
+    done = rig(*what, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["poses_accepted"] == 2
+    assert (folder / "lever_my_lever" / "image_label").is_dir()
+    assert "Recording of lever my lever" in (folder / "report.html").read_text()
+    more = rig(*what[:-1], tmp_path / "more", "--poses", 3)
+    assert more.returncode == 2
+    assert "has 2 poses in its file, not 3" in more.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('surface = "edge"\n', "", "no simulated twin"),
+        ("lift_height_m = 0.06\n", "", "no position with a lift_height_m above 0"),
+        ("width_m = 0.02", "width_m = 0.13", "fingers"),
+        ("width_m", "with_m", "line 9: position.0.with_m: unknown key"),
+    ],
+)
+def test_what_cannot_be_lifted_is_refused_before_a_session_is_made(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    assert old in LEVER
+    (tmp_path / "lever.toml").write_text(LEVER.replace(old, new))
+    folder = tmp_path / "session"
+    done = rig("trial", "--object", "lever", "--lifts", 1, "--objects", tmp_path, "--out", folder)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not folder.exists()
+
+
+def test_calibrations_look_at_it(lab: Path, tmp_path: Path) -> None:
+    what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
+    done = rig(*what, "--out", tmp_path, "--json")
+    assert done.returncode == 0, done.stderr
+    assert rig(*what[:4], "--bench", "fake").returncode == 2, "without its folder nobody knows it"

@@ -1,0 +1,182 @@
+"""An estimator of a lab's own, wherever the rig's own work: lifts, replays, tables, benchmarks."""
+
+import csv
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.errors import EstimatorError
+from rig.benchmark.clips.benchmark import as_json as clips_json
+from rig.benchmark.clips.benchmark import run_clips
+from rig.benchmark.clips.limits import ClipLimits
+from rig.benchmark.estimators.contenders import NO_SKIP
+from rig.benchmark.estimators.lifts import score_lift, session_lifts
+from rig.benchmark.renderer.benchmark import as_json as renderer_json
+from rig.benchmark.renderer.benchmark import run_renderer
+from rig.config import BenchConfig
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.replay import run_replay, session_settings
+from rig.experiments.trial import run_trial
+from rig.report.write import write_report
+from rig.results.listing import list_session
+from rig.sessions.rows import read_finished_lifts
+from rig.tactile.estimators import choose_estimator
+from support.angle_clips import write_clip
+from support.command_line import rig
+from support.own_estimators import MODULE, forget, own_estimators
+
+MINE, FAILING = f"{MODULE}:Mine", f"{MODULE}:Now_and_then"
+Draw = Callable[..., NDArray[np.uint8]]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with the lab's module, in which the tests run; returns the file that importing it leaves."""
+    with own_estimators(tmp_path_factory.mktemp("lab")) as imported:
+        yield imported
+
+
+@pytest.fixture(scope="module")
+def session(lab: Path, light_bench: BenchConfig) -> Path:
+    """Two lifts, each measured in a process of its own."""
+    folder = lab.parent / "trial"
+    settings = TrialSettings(light_bench, 0, choose_estimator(MINE))
+    run_trial(folder, settings, ["t2"], lifts=2, jobs=2)
+    return folder
+
+
+@pytest.fixture
+def not_imported(lab: Path) -> Callable[[], bool]:
+    """Whether the module was not imported since the test began."""
+    lab.unlink(missing_ok=True)
+    sys.modules.pop(MODULE, None)
+    forget()
+    return lambda: not lab.exists() and MODULE not in sys.modules
+
+
+def test_a_trial_measures_as_the_estimator_it_is_made_of(session: Path) -> None:
+    rows = read_finished_lifts(session)
+    again = run_replay(session, "pca", 1, jobs=1).rows
+    assert [replace(row, marker_distance=None) for row in again] == rows
+    assert all(row.answered > 0.5 and row.estimator_faults is None for row in rows)
+
+
+def test_a_replay_that_names_it_again_repeats_it(session: Path) -> None:
+    done = rig("replay", session, "--estimator", MINE, "--jobs", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["identical"] == 2
+
+
+def test_a_session_alone_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
+    assert session_settings(session, None, None).bench.simulated
+    assert list_session(session).problem is None
+    write_report([session])
+    with pytest.raises(EstimatorError, match=f"add --estimator {MINE}"):
+        run_replay(session, None, None, jobs=1)
+    for command in (
+        ["replay", session],
+        ["replay", session, session.parent, "--out", session.parent / "table"],
+        ["trial", "--resume", "--out", session],
+    ):
+        done = rig(*command)
+        assert done.returncode == 2
+        assert f"add --estimator {MINE}" in done.stderr
+    assert rig("sessions", session.parent).returncode == 0
+    assert rig("export", session, "--to", "csv", "--out", session.parent / "csv").returncode == 0
+    assert not_imported()
+
+
+def test_listing_imports_nothing(lab: Path, not_imported: Callable[[], bool]) -> None:
+    done = rig("estimators", "--json")
+    found = {of["name"]: of for of in json.loads(done.stdout)["estimators"]}
+    assert found["lab-pca"] == {"name": "lab-pca", "from": "lab-rotation 0.3", "class": MINE}
+    assert found["slip"]["from"] == "the rig"
+    assert found[MINE]["class"] == MINE  # offered as `slip`, which is ours
+    assert "lab-pca" in rig("estimators").stdout
+    assert not_imported()
+
+
+def test_frames_that_it_fails_on_are_told_in_rows_tables_and_reports(session: Path) -> None:
+    folder = Path(shutil.copytree(session, session.parent / "failing"))
+    out = session.parent / "failed"
+    done = rig("replay", folder, "--estimator", FAILING, "--jobs", "1", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "WARNING: the estimator failed on" in done.stderr
+    with (out / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2
+    assert all("ValueError: no gradient today" in row["estimator_fault"] for row in rows)
+
+
+def test_a_lift_whose_estimator_fails_is_kept_and_says_so(lab: Path, light_bench: BenchConfig) -> None:
+    folder = lab.parent / "kept"
+    summary = run_trial(folder, TrialSettings(light_bench, 0, choose_estimator(FAILING)), ["t2"], lifts=1)
+    assert summary.lifts_accepted == 1
+    (row,) = read_finished_lifts(folder)
+    assert row.estimator_faults is not None
+    assert row.estimator_faults.frames == pytest.approx(0.1 * sum(row.states.values()), abs=2)
+    assert "no gradient today" in (folder / "log.txt").read_text()
+    assert "The estimator itself failed" in write_report([folder]).path.read_text()
+
+
+def test_two_are_compared_on_a_session(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session.parent)
+    done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["lifts"] == 2
+
+
+def test_one_that_cannot_be_made_ends_a_trial_before_it_begins(lab: Path) -> None:
+    out = lab.parent / "never"
+    done = rig("trial", "--lifts", "1", "--estimator", f"{MODULE}:Needs_more", "--out", out)
+    assert done.returncode == 2
+    assert "making it raised TypeError" in done.stderr
+    assert not out.exists()
+
+
+def test_anyones_frames_are_estimated(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
+    clip = write_clip(lab.parent / "clip", press, blank)
+    tables = {}
+    for name in (MINE, "pca"):
+        background = ["--background", clip / "background.png"]
+        done = rig("estimate", clip / "frames", *background, "--estimator", name, "--window", "1")
+        assert done.returncode == 0, done.stderr
+        tables[name] = done.stdout
+    assert tables[MINE] == tables["pca"]
+    failing = rig("estimate", clip / "frames", *background, "--estimator", FAILING)
+    assert "the estimator failed on 1 frames" in failing.stderr
+
+
+def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
+    clip = write_clip(lab.parent / "clips" / "one", press, blank)
+    assert cv2.imread(str(clip / "background.png")) is not None
+    (clip / "labels.csv").write_text(
+        "reference_frame,keyframe,angle_deg,sigma_deg\n5,9,20,0.5\n5,11,30,0.5\n"
+    )
+    choices = [choose_estimator(name) for name in (FAILING, "lab-pca")]
+    result = run_clips(clip.parent, choices, ClipLimits())
+    assert list(result.faults) == [FAILING]
+    assert clips_json(result)["faults"][FAILING]["frames"] == 1
+    assert result.estimators[1].overall.mean_deg < 3.0
+
+
+def test_the_second_renderer_shows_it_its_lifts(lab: Path) -> None:
+    result = run_renderer([FAILING], lifts=1, jobs=1)
+    assert result.faults[FAILING].frames > 2
+    assert "no gradient today" in json.dumps(renderer_json(result)["faults"])
+
+
+def test_the_benchmark_scores_it_beside_the_others(session: Path) -> None:
+    tips, rows = session_lifts(session)
+    scores = score_lift(session, tips, ("slip", NO_SKIP, "pca", MINE, FAILING), rows[0])
+    assert scores.scores[MINE, 1] == scores.scores["pca", 1]
+    assert scores.scores[MINE, 4] == scores.scores["pca", 4]
+    assert list(scores.faults) == [FAILING]

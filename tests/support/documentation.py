@@ -1,0 +1,67 @@
+"""README and the pages of docs, and the command lines that stand in them."""
+
+import re
+import shlex
+from pathlib import Path
+
+import typer
+from typer.core import TyperGroup
+
+from rig.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+USAGE_ERROR = typer.BadParameter.__bases__[0]
+
+_FENCE = re.compile(r"^```(?P<language>\w*)$.*?^```$", re.DOTALL | re.MULTILINE)
+_SPAN = re.compile(r"`(rig(?: [^`]+)?)`")
+
+
+def without_code(page: Path) -> str:
+    """A page's text without its fenced blocks."""
+    return _FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def code_lines(page: Path) -> list[str]:
+    """Lines that begin with `rig` in blocks of code, fenced as sh or indented."""
+    text = page.read_text(encoding="utf-8")
+    fenced = [m.group() for m in _FENCE.finditer(text) if m["language"] == "sh"]
+    indented = re.findall(r"^ {4}(?:\$ )?rig .*$", without_code(page), re.MULTILINE)
+    lines = [line for block in fenced for line in re.sub(r"\\\n\s*", "", block).splitlines()]
+    return [line.strip() for line in (*lines, *indented) if re.match(r"\s*(?:\$ )?rig ", line)]
+
+
+def spans(page: Path) -> list[str]:
+    """What stands in the text between backticks and begins with `rig`."""
+    return [" ".join(span.split()) for span in _SPAN.findall(without_code(page))]
+
+
+def parse(line: str, may_be_a_name: bool = False) -> str:
+    """Parse a command line to its last option, running nothing; return its command, as `fakes serve`.
+
+    may_be_a_name: a command's name alone is a way to speak of it, and lacks nothing.
+    Raises `USAGE_ERROR` for what the program itself would refuse.
+    """
+    words, command, context = shlex.split(line, comments=True)[1:], typer.main.get_command(app), None
+    names: list[str] = []
+    while isinstance(command, TyperGroup) and words:
+        context = command.make_context(command.name, words, parent=context)
+        if command.invoke_without_command and not [*context._protected_args, *context.args]:
+            return " ".join(names)  # its options are parsed, and it needs no command
+        name, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
+        names.append(str(name))
+    assert command is not None
+    if words or not may_be_a_name:
+        command.make_context(names[-1], words, parent=context)
+    return " ".join(names)
+
+
+def commands() -> set[str]:
+    """Every command of the program, as `fakes serve`."""
+
+    def below(command: object, name: str) -> set[str]:
+        if not isinstance(command, TyperGroup):
+            return {name}
+        return set().union(*(below(c, f"{name} {n}".strip()) for n, c in command.commands.items()))
+
+    return below(typer.main.get_command(app), "")

@@ -1,0 +1,60 @@
+"""README and docs: links, anchors and pictures are there, each page has its place, and the site builds."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.documentation import PAGES, ROOT, without_code
+
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+DOCS = ROOT / "docs"
+PICTURE_BYTES = 1_500_000
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of a page's headings, as a code host and the site give them."""
+    headings = re.findall(r"^#+ (.+)$", without_code(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def targets(page: Path) -> list[str]:
+    """What a page links to, but other people's sites."""
+    found = LINK.findall(without_code(page))
+    return [target for target in found if not target.startswith(("http://", "https://", "mailto:"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+def test_links_anchors_and_pictures_are_there(page: Path) -> None:
+    for target in targets(page):
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.is_file(), f"{page.name}: {target}: no such file"
+        assert file.is_relative_to(ROOT), f"{page.name}: {target} lies outside"
+        if anchor:
+            assert anchor in anchors(file), f"{page.name}: {target}: no such heading"
+
+
+def test_the_index_leads_to_every_page() -> None:
+    named = {Path(target).name for target in targets(DOCS / "index.md")}
+    assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
+
+
+def test_pictures_are_used_and_small() -> None:
+    pictures = {p for p in DOCS.rglob("*") if p.suffix in {".png", ".gif", ".jpg", ".webm", ".svg", ".webp"}}
+    used = {(page.parent / target).resolve() for page in PAGES for target in targets(page)}
+    assert pictures <= used
+    assert sum(p.stat().st_size for p in pictures) < PICTURE_BYTES
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.count("toctree-l1") >= len(PAGES) - 2
+    fetched = re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(https?://[^"]+)"', page)
+    assert fetched == [], "the site needs the network"

@@ -1,0 +1,135 @@
+"""A lab's object files: found beside the bench file, and refused with the line that is wrong."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from protocols.grasps import OBJECTS_FOLDER, find_grasp_file, grasp_poses
+from rig.config import BenchConfig, load_bench
+from rig.config.objects import (
+    new_object_file,
+    objects_folder,
+    parse_object,
+    read_objects,
+    with_more,
+    with_objects,
+    with_objects_of,
+)
+from rig.config.write import bench_text
+
+BOX = """id = "box"
+name = "cardboard box"
+orientations_deg = [0, 15.0]
+grip_counts = [2, 4]
+
+[[position]]
+name = "middle"
+offset_m = 0.01
+width_m = 0.03
+lift_height_m = 0.05
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "objects").mkdir()
+    (tmp_path / "objects" / "box.toml").write_text(BOX)
+    return tmp_path / "objects"
+
+
+def test_objects_beside_the_bench_file_are_found_by_id_and_name(folder: Path) -> None:
+    bench = folder.parent / "bench.toml"
+    bench.write_text(bench_text(load_bench("fake")))
+    config = with_objects(load_bench(str(bench)), str(bench))
+    assert [each.id for each in config.objects] == ["box"]
+    assert find_grasp_file(" Cardboard  BOX", config.objects).id == "box"
+    assert find_grasp_file("wrench", config.objects).id == "t1"
+    with pytest.raises(InputError, match=r"unknown object 'boxx': did you mean 'box'.*t7 wooden.*box card"):
+        find_grasp_file("boxx", config.objects)
+
+
+def test_a_folder_that_is_given_counts_instead_and_has_to_be_there(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "others"
+    other.mkdir()
+    assert objects_folder(str(tmp_path / "bench.toml"), other) == other
+    with pytest.raises(InputError, match="no such folder"):
+        objects_folder("fake", tmp_path / "nowhere")
+
+
+def test_where_no_folder_is_nothing_is_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert with_objects(load_bench("fake"), "fake") == load_bench("fake")
+    monkeypatch.chdir(OBJECTS_FOLDER.parent)
+    assert objects_folder("fake") is None, "the package's own objects are no lab's"
+
+
+def test_fewer_places_and_turns_than_the_paper_s_make_fewer_poses() -> None:
+    assert [pose.orientation_deg for pose in grasp_poses(parse_object(BOX, "box.toml"))] == [0.0, 15.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "width_m = 0.03",
+            "width_mm = 30.0",
+            r"line 9: position.0.width_mm: unknown key, did you mean 'width_m'",
+        ),
+        ("width_m = 0.03", "width_m = 30.0", r"line 9: position.0.width_m: .*less than 0.15, found 30.0"),
+        ("offset_m = 0.01", 'offset_m = "1 cm"', r"line 8: position.0.offset_m: .*found '1 cm'"),
+        ("[0, 15.0]", "[]", r"line 3: orientations_deg: .*at least 1"),
+        ("[2, 4]", "[4, 2]", r"line 4: grip_counts: is no range of 1 to 100 counts"),
+        ('id = "box"', 'id = "../box"', r"line 1: id: "),
+        ('id = "box"', 'id = "gauge:3"', r"line 1: id: "),
+        ('id = "box"', "id = ", r"not valid TOML: .*line 1"),
+        ('name = "cardboard box"\n', "", r"name: Field required"),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_line(folder: Path, old: str, new: str, said: str) -> None:
+    assert old in BOX
+    (folder / "box.toml").write_text(BOX.replace(old, new))
+    with pytest.raises(InputError, match=rf"box\.toml: .*{said}"):
+        read_objects(folder)
+
+
+def test_two_positions_of_one_name_are_refused() -> None:
+    with pytest.raises(InputError, match=r"line 6: position: has two positions called 'middle'"):
+        parse_object(BOX + BOX[BOX.index("[[position]]") :], "box.toml")
+
+
+@pytest.mark.parametrize(("key", "value"), [("id", "BOX"), ("id", "wrench"), ("name", "T1"), ("name", "Mug")])
+def test_two_objects_of_one_name_are_refused_with_both_files(folder: Path, key: str, value: str) -> None:
+    unlike = {"id": "crate", "name": "crate", key: value}
+    text = BOX.replace('"box"', f'"{unlike["id"]}"').replace('"cardboard box"', f'"{unlike["name"]}"')
+    (folder / "crate.toml").write_text(text)
+    with pytest.raises(InputError, match=rf"crate\.toml: line \d: {key}: '{value.lower()}' .*(box|package)"):
+        read_objects(folder)
+
+
+def test_a_bench_file_does_not_hold_objects(tmp_path: Path, folder: Path) -> None:
+    config = with_objects(load_bench("fake"), "fake", folder)
+    assert "cardboard" not in bench_text(config)
+    file = tmp_path / "bench.toml"
+    file.write_text("objects = []\n" + bench_text(config))
+    with pytest.raises(InputError, match="line 1: objects: are not written in a bench file"):
+        load_bench(str(file))
+
+
+def test_a_stored_bench_keeps_the_objects_it_needs_and_no_others(folder: Path) -> None:
+    config = with_objects(load_bench("fake"), "fake", folder)
+    kept = with_objects_of(config, ["t1", "box"])
+    assert BenchConfig.model_validate_json(kept.model_dump_json()).objects == kept.objects == config.objects
+    without = with_objects_of(config, ["t1"])
+    assert "objects" not in without.model_dump(), "as sessions from before have it"
+    assert with_more(without, kept.objects).objects == kept.objects
+
+
+def test_a_new_file_can_be_read_as_it_is_and_overwrites_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "blue cup (2).toml"
+    new_object_file(file)
+    made = parse_object(file.read_text(), str(file))
+    assert made.id == "blue_cup__2_"
+    assert made.position[0].surface is not None
+    with pytest.raises(InputError, match="exists already"):
+        new_object_file(file)

@@ -1,0 +1,43 @@
+"""A recording is in the order of its log times; messages keep their own times and order of arrival."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from drivers.types import Frame
+from rig.sessions.recorder import FUSED_TOPIC, LiftRecorder, RecordedAngle, image_topic
+from rig.sessions.recording_file import recorded_messages
+
+MS = 1_000_000
+HOUR_MS = 3_600_000
+
+
+def frame(serial: str, time_ms: int, sequence: int) -> Frame:
+    return Frame(np.zeros((1, 1, 3), np.uint8), time_ms * MS, sequence, serial)
+
+
+@pytest.mark.parametrize("wrong_ms", [110, 60, 110 + HOUR_MS], ids=["none", "early", "an hour ahead"])
+def test_late_frames_wrong_times_and_angles_found_afterwards_stand_in_order(
+    tmp_path: Path, wrong_ms: int
+) -> None:
+    stream = io.BytesIO()
+    recorder = LiftRecorder(stream)
+    arrived = [("T1", 100), ("CAM", 90), ("T1", wrong_ms), ("CAM", 120), ("T1", 130)]
+    for number, (serial, time_ms) in enumerate(arrived):
+        recorder.image(frame(serial, time_ms, number), b"jpeg")
+    for time_ms in (130, 100):
+        recorder.angle(FUSED_TOPIC, RecordedAngle(time_ms * MS, 1.0, 0.1, "measured"))
+    recorder.close()
+    path = tmp_path / "001.mcap"
+    path.write_bytes(stream.getvalue())
+
+    messages = list(make_reader(io.BytesIO(path.read_bytes())).iter_messages(log_time_order=False))
+    log_times = [message.log_time for _, _, message in messages]
+    assert log_times == sorted(log_times)
+    assert log_times[-1] <= 130 * MS + 1_000 * MS  # one wrong stamp moves no other message by an hour
+    images = [(t, time_ns) for t, time_ns, _, _ in recorded_messages(path) if t != FUSED_TOPIC]
+    assert images == [(image_topic(serial), time_ms * MS) for serial, time_ms in arrived]
+    assert [time_ns for _, time_ns, _, _ in recorded_messages(path, FUSED_TOPIC)] == [100 * MS, 130 * MS]

@@ -1,0 +1,149 @@
+"""Estimators that are not the rig's own: how they are named, made, and what becomes of their faults."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import EstimatorError, InputError, OperatorStopError
+from drivers.types import Image
+from rig.tactile.estimators import choose_estimator, stored_choice
+from rig.tactile.foreign import EstimatorFaults, ForeignEstimator, faults_of
+from rig.tactile.sample import SlipSample, State
+from support.own_estimators import MODULE, own_estimators
+
+GEL: Image = np.random.default_rng(0).integers(90, 110, (120, 90, 3), np.uint8)
+STEP_NS = 16_666_667
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Iterator[Path]:
+    with own_estimators(tmp_path) as file:
+        yield file
+
+
+def answers(name: str, frames: int) -> list[SlipSample]:
+    estimator = choose_estimator(f"{MODULE}:{name}").make(GEL)
+    return [estimator.update(GEL, i * STEP_NS) for i in range(frames)]
+
+
+def test_a_class_is_made_by_its_full_name_and_by_its_entry_point(imported: Path) -> None:
+    for name in (f"{MODULE}:Mine", "lab-pca"):
+        choice = choose_estimator(name)
+        assert (choice.name, choice.window, choice.foreign) == (name, 1, True)
+        assert choice.make(GEL).update(GEL, 0).state is State.NO_CONTACT
+    assert imported.exists()
+
+
+def test_a_module_in_the_folder_the_program_was_started_in_is_found(imported: Path) -> None:
+    sys.path.remove(str(imported.parent))
+    assert choose_estimator(f"{MODULE}:Mine").foreign
+
+
+def test_an_entry_point_with_the_name_of_one_of_ours_does_not_hide_ours(imported: Path) -> None:
+    assert not choose_estimator("slip").foreign
+    assert not imported.exists()
+
+
+def test_what_only_a_session_names_is_not_imported_and_not_made(imported: Path) -> None:
+    for name in (f"{MODULE}:Mine", "lab-pca", "never heard of"):
+        choice = stored_choice(name, 2)
+        with pytest.raises(EstimatorError, match=r"add --estimator .*, or another"):
+            choice.require_named()
+        with pytest.raises(EstimatorError, match="no part of the rig"):
+            choice.make(GEL)
+    assert not imported.exists()
+    assert stored_choice("slip", None).make(GEL).update(GEL, 0).state is State.NO_CONTACT
+    assert stored_choice(f"{MODULE}:Mine", 1) == choose_estimator(f"{MODULE}:Mine")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nothing", "unknown estimator 'nothing': choose one of slip"),
+        ("a b:c", "unknown estimator"),
+        ("no_such_package.x:Y", "importing no_such_package.x failed .ModuleNotFoundError"),
+        (f"{MODULE}:Nobody", "has no such name"),
+        (f"{MODULE}:function", "give the name of a class"),
+        (f"{MODULE}:No_update", r"has no method update\(image, time_ns\)"),
+    ],
+)
+def test_what_cannot_be_an_estimator_is_refused_where_it_is_named(
+    imported: Path, name: str, says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        choose_estimator(name)
+
+
+def test_a_module_that_does_not_import_says_why(imported: Path) -> None:
+    for number, (text, why) in enumerate(
+        [("import lab_weights", "No module named 'lab_weights'"), ("1/0", "ZeroDivisionError"),
+         ("raise SystemExit(3)", "SystemExit")]
+    ):  # fmt: skip
+        imported.with_name(f"broken_{number}.py").write_text(text)
+        with pytest.raises(InputError, match=why):
+            choose_estimator(f"broken_{number}:Any")
+
+
+def test_one_that_cannot_be_made_is_seen_before_a_lift(imported: Path) -> None:
+    with pytest.raises(EstimatorError, match=r"making it raised TypeError: .*weights"):
+        choose_estimator(f"{MODULE}:Needs_more").try_making()
+    choose_estimator(f"{MODULE}:Mine").try_making()
+    choose_estimator("slip").try_making()
+
+
+def test_a_constructor_has_what_it_asks_for_and_answers_are_plain_numbers(imported: Path) -> None:
+    estimator = choose_estimator(f"{MODULE}:Told").make(GEL, aspect=1.25, sign=-1)
+    sample = estimator.update(GEL, 0)
+    assert (sample.angle_deg, sample.sigma_deg) == (1.25, 1.0)
+    assert {type(sample.angle_deg), type(sample.sigma_deg)} == {float}
+    assert list(sample.stage_s) == ["update"]
+
+
+def test_what_it_does_to_its_picture_is_its_own_affair(imported: Path) -> None:
+    frame = GEL.copy()
+    choose_estimator(f"{MODULE}:Numpy").make(GEL).update(frame, 0)
+    assert np.array_equal(frame, GEL)
+
+
+def test_a_frame_it_fails_on_is_lost_and_the_others_are_answered(imported: Path) -> None:
+    told = answers("Now_and_then", 30)
+    assert [sample.state for sample in told].count(State.LOST) == 3
+    faults = faults_of(told)
+    assert faults == EstimatorFaults(
+        3, f"{MODULE}:Now_and_then: update() raised ValueError: no gradient today"
+    )
+
+
+def test_rubbish_is_lost_frame_by_frame_and_named(imported: Path) -> None:
+    told = answers("Rubbish", 16)
+    assert all(sample.state is State.LOST and sample.angle_deg is None for sample in told)
+    said = [str(sample.fault) for sample in told]
+    words = (
+        "NoneType", "float", "time_ns", "dict", "angle_deg is nan", "'12'", "True",
+        "no rig.tactile.sample.State", "below 0", "no pair", "contact_area_px is None",
+        "inf", "pixels", "no_contact", "stage_s", "skipped",
+    )  # fmt: skip
+    assert all(word in text for word, text in zip(words, said, strict=True)), said
+
+
+def test_it_sees_each_frame_once_and_of_one_size(imported: Path) -> None:
+    estimator = choose_estimator(f"{MODULE}:Now_and_then").make(GEL)
+    for _ in range(40):
+        assert estimator.update(GEL, 0).fault is None
+    with pytest.raises(InputError, match="use one size"):
+        estimator.update(GEL[:-1], STEP_NS)
+
+
+def test_a_stop_goes_through(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    estimator = choose_estimator(f"{MODULE}:Mine").make(GEL)
+    assert isinstance(estimator, ForeignEstimator)
+
+    def stopped(*_: object) -> None:
+        raise OperatorStopError("Ctrl-C")
+
+    monkeypatch.setattr(estimator._inner, "update", stopped)
+    with pytest.raises(OperatorStopError):
+        estimator.update(GEL, 0)

@@ -55,9 +55,11 @@ def make_safe(bench: Bench) -> str:
 
 def halt(bench: Bench) -> str:
     """Stop all motion at once, and stay. Returns what was reached."""
-    bench.arm.stop()
-    with suppress(DeviceError):
-        bench.gripper.stop()
+    try:
+        bench.arm.stop()
+    finally:  # also where a driver's stop fails, which none of the rig's does
+        with suppress(DeviceError):
+            bench.gripper.stop()
     return f"all motion stopped at once, {_in_hand(bench)}"
 
 

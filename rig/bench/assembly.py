@@ -10,6 +10,7 @@ from calibration.targets.sheets import target_picture
 from drivers.bench import Bench, Fingertip, Hand
 from drivers.clock import SystemClock
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
+from drivers.named_classes import is_class_name
 from drivers.types import HandState, Holding, Image, Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import FakeArm
@@ -22,6 +23,7 @@ from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.operator import Operator
 from rig.bench.operators import SimulatedOperator
+from rig.bench.own_devices import own_arm, own_gripper, own_source
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig, CameraConfig, TactileConfig
 
@@ -96,7 +98,8 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
     """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
 
     hand: what is known of it, by default nothing. The makers' libraries are imported here at the
-    earliest, each by the driver that needs it.
+    earliest, each by the driver that needs it, and so are drivers that are somebody's own. Raises
+    `InputError` where one of those cannot be made.
     """
     clock = SystemClock()
     return Bench(
@@ -115,6 +118,8 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
 
 
 def _arm(config: BenchConfig, clock: SystemClock) -> Arm:
+    if is_class_name(config.arm.driver):
+        return own_arm(config, clock)
     from drivers.ur5e.arm import UR5e
 
     arm = config.arm
@@ -131,6 +136,8 @@ def _arm(config: BenchConfig, clock: SystemClock) -> Arm:
 
 
 def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
+    if is_class_name(config.gripper.driver):
+        return own_gripper(config, clock)
     from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 
     gripper = config.gripper
@@ -142,12 +149,16 @@ def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
 
 
 def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:
+    if is_class_name(tactile.driver):
+        return own_source(tactile, clock)
     from drivers.video.digit import Digit
 
     return Digit(tactile.serial, tactile.rate_hz, tactile.size_px, address=tactile.address, clock=clock)
 
 
 def _camera(camera: CameraConfig, clock: SystemClock) -> Camera:
+    if is_class_name(camera.driver):
+        return own_source(camera, clock)
     from drivers.video.external_camera import ExternalCamera
 
     return ExternalCamera(camera.serial, camera.address or "", camera.rate_hz, camera.size_px, clock=clock)

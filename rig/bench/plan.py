@@ -1,5 +1,6 @@
 """What a run would do with the arm and the fingers, said beforehand: poses, limits, refusals."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from drivers.errors import OutOfLimitsError
 from drivers.keep_out import check_way
+from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Pose
 from rig.bench.assembly import TOOL_DOWN
 from rig.config import BenchConfig
@@ -72,14 +74,20 @@ def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
     return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())
 
 
+def _arm_reach_m(config: BenchConfig) -> float:
+    """How far the arm reaches; of one with a driver of somebody's own nobody knows."""
+    return math.inf if is_class_name(config.arm.driver) else ARM_REACH_M
+
+
 def _limits(config: BenchConfig) -> list[str]:
     arm, fingers = config.arm_limits(), config.gripper_limits()
     joints = config.arm.limits
+    reach = "" if is_class_name(config.arm.driver) else f"reach {ARM_REACH_M:g} m, "
     boxes = [f"{b.name} {_point(b.min_m)} to {_point(b.max_m)} m" for b in arm.keep_out]
     return [
         f"Limits: workspace {_point(arm.workspace_min_m)} to {_point(arm.workspace_max_m)} m, "
         f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {arm.max_contact_force_n:g} N on "
-        f"the way down, reach {ARM_REACH_M:g} m, joints {_angles(joints.joint_min_deg)} to "
+        f"the way down, {reach}joints {_angles(joints.joint_min_deg)} to "
         f"{_angles(joints.joint_max_deg)} deg, fingers {fingers.min_counts} to {fingers.max_counts} counts, "
         f"open {1e3 * fingers.widest_m:.0f} mm.",
         f"The hand is kept out of: {'; '.join(boxes) or 'nothing'}.",
@@ -96,7 +104,7 @@ def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
             raise OutOfLimitsError(
                 f"arm: {motion.speed_m_s:.3f} m/s is more than {limits.max_speed_m_s:g} m/s"
             )
-        if (reach := _reach_m(config, motion)) > ARM_REACH_M:
+        if (reach := _reach_m(config, motion)) > _arm_reach_m(config):
             raise OutOfLimitsError(
                 f"arm: the flange would be {reach:.2f} m away, it reaches {ARM_REACH_M:g} m"
             )

@@ -177,7 +177,7 @@ class StandingBench(BenchSource):
         """What the last program knew of the hand; of fakes that were started for this one, nothing was."""
         if self._config.fakes is not None and self._config.fakes.control is None:
             return Hand(HandState(Holding.FREE))
-        self._memory = memory = HandMemory(config.arm.host or "")
+        self._memory = memory = HandMemory(config.arm.host or f"bench {config.name}")
         return Hand(memory.recall(), memory.keep)
 
     def _look_at_fingertips(self, bench: Bench) -> None:

@@ -115,6 +115,9 @@ def _together(config: BenchConfig) -> Iterator[KeyFault]:
         yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait in the object"
     if "fake" in config.drivers and config.drivers != {"fake"}:
         yield ("arm", "driver"), "some drivers are 'fake' and some are not: make all of them one or the other"
+    if config.fakes is not None and config.own_drivers:
+        named = ", ".join(sorted(config.own_drivers))
+        yield ("fakes",), f"is for the rig's own drivers; with {named} this is a real bench: remove it"
     if config.faults and "fake" not in config.drivers:
         yield ("faults",), "are for simulated devices in this process; this bench has none"
     devices = {"arm", "gripper", "tactile", "camera", *serials}

@@ -13,6 +13,9 @@ from pydantic import (
     model_serializer,
 )
 
+from drivers.formats import without_passwords
+from drivers.named_classes import is_class_name
+
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame. No bench is larger, so a value given in mm is caught."""
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -57,6 +60,29 @@ InnerPath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 """A file in a session, its parts apart by `/`."""
 FileName = Annotated[InnerPath, _written_as(r"[^/]*", "a name that a file can have")]
 """What becomes part of a file's name: serials, objects, benches."""
+
+
+def driver_names(*ours: str) -> AfterValidator:
+    """Return a validator of `driver`: one of the rig's own, or `package.module:Class`."""
+
+    def check(text: str) -> str:
+        if text not in ours and not is_class_name(text):
+            named = " or ".join(f"'{name}'" for name in ours)
+            raise ValueError(f"Input should be {named}, or a class of your own as 'package.module:Class'")
+        return text
+
+    return AfterValidator(check)
+
+
+Options = dict[str, Any]
+"""Keys of a device's own class, in its subtable `options`."""
+
+
+def without_secrets(options: Options) -> Options:
+    """Return options without what addresses in them say of passwords."""
+    return {
+        key: without_passwords(value) if isinstance(value, str) else value for key, value in options.items()
+    }
 
 
 class Strict(BaseModel):

@@ -1,8 +1,7 @@
 """What a bench file holds, key by key."""
 
-import math
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -10,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
-from drivers.types import ArmLimits, Box, GripperLimits, Pose, Vector6
+from drivers.named_classes import is_class_name
+from drivers.types import ArmLimits, Box, GripperLimits, Pose
 from protocols.grasps import GraspFile
 from rig.config.fields import (
     BenchSection,
@@ -19,53 +19,29 @@ from rig.config.fields import (
     Finger,
     Host,
     HostPort,
-    JointAngles,
     MarkerId,
     Offset,
+    Options,
     Pixels,
     Point,
     Rate,
     RotationVector,
+    driver_names,
+    without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
+from rig.config.limits import ArmLimitsConfig, GripperLimitsConfig
 
 FAR_M = 10.0
 """Farther than any bench reaches."""
 
 
-class ArmLimitsConfig(BenchSection):
-    """Limits of the arm, checked before a command is sent. The defaults are the simulated cell's."""
-
-    later = frozenset({"max_contact_force_n"})
-    workspace_min_m: Point = (0.15, -0.35, 0.01)
-    workspace_max_m: Point = (0.75, 0.35, 0.60)
-    max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
-    max_acceleration_m_s2: float = Field(default=1.5, gt=0, le=2.5)
-    max_payload_kg: float = Field(default=5.0, gt=0, le=5.0)
-    max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
-    joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
-    joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
-
-    def arm_limits(self) -> ArmLimits:
-        """Return the limits as the arm takes them."""
-        return ArmLimits(
-            self.workspace_min_m,
-            self.workspace_max_m,
-            self.max_speed_m_s,
-            self.max_acceleration_m_s2,
-            self.max_payload_kg,
-            self.max_contact_force_n,
-        )
-
-    def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
-        """Return lowest and highest joint angles, rad."""
-        return _radians(self.joint_min_deg), _radians(self.joint_max_deg)
-
-
 class ArmConfig(BenchSection):
     """The arm: its driver, its address, what it carries, where it waits."""
 
-    driver: Literal["fake", "ur5e"]
+    later = frozenset({"options"})
+    driver: Annotated[str, driver_names("fake", "ur5e")]
+    options: Options = Field(default={})
     host: Host | None = None
     frequency_hz: float = Field(default=500.0, ge=10, le=500)
     home_m: Point
@@ -80,24 +56,12 @@ class ArmConfig(BenchSection):
         return Pose.from_rotation(self.tcp_m, Rotation.from_rotvec(self.tcp_rotation_vector_rad))
 
 
-class GripperLimitsConfig(BenchSection):
-    """Range of the fingers in counts, and the opening between the fingertips that counts stand for."""
-
-    min_counts: int = Field(default=6, ge=0, le=255)
-    max_counts: int = Field(default=255, ge=0, le=255)
-    max_opening_m: float = Field(default=0.120, gt=0, le=0.155)
-    opening_per_count_m: float = Field(default=0.155 / 249.0, gt=0, le=0.005)
-
-    def gripper_limits(self) -> GripperLimits:
-        """Return the limits as the gripper takes them."""
-        return GripperLimits(self.min_counts, self.max_counts, self.max_opening_m, self.opening_per_count_m)
-
-
 class GripperConfig(BenchSection):
     """The gripper: its driver, how it is reached, and the two fingers that grasp."""
 
-    later = frozenset({"below_tcp_m", "half_width_m"})
-    driver: Literal["fake", "robotiq_3f"]
+    later = frozenset({"below_tcp_m", "half_width_m", "options"})
+    driver: Annotated[str, driver_names("fake", "robotiq_3f")]
+    options: Options = Field(default={})
     transport: Literal["tcp", "rtu"] = "tcp"
     host: Host | None = None
     port: int = Field(default=502, ge=1, le=65535)
@@ -112,7 +76,9 @@ class GripperConfig(BenchSection):
 class TactileConfig(BenchSection):
     """A tactile sensor on a grasping finger; without an address it is found by its serial."""
 
-    driver: Literal["fake", "digit"]
+    later = frozenset({"options"})
+    driver: Annotated[str, driver_names("fake", "digit")]
+    options: Options = Field(default={})
     serial: FileName
     address: str | None = None
     finger: Finger
@@ -128,7 +94,9 @@ class TactileConfig(BenchSection):
 class CameraConfig(BenchSection):
     """The external camera and the markers it watches."""
 
-    driver: Literal["fake", "camera"]
+    later = frozenset({"options"})
+    driver: Annotated[str, driver_names("fake", "camera")]
+    options: Options = Field(default={})
     serial: FileName
     address: str | None = None
     rate_hz: Rate
@@ -234,7 +202,12 @@ class BenchConfig(BenchSection):
             source.model_copy(update={"address": source.address and without_passwords(source.address)})
             for source in (self.camera, *self.tactile)
         )
-        return self.model_copy(update={"camera": camera, "tactile": tuple(tactile)})
+        camera, arm, gripper, *tactile = (
+            device.model_copy(update={"options": without_secrets(device.options)})
+            for device in (camera, self.arm, self.gripper, *tactile)
+        )
+        devices = {"arm": arm, "gripper": gripper, "camera": camera, "tactile": tuple(tactile)}
+        return self.model_copy(update=devices)
 
     def pixel_aspects(self) -> dict[str, float | None]:
         """Width over height of each fingertip's pixels by serial, measured or of this file."""
@@ -272,6 +245,11 @@ class BenchConfig(BenchSection):
         return frozenset({self.arm.driver, self.gripper.driver, self.camera.driver, *tactile})
 
     @property
+    def own_drivers(self) -> frozenset[str]:
+        """The drivers that are classes of somebody's own: such a bench is a real one."""
+        return frozenset(filter(is_class_name, self.drivers))
+
+    @property
     def in_process(self) -> bool:
         """Whether all devices are simulated in this process: only such benches run side by side."""
         return self.drivers == {"fake"}
@@ -285,11 +263,6 @@ class BenchConfig(BenchSection):
     def simulated(self) -> bool:
         """Whether any device of this bench is simulated, in this process or behind a wire."""
         return "fake" in self.drivers or self.fakes is not None
-
-
-def _radians(angles_deg: JointAngles) -> Vector6:
-    a, b, c, d, e, f = (math.radians(angle) for angle in angles_deg)
-    return a, b, c, d, e, f
 
 
 def known_keys() -> set[str]:

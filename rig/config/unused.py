@@ -4,8 +4,9 @@ from collections.abc import Iterable, Iterator
 
 from pydantic import BaseModel
 
+from drivers.named_classes import is_class_name
 from rig.config.lines import KeyFault, KeyPath
-from rig.config.models import ArmConfig, BenchConfig, GripperConfig, TactileConfig
+from rig.config.models import ArmConfig, BenchConfig, CameraConfig, GripperConfig, TactileConfig
 
 FAKE_DIGIT_PX = (240, 320)
 """What a simulated DIGIT in this process draws."""
@@ -30,6 +31,7 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     if config.camera.driver == "fake":
         yield from _written(config.camera, ("camera",), ["address"], _no_effect("fake"))
     yield from _fakes(config)
+    yield from _options(config)
 
 
 def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
@@ -48,7 +50,7 @@ def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
     if gripper.driver == "fake":
         keys = ["transport", "host", "port", "device", "preset"]
         yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))
-    else:
+    elif not is_class_name(gripper.driver):
         keys = ["device"] if gripper.transport == "tcp" else ["host", "port"]
         why = f"has no effect with transport '{gripper.transport}'; remove it"
         yield from _written(gripper, ("gripper",), keys, why)
@@ -78,6 +80,18 @@ def _fakes(config: BenchConfig) -> Iterator[KeyFault]:
         for number, tactile in enumerate(config.tactile):
             yield from _written(tactile, ("tactile", number), ["address"], why)
         yield from _written(config.camera, ("camera",), ["address"], why)
+
+
+def _options(config: BenchConfig) -> Iterator[KeyFault]:
+    why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
+    places: list[tuple[KeyPath, ArmConfig | GripperConfig | TactileConfig | CameraConfig]] = [
+        (("arm",), config.arm),
+        (("gripper",), config.gripper),
+    ]
+    places += [(("tactile", number), tactile) for number, tactile in enumerate(config.tactile)]
+    for where, device in (*places, (("camera",), config.camera)):
+        if not is_class_name(device.driver):
+            yield from _written(device, where, ["options"], why)
 
 
 def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:

@@ -46,4 +46,13 @@ def _table(name: str, values: dict[str, Any]) -> str:
 
 def _keys(values: dict[str, Any]) -> str:
     # TOML's strings, numbers, booleans and arrays of them are written as JSON's.
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in values.items())
+    return "".join(f"{key} = {_value(value)}\n" for key, value in values.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        inner = ", ".join(f"{json.dumps(key)} = {_value(of)}" for key, of in value.items())
+        return f"{{{inner}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False)

@@ -30,7 +30,7 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
         return [unreachable("arm", error)]
     findings = [reached("arm", bench.arm, (bench.clock.now_ns() - began) / NS_PER_S), _mode(state.mode)]
     try:
-        if config.driver != "fake":
+        if config.driver == "ur5e":
             findings += _stream(bench.arm, bench.clock, config.frequency_hz, duration_s)
     except RigError as error:
         findings.append(Finding("arm", "state stream", Severity.FAILURE, str(error), "see the message"))

@@ -58,8 +58,8 @@ def recording(packed: CompressionType) -> bytes:
         name: writer.register_channel(name, "json", schema) for name in ("/phase", "/image/D1", "/arm/joints")
     }
     for time_ns, phase in enumerate(("reference", "A", "B", "C", "lower")):
-        writer.add_message(topics["/phase"], time_ns, json.dumps({"phase": phase}).encode(), 0)
-        writer.add_message(topics["/arm/joints"], time_ns, b"{}" * 20, 0)
+        writer.add_message(topics["/phase"], time_ns, json.dumps({"phase": phase}).encode(), time_ns)
+        writer.add_message(topics["/arm/joints"], time_ns, b"{}" * 20, time_ns)
     writer.finish()
     return stream.getvalue()
 
@@ -89,7 +89,7 @@ def test_messages_in_recordings(place: Path, topic: str, data: bytes, time_ns: i
     writer = Writer(stream, compression=CompressionType.NONE)
     writer.start()
     channel = writer.register_channel(topic, "json", writer.register_schema("x", "", b""))
-    writer.add_message(channel, time_ns, data, 0)
+    writer.add_message(channel, time_ns, data, time_ns)
     writer.finish()
     path.write_bytes(stream.getvalue())
     answered(lambda: show_again(path, NOBODY))

@@ -40,8 +40,8 @@ def stamped_ahead(recording: Path, topic: str, number: int) -> None:
             ahead = HOUR_NS if channel.topic == topic and seen == number else 0
             seen += channel.topic == topic
             writer.add_message(
-                channels[channel.id], message.log_time + ahead, message.data, message.publish_time,
-                message.sequence,
+                channels[channel.id], message.log_time + ahead, message.data,
+                message.publish_time + ahead, message.sequence,
             )  # fmt: skip
     writer.finish()
     recording.write_bytes(stream.getvalue())

@@ -1,0 +1,246 @@
+"""What stands in front of devices whose drivers are somebody's own: limits, typed errors, right values.
+
+A guard passes calls on. It refuses a motion beyond the bench file's limits before the driver hears of it,
+turns whatever else the driver raises into a `DeviceError` that names it, and lets no answer through that
+cannot be.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import numpy as np
+
+from drivers.errors import DamagedFrameError, DeviceError, OutOfLimitsError, RigError
+from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
+from drivers.keep_out import check_way
+from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
+from drivers.ur5e.limits import check_motion
+
+Answer = TypeVar("Answer")
+_log = logging.getLogger("rig.bench.guards")
+
+
+@contextmanager
+def doing(whose: str, what: str) -> Iterator[None]:
+    """Turn what a driver raises that is no error of the rig's into a `DeviceError`."""
+    try:
+        yield
+    except RigError:
+        raise
+    except Exception as error:
+        raise amiss(whose, f"{what} raised {type(error).__name__}: {error}") from error
+
+
+def amiss(whose: str, what: str) -> DeviceError:
+    """What is wrong with a driver, as an error."""
+    return DeviceError(f"{whose}: {what}; mend the driver")
+
+
+def answer(whose: str, what: str, given: object, kind: type[Answer]) -> Answer:
+    """Return an answer of the right type. Raises `DeviceError`."""
+    if not isinstance(given, kind):
+        raise amiss(whose, f"{what} returned a {type(given).__name__}, no {kind.__name__}")
+    return given
+
+
+class Guard(Diagnosable):
+    """What all guards do. device: its name in messages. driver: the guarded one; named: its class."""
+
+    def __init__(self, device: str, driver: Any, named: str) -> None:
+        self._driver, self._named = driver, named
+        self._whose = f"{device}: driver '{named}'"
+
+    def connect(self) -> None:
+        """Reach the device."""
+        with doing(self._whose, "connect"):
+            self._driver.connect()
+
+    def disconnect(self) -> None:
+        """Let go of the device. Safe to call twice."""
+        with doing(self._whose, "disconnect"):
+            self._driver.disconnect()
+
+    def identity(self) -> Mapping[str, str]:
+        """What the driver says of the device, and which class it is."""
+        return {**self._told("identity", {}), "driver": self._named}
+
+    def counters(self) -> Mapping[str, int]:
+        """How often something happened, by name."""
+        return self._told("counters", {})
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Durations of the newest answered requests, s."""
+        return self._told("round_trips_s", ())
+
+    def clock_offset_s(self) -> float | None:
+        """The device's time minus this computer's monotonic time, s; None where it tells no time."""
+        return self._told("clock_offset_s", None)
+
+    def _told(self, what: str, nothing: Any) -> Any:
+        ask = getattr(self._driver, what, None)
+        if ask is None:
+            return nothing
+        with doing(self._whose, what):
+            return ask()
+
+    def _stop(self) -> None:
+        """Stop; where the driver cannot, say so as loudly as can be."""
+        try:
+            with doing(self._whose, "stop"):
+                self._driver.stop()
+        except DeviceError as error:
+            _log.critical("%s; press the emergency stop", error)
+            raise
+
+
+class GuardedMotion(Motion):
+    """A motion of a guarded device. whose: for messages."""
+
+    def __init__(self, motion: Any, whose: str) -> None:
+        for what in ("done", "wait"):
+            if not callable(getattr(motion, what, None)):
+                raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
+        self._motion, self._whose = motion, whose
+
+    def done(self) -> bool:
+        """Whether the motion has ended."""
+        with doing(self._whose, "a motion's done"):
+            return bool(self._motion.done())
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until done, or raise."""
+        with doing(self._whose, "a motion's wait"):
+            self._motion.wait(timeout_s)
+
+
+class GuardedArm(Guard, Arm):
+    """An arm of somebody's own, within the bench file's limits."""
+
+    def __init__(self, driver: Any, named: str, limits: ArmLimits) -> None:
+        super().__init__("arm", driver, named)
+        self._limits = limits
+
+    @property
+    def limits(self) -> ArmLimits:
+        """The bench file's limits, whatever the driver's own are."""
+        return self._limits
+
+    def state(self) -> ArmState:
+        """Newest state. Raises `DeviceError`."""
+        with doing(self._whose, "state"):
+            state = answer(self._whose, "state", self._driver.state(), ArmState)
+        pose = answer(self._whose, "base_T_tcp of state", state.base_T_tcp, Pose)
+        if not np.isfinite([*pose.position_m, *pose.quaternion_xyzw, *state.joints_rad]).all():
+            raise amiss(self._whose, "state holds a number that is none")
+        return state
+
+    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        """Start a straight motion. Raises `OutOfLimitsError` before the driver hears of it."""
+        check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
+        check_way(self._limits, (self.state().base_T_tcp, base_T_tcp))
+        with doing(self._whose, "move_linear"):
+            motion = self._driver.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
+        return GuardedMotion(motion, f"{self._whose}: move_linear")
+
+    def stop(self) -> None:
+        """Stop as fast as the arm can."""
+        self._stop()
+
+    def speed_fraction(self) -> float | None:
+        """At which share of their speed motions would run, where the driver tells."""
+        return self._told("speed_fraction", None)
+
+    def recover(self, confirm: Callable[[str], None]) -> None:
+        """Release a protective stop, once a person agrees."""
+        with doing(self._whose, "recover"):
+            self._driver.recover(confirm)
+
+
+class GuardedGripper(Guard, Gripper):
+    """A gripper of somebody's own, within the bench file's limits."""
+
+    def __init__(self, driver: Any, named: str, limits: GripperLimits) -> None:
+        super().__init__("gripper", driver, named)
+        self._limits = limits
+
+    @property
+    def limits(self) -> GripperLimits:
+        """The bench file's limits, whatever the driver's own are."""
+        return self._limits
+
+    def activate(self) -> None:
+        """Run the activation sequence, on request only."""
+        with doing(self._whose, "activate"):
+            self._driver.activate()
+
+    def state(self) -> GripperState:
+        """Newest state. Raises `DeviceError`."""
+        with doing(self._whose, "state"):
+            return answer(self._whose, "state", self._driver.state(), GripperState)
+
+    def move_to(self, position_counts: int) -> Motion:
+        """Start moving the fingers. Raises `OutOfLimitsError` before the driver hears of it."""
+        low, high = self._limits.min_counts, self._limits.max_counts
+        if not low <= position_counts <= high:
+            raise OutOfLimitsError(f"gripper: {position_counts} counts is outside {low} to {high}")
+        with doing(self._whose, "move_to"):
+            motion = self._driver.move_to(position_counts)
+        return GuardedMotion(motion, f"{self._whose}: move_to")
+
+    def stop(self) -> None:
+        """Hold the fingers where they are."""
+        self._stop()
+
+
+class GuardedSource(Guard, TactileSensor):
+    """A tactile sensor or a camera of somebody's own. size_px: width and height that its frames have."""
+
+    def __init__(
+        self, driver: Any, named: str, serial: str, rate_hz: float, size_px: tuple[int, int]
+    ) -> None:
+        super().__init__(serial, driver, named)
+        self._serial, self._rate_hz, self._shape = serial, rate_hz, (size_px[1], size_px[0], 3)
+
+    @property
+    def serial(self) -> str:
+        """Serial number, as the bench file says."""
+        return self._serial
+
+    @property
+    def rate_hz(self) -> float:
+        """Requested frame rate, as the bench file says."""
+        return self._rate_hz
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Oldest frame not read yet; waits for one. Raises `DeviceError`."""
+        with doing(self._whose, "next_frame"):
+            frame = self._driver.next_frame(timeout_s)
+        return self._checked("next_frame", frame)
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        """Newest frame. Raises `DeviceError`."""
+        with doing(self._whose, "newest_frame"):
+            frame = self._driver.newest_frame(max_age_s)
+        return self._checked("newest_frame", frame)
+
+    def set_light(self, red: float, green: float, blue: float) -> None:
+        """Set the LEDs' intensities, 0 to 1, where the driver can."""
+        light = getattr(self._driver, "set_light", None)
+        if light is not None:
+            with doing(self._whose, "set_light"):
+                light(red, green, blue)
+
+    def _checked(self, what: str, given: object) -> Frame:
+        frame = answer(self._whose, what, given, Frame)
+        for key, kind in (("image", np.ndarray), ("time_ns", int), ("sequence", int)):
+            answer(self._whose, f"{what}: {key}", getattr(frame, key), kind)
+        if frame.image.dtype != np.uint8 or frame.image.shape != self._shape:
+            raise DamagedFrameError(
+                f"{self._whose}: a frame is {frame.image.dtype} {frame.image.shape}, and size_px asks for "
+                f"uint8 {self._shape}; correct size_px in the bench file, or the driver"
+            )
+        if frame.serial != self._serial:
+            raise amiss(self._whose, f"{what}: a frame of '{frame.serial}'")
+        return frame

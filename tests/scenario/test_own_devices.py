@@ -1,0 +1,65 @@
+"""Lifts with drivers of a lab's own, at a bench that counts as real: behind wires, its [fakes] cut out."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fakes.wire.net.side_channel import Control
+from rig.bench.fakes_process import hosted_fakes
+from rig.benchmark.wire.real_bench import as_real
+from rig.config import BenchConfig
+from rig.config.write import write_bench
+from rig.experiments.replay import run_replay
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.rows import read_finished_lifts
+from support.own_devices import MODULE, SOURCE
+
+pytestmark = pytest.mark.real_time
+
+
+def with_own_drivers(bench: BenchConfig) -> BenchConfig:
+    """The same bench, each device driven by a class of the lab's own, two of them with options."""
+    arm = bench.arm.model_copy(update={"driver": f"{MODULE}:Wrist"})
+    registers = {"registers": bench.gripper.preset or "tcp"}
+    gripper = bench.gripper.model_copy(
+        update={"driver": f"{MODULE}:Hand", "options": registers, "preset": None}
+    )
+    tips = [t.model_copy(update={"driver": f"{MODULE}:Finger"}) for t in bench.tactile]
+    tips[0] = tips[0].model_copy(update={"options": {"gel": "hard"}})
+    camera = bench.camera.model_copy(update={"driver": f"{MODULE}:Eye"})
+    devices = {"arm": arm, "gripper": gripper, "tactile": tuple(tips), "camera": camera}
+    return as_real(bench).model_copy(update=devices)
+
+
+def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """The program in a lab's folder, in a script: nobody at a terminal."""
+    return subprocess.run(
+        [sys.executable, "-m", "rig", *words], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
+        text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+
+
+def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
+    (tmp_path / f"{MODULE}.py").write_text(SOURCE)
+    command = ["trial", "--lifts", "1", "--object", "wrench", "--bench", "lab.toml", "--no-report"]
+    with hosted_fakes(unhurried_bench, None) as (config, _):
+        assert config.fakes is not None
+        Control(config.fakes.control or "").call("place", object="wrench", seed=3)
+        write_bench(tmp_path / "lab.toml", with_own_drivers(config))
+        unasked = rig(tmp_path, *command, "--out", "unasked")
+        assert unasked.returncode == 3
+        assert "no terminal to ask and answer at" in unasked.stderr
+        assert not (tmp_path / "unasked").exists()
+        agreed = rig(tmp_path, *command, "--out", "agreed", "--yes")
+        assert agreed.returncode == 0, agreed.stderr
+    (tmp_path / "imported").unlink()
+    (row,) = read_finished_lifts(tmp_path / "agreed")
+    assert row.simulated is False
+    manifest = read_manifest_of(tmp_path / "agreed", TrialManifest, "no trial")
+    assert manifest.config.own_drivers == {f"{MODULE}:{name}" for name in ("Wrist", "Hand", "Finger", "Eye")}
+    assert run_replay(tmp_path / "agreed", None, None, jobs=1).identical == 1
+    assert not (tmp_path / "imported").exists()
+    assert MODULE not in sys.modules

@@ -1,0 +1,165 @@
+"""A lab's own drivers: a module in a folder of its own, as a person writes one."""
+
+MODULE = "lab_devices"
+SOURCE = '''
+"""Not the rig's."""
+from pathlib import Path
+
+import numpy as np
+
+from drivers.errors import DeviceTimeoutError
+from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
+from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
+from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose
+from drivers.ur5e.arm import UR5e
+from drivers.video.digit import Digit
+from drivers.video.external_camera import ExternalCamera
+
+Path(__file__).with_name("imported").touch()
+
+
+class Wrist(UR5e):
+    """The rig's arm under another name."""
+
+
+class Hand(Robotiq3F):
+    """The rig's gripper, made in another way."""
+
+    def __init__(self, host, port, limits, fingers, clock, registers="tcp"):
+        super().__init__(tcp_link(host, port, registers), fingers, limits, clock)
+
+
+class Finger(Digit):
+    """The rig's sensor with an option."""
+
+    def __init__(self, serial, rate_hz, size_px, address, clock, gel="soft"):
+        super().__init__(serial, rate_hz, size_px, address=address, clock=clock)
+        self.gel = gel
+
+
+class Eye(ExternalCamera):
+    """The rig's camera under another name."""
+
+
+class Motion:
+    def __init__(self, arm, target):
+        self.arm, self.target = arm, target
+
+    def done(self):
+        return True
+
+    def wait(self, timeout_s):
+        if self.arm.stuck:
+            raise KeyError("joint 3")
+
+
+class Plain(Arm):
+    """Jumps to where it is sent, and notes what it heard."""
+
+    def __init__(self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, says=None):
+        self.heard, self.stuck, self.says = [], stuck, says
+        self.pose = Pose((0.45, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0))
+
+    def connect(self):
+        self.heard.append("connect")
+
+    def disconnect(self):
+        self.heard.append("disconnect")
+
+    def state(self):
+        if self.says == "nothing":
+            return None
+        x = float("nan") if self.says == "nan" else 0.0
+        return ArmState(0, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 6, ArmMode.RUNNING)
+
+    def move_linear(self, base_T_tcp, speed_m_s, acceleration_m_s2):
+        self.heard.append("move")
+        self.pose = base_T_tcp
+        return "moved" if self.says == "no motion" else Motion(self, base_T_tcp)
+
+    def stop(self):
+        if self.stuck:
+            raise OSError("line dead")
+
+    def recover(self, confirm):
+        confirm("Shall it go on?")
+
+
+class Fingers(Gripper):
+    def __init__(self, limits):
+        self.at = 6
+
+    def connect(self):
+        pass
+
+    def disconnect(self):
+        pass
+
+    def activate(self):
+        pass
+
+    def state(self):
+        return GripperState(0, True, False, self.at, 0, 0)
+
+    def move_to(self, position_counts):
+        self.at = position_counts
+        self.stuck = False
+        return Motion(self, position_counts)
+
+    def stop(self):
+        pass
+
+
+class Gel:
+    """No base class: what it has counts."""
+
+    def __init__(self, serial, rate_hz, *, says="frames"):
+        self.serial, self.says = serial, says
+
+    def connect(self):
+        pass
+
+    def disconnect(self):
+        pass
+
+    def next_frame(self, timeout_s):
+        image = np.zeros((320, 240, 3), np.uint8)
+        frames = {
+            "frames": Frame(image, 1, 1, self.serial),
+            "another": Frame(image, 1, 1, "of somebody else"),
+            "small": Frame(image[::2], 1, 1, self.serial),
+            "float": Frame(image.astype(float), 1, 1, self.serial),
+            "text": Frame(image, "now", 1, self.serial),
+            "array": image,
+        }
+        if self.says == "crash":
+            raise ZeroDivisionError("rate")
+        if self.says == "late":
+            raise DeviceTimeoutError("no frame came")
+        return frames[self.says]
+
+    newest_frame = next_frame
+
+
+class Half(Camera):
+    """Leaves newest_frame to the Protocol, which has none."""
+
+    def __init__(self, serial, rate_hz):
+        pass
+
+    def connect(self):
+        pass
+
+    def disconnect(self):
+        pass
+
+    def next_frame(self, timeout_s):
+        pass
+
+
+class Careless(Plain):
+    """Takes no payload."""
+
+    def __init__(self, limits, flange_T_tcp):
+        pass
+'''

@@ -1,0 +1,224 @@
+"""Drivers of somebody's own, named in a bench file: how they are made, and what the bench is guarded from."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.errors import (
+    DamagedFrameError,
+    DeviceError,
+    DeviceTimeoutError,
+    InputError,
+    OperatorStopError,
+    OutOfLimitsError,
+)
+from drivers.types import Pose
+from protocols.safe_end import halt, make_safe
+from rig.bench.assembly import TOOL_DOWN, build_real_bench
+from rig.bench.source import unconnected_bench
+from rig.config import BenchConfig, load_bench
+from rig.config.load import parse_bench
+from rig.config.write import bench_text
+from support.own_devices import MODULE, SOURCE
+from support.own_estimators import forget
+
+TARGET = Pose.from_rotation((0.5, 0.1, 0.2), TOOL_DOWN)
+
+
+@pytest.fixture(autouse=True)
+def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    (tmp_path / f"{MODULE}.py").write_text(SOURCE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path / "imported"
+    sys.modules.pop(MODULE, None)
+    forget()
+
+
+def values(**options: dict[str, Any]) -> dict[str, Any]:
+    """A real bench of own drivers alone. options: of the devices, by their section."""
+    bench = load_bench(str(NEW)).model_dump(exclude={"calibrations"}, exclude_unset=True)
+    for section, theirs in OF_OUR_DRIVERS.items():
+        bench[section] = {key: value for key, value in bench[section].items() if key not in theirs}
+    limits = bench["arm"]["limits"]
+    bench["arm"]["limits"] = {key: value for key, value in limits.items() if "joint" not in key}
+    bench["arm"]["driver"], bench["gripper"]["driver"] = f"{MODULE}:Plain", f"{MODULE}:Fingers"
+    for sensor in (*bench["tactile"], bench["camera"]):
+        sensor["driver"] = f"{MODULE}:Gel"
+    bench["camera"]["size_px"] = (240, 320)
+    for section, of in options.items():
+        bench[section]["options"] = of
+    return bench
+
+
+OF_OUR_DRIVERS = {
+    "arm": ("host", "frequency_hz"),
+    "gripper": ("transport", "host", "port", "preset"),
+    "camera": ("address",),
+}
+"""Keys that these drivers do not take."""
+NEW = Path(__file__).resolve().parents[4] / "rig" / "config" / "new_bench.toml"
+
+
+def config(**options: dict[str, Any]) -> BenchConfig:
+    return BenchConfig.model_validate(values(**options))
+
+
+def bench(**options: dict[str, Any]) -> Bench:
+    return build_real_bench(config(**options))
+
+
+def test_a_file_with_own_drivers_reads_back_as_it_was_and_imports_nothing(imported: Path) -> None:
+    made = config(arm={"stuck": False, "ports": [1, 2], "tuning": {"gain": 0.5, "name": 'a "b"'}})
+    tip = made.tactile[0].model_copy(update={"options": {"says": "frames", "deep": {"x": [True]}}})
+    made = made.model_copy(update={"tactile": (tip, made.tactile[1])})
+    again = parse_bench(bench_text(made), "file")
+    assert again.arm.options == made.arm.options
+    assert again.tactile[0].options == made.tactile[0].options
+    assert (again.simulated, again.in_process) == (False, False)
+    assert BenchConfig.model_validate_json(made.model_dump_json()) == made
+    assert not imported.exists()
+
+
+def test_a_stored_copy_has_no_passwords_in_options_and_none_where_there_are_none() -> None:
+    made = config(camera={"says": "http://me:secret@10.0.0.2/stream"}).without_passwords()
+    assert "secret" not in made.model_dump_json()
+    assert "options" not in made.model_dump()["arm"]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"driver": "ur6"}, "Input should be 'fake' or 'ur5e', or a class of your own"),
+        ({"driver": "ur5e", "host": "10.0.0.1", "options": {"a": 1}}, "options: is for a class of your own"),
+    ],
+)
+def test_a_driver_that_is_none_and_options_of_ours_are_refused(change: dict[str, Any], says: str) -> None:
+    text = bench_text(config())
+    for key, value in change.items():
+        line = f"{key} = {value!r}" if isinstance(value, str) else f"{key} = {{a = 1}}"
+        text = text.replace(f'[arm]\ndriver = "{MODULE}:Plain"\n', "[arm]\n") if key == "driver" else text
+        text = text.replace("[arm]\n", f"[arm]\n{line}\n")
+    with pytest.raises(InputError, match=says):
+        parse_bench(text, "file")
+
+
+def test_a_bench_with_own_drivers_is_never_a_simulated_one() -> None:
+    text = bench_text(config())
+    with pytest.raises(InputError, match="this is a real bench: remove it"):
+        parse_bench(text + '\n[fakes]\ncontrol = "127.0.0.1:9"\n', "file")
+    with pytest.raises(InputError, match="make all of them one or the other"):
+        parse_bench(text.replace(f"{MODULE}:Fingers", "fake"), "file")
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "says"),
+    [
+        ("arm", {"driver": "nowhere.at_all:Arm"}, "importing nowhere.at_all failed"),
+        ("arm", {"driver": f"{MODULE}:Careless"}, "takes no argument payload_kg"),
+        ("arm", {"options": {"sped": 3}}, "takes no option sped; it takes limits"),
+        ("arm", {"options": {"limits": 3}}, "options names limits, which the rig gives it"),
+        ("arm", {"host": "10.0.0.1"}, "takes no argument host"),
+        ("gripper", {"port": 503}, "takes no argument port"),
+        ("camera", {"driver": f"{MODULE}:Half"}, "does not say how to newest_frame"),
+        ("camera", {"driver": f"{MODULE}:Motion"}, "does not say how to connect, disconnect"),
+        ("camera", {"address": "/dev/video7"}, "takes no argument address"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_anything_is_reached(
+    section: str, change: dict[str, Any], says: str
+) -> None:
+    changed = values()
+    changed[section] |= change
+    with pytest.raises(InputError, match=says):
+        build_real_bench(BenchConfig.model_validate(changed))
+
+
+def test_limits_of_the_file_are_checked_before_the_driver_hears_of_a_motion() -> None:
+    arm = bench().arm
+    keep_out = arm.limits.keep_out
+    assert [box.name for box in keep_out] == ["table"]
+    for target, speed in ((TARGET.translated(x_m=2.0), 0.1), (TARGET, 9.0), (TARGET, float("nan")),
+                          (TARGET.translated(z_m=-0.18), 0.1)):  # fmt: skip
+        with pytest.raises(OutOfLimitsError):
+            arm.move_linear(target, speed, 0.5)
+    arm.move_linear(TARGET, 0.1, 0.5).wait(1.0)
+    assert arm._driver.heard == ["move"]  # type: ignore[attr-defined]
+    gripper = bench().gripper
+    for counts in (-1, 256):
+        with pytest.raises(OutOfLimitsError, match="counts"):
+            gripper.move_to(counts)
+    assert gripper.state().position_counts == 6
+    gripper.move_to(100).wait(1.0)
+    assert gripper.state().position_counts == 100
+
+
+def test_what_a_driver_raises_or_answers_amiss_is_a_device_error_that_names_it() -> None:
+    for says in ("nothing", "nan"):
+        with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state .*mend the driver"):
+            bench(arm={"says": says}).arm.state()
+    with pytest.raises(DeviceError, match="no Motion"):
+        bench(arm={"says": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
+    stuck = bench(arm={"stuck": True}).arm
+    with pytest.raises(DeviceError, match=r"wait raised KeyError: 'joint 3'"):
+        stuck.move_linear(TARGET, 0.1, 0.5).wait(1.0)
+
+
+def test_a_stop_that_fails_is_told_and_the_fingers_are_held_all_the_same(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck, held = bench(arm={"stuck": True}), []
+    monkeypatch.setattr(stuck.gripper._driver, "stop", lambda: held.append(True))  # type: ignore[attr-defined]
+    assert "line dead" in make_safe(stuck)
+    with pytest.raises(DeviceError, match="line dead"):
+        halt(stuck)
+    assert held
+    assert "press the emergency stop" in caplog.text
+
+
+def test_questions_go_through_and_so_does_a_no() -> None:
+    asked = []
+    bench().arm.recover(asked.append)
+    assert asked == ["Shall it go on?"]
+
+    def no(question: str) -> None:
+        raise OperatorStopError(question)
+
+    with pytest.raises(OperatorStopError):
+        bench().arm.recover(no)
+
+
+@pytest.mark.parametrize(
+    ("says", "error", "match"),
+    [
+        ("crash", DeviceError, "next_frame raised ZeroDivisionError"),
+        ("late", DeviceTimeoutError, "no frame came"),
+        ("another", DeviceError, "a frame of 'of somebody else'"),
+        ("small", DamagedFrameError, "size_px asks for"),
+        ("float", DamagedFrameError, "float64"),
+        ("text", DeviceError, "time_ns returned a str"),
+        ("array", DeviceError, "returned a ndarray, no Frame"),
+    ],
+)
+def test_a_frame_that_cannot_be_is_not_let_through(says: str, error: type[Exception], match: str) -> None:
+    camera = bench(camera={"says": says}).camera
+    with pytest.raises(error, match=match):
+        camera.next_frame(0.1)
+
+
+def test_what_a_driver_does_not_tell_is_not_known() -> None:
+    made = bench()
+    assert made.camera.identity() == {"driver": f"{MODULE}:Gel"}
+    assert (made.camera.counters(), made.camera.clock_offset_s(), made.arm.speed_fraction()) == (
+        {},
+        None,
+        None,
+    )
+    assert made.camera.next_frame(0.1).serial == made.camera.serial == "C0001"
+    assert made.camera.rate_hz == 30.0
+    with unconnected_bench(config()) as looked_at:
+        assert looked_at.simulated is False

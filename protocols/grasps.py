@@ -89,7 +89,7 @@ class GraspFile(_Strict):
         min_length=1, max_length=36
     )
     grip_counts: Annotated[tuple[int, int], AfterValidator(_rising)]
-    largest_grip_counts: int | None = Field(default=None, ge=1, le=MOST_COUNTS)
+    largest_grip_counts: int | None = Field(default=None, ge=1, le=255)
     position: Annotated[tuple[Position, ...], AfterValidator(_at_different_places)] = Field(
         min_length=1, max_length=20
     )

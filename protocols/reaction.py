@@ -12,9 +12,11 @@ from protocols.observer import LiftObserver
 from protocols.pump import Pump
 from protocols.steps import MOTION_TIMEOUT_S
 
-MOST_REACTIONS = 6
+MOST_REACTIONS = 8
 """In one lift. The last one ends it: what slips on is lifted no higher."""
-FIRST_STEP_COUNTS = 4
+MOST_AT_LARGEST = 3
+"""So many of them at the largest grip, where nothing can be added: the object may have come to rest."""
+FIRST_STEP_COUNTS = 6
 """The first closing of a lift; each one after it is twice as far, so that few reach any grip."""
 REST_TIMEOUT_S = 0.5
 """After so long a closing that has not brought the object to rest is followed by the next."""
@@ -110,6 +112,8 @@ class Reflex:
         rising: the arm's motion, if any. Frames keep coming meanwhile.
         """
         self._left -= 1
+        if self._counts >= self._largest:
+            self._left = min(self._left, MOST_AT_LARGEST - 1)
         self._stop(rising)
         caught = self._tighten() and self._left > 0
         self._tell(ReactionStep.REST if caught else ReactionStep.ENDS)

@@ -71,7 +71,7 @@ class TipWatch:
     angle_deg: float
     rate_deg_s: float
     base_deg: float = 0.0
-    raised_ns: int | None = None
+    sigma_deg: float = 1.0
     _seen: deque[tuple[int, float, float]] = field(default_factory=deque)
 
     @classmethod
@@ -97,10 +97,23 @@ class TipWatch:
         self._seen.append((time_ns, answer.angle_deg, answer.rate_deg_s))
         while time_ns - self._seen[0][0] > REST_NS:
             self._seen.popleft()
-        away = answer.angle_deg - self.base_deg
-        moving = abs(answer.rate_deg_s) >= self.rate_deg_s and away * answer.rate_deg_s > 0.0
-        if self.raised_ns is None and moving and abs(away) >= GIVES_DEG + self.angle_deg:
-            self.raised_ns = time_ns
+        self.sigma_deg = answer.sample.sigma_deg or self.sigma_deg
+
+    @property
+    def away_deg(self) -> float:
+        """How far it has turned since rest."""
+        return self._seen[-1][1] - self.base_deg if self._seen else 0.0
+
+    def slips(self, away_deg: float) -> bool:
+        """Whether it is turning, and has turned so far. away_deg: since rest, by all fingertips."""
+        rate = self._seen[-1][2] if self._seen else 0.0
+        turning = abs(rate) >= self.rate_deg_s and away_deg * rate > 0.0
+        return turning and min(abs(away_deg), abs(self.away_deg)) >= GIVES_DEG + self.angle_deg
+
+    def weight(self, now_ns: int) -> float:
+        """How much it counts beside others: what it has answered lately, by its variance."""
+        lately = self._seen and now_ns - self._seen[-1][0] <= REST_NS
+        return 1.0 / max(self.sigma_deg, LEAST_NOISE_DEG) ** 2 if lately else 0.0
 
     def predicted_deg(self, after_s: float) -> float:
         """Return the turn after a while, by the newest answer, its rate and the rate's growth."""
@@ -119,7 +132,6 @@ class TipWatch:
 
     def rearm(self) -> None:
         """Look for the next slip, from the angle it has now."""
-        self.raised_ns = None
         if self._seen:
             self.base_deg = float(np.mean([angle for _, angle, _ in self._seen]))
 
@@ -136,6 +148,7 @@ class SlipWatch:
         self._settings = settings
         self._tips: dict[str, TipWatch] = {}
         self._now_ns = 0
+        self._raised_ns: int | None = None
         self._pending: SlipEvent | None = None
         self._closing_s = FIRST_CLOSING_S
 
@@ -166,8 +179,10 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        if self._pending is None and tip.raised_ns is not None and self._too_late_soon(tip):
-            self._pending = SlipEvent(serial, tip.raised_ns, self._now_ns)
+        if self._raised_ns is None and tip.slips(self._away_deg()):
+            self._raised_ns = self._now_ns
+        if self._pending is None and self._raised_ns is not None and self._too_late_soon(tip):
+            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
             self.events.append(self._pending)
 
     def slip_ns(self) -> int | None:
@@ -186,9 +201,18 @@ class SlipWatch:
             stop_ns = next(t for s, t, _ in reversed(self.steps) if s is ReactionStep.STOP)
             self._closing_s = (time_ns - stop_ns) / NS_PER_S
         if step in (ReactionStep.REST, ReactionStep.ENDS):
-            self._pending = None
+            self._pending = self._raised_ns = None
             for tip in self._tips.values():
                 tip.rearm()
+
+    def _away_deg(self) -> float:
+        """How far the object has turned since rest, by all fingertips.
+
+        It turns under both. What one sees alone is its own contact, which grows when the fingers close.
+        """
+        weights = [(tip, tip.weight(self._now_ns)) for tip in self._tips.values()]
+        total = sum(weight for _, weight in weights)
+        return sum(tip.away_deg * weight for tip, weight in weights) / total if total > 0.0 else 0.0
 
     def _too_late_soon(self, tip: TipWatch) -> bool:
         limit = self._settings.max_turn_deg

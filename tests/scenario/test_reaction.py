@@ -163,7 +163,7 @@ def test_what_cannot_or_may_not_react_is_refused_before_anything_moves() -> None
 def test_the_plan_that_is_asked_about_says_what_the_hand_may_do_by_itself() -> None:
     text = "\n".join(describe_reaction(settings("tighten", 5.0), ["t1", "t2"]))
     assert "more than 5 degrees" in text
-    assert "t1 wrench 55, t2 toothbrush 14" in text
+    assert "t1 wrench 120, t2 toothbrush 14" in text
     assert describe_reaction(settings("none"), ["t1"]) == []
 
 

@@ -87,6 +87,17 @@ def test_a_turn_away_from_rest_is_a_slip_and_one_back_is_none() -> None:
     assert [event.serial for event in made.events] == [TIP]
 
 
+def test_what_one_fingertip_sees_alone_is_its_own_contact() -> None:
+    made = SlipWatch(SlipSettings())
+    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
+    for frame, angle in enumerate(np.linspace(0.0, 2.0, 30), start=100):
+        made.update("a", answer(frame, float(angle), 10.0))
+        made.update("b", answer(frame, -float(angle), -10.0))
+    assert made.slip_ns() is None
+    made.update("b", answer(130, 2.0, 60.0))
+    assert made.slip_ns() == 130 * FRAME_NS
+
+
 def test_it_is_armed_again_from_the_angle_it_has_after_a_reaction() -> None:
     made = watch()
     show(made, (100, 0.8, 20.0), *((f, 0.9, 0.0) for f in range(101, 115)))

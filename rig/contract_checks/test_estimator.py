@@ -103,7 +103,8 @@ def test_a_size_that_changes_is_refused_and_the_rest_answered(make_estimator: Ma
 def test_the_arms_state_is_taken_by_everyone(make_estimator: MakeEstimator) -> None:
     estimator = make_estimator(gel(240, 320))
     pose = Pose.from_rotation((0.4, 0.0, 0.2), Rotation.identity())
-    estimator.arm(ArmState(0, pose, (0.0,) * 6, (0.0,) * 6, ArmMode.RUNNING))
+    at_rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    estimator.arm(ArmState(0, pose, at_rest, at_rest, ArmMode.RUNNING))
     require_possible(estimator.update(gel(240, 320, 1), 0), gel(240, 320))
 
 
@@ -116,9 +117,10 @@ def test_the_same_frames_get_the_same_answers(make_estimator: MakeEstimator) -> 
 
 def test_a_turn_is_counter_clockwise_as_seen(make_estimator: MakeEstimator) -> None:
     told = [sample.angle_deg for sample in answers(make_estimator(gel(320, 240)))]
-    if told[AT_REST - 1] is None or told[-1] is None:
+    before, after = told[AT_REST - 1], told[-1]
+    if before is None or after is None:
         pytest.skip("it refuses a bar drawn by a simple light: its sign is not known")
-    turned = told[-1] - told[AT_REST - 1]
+    turned = after - before
     assert LEAST_DEG < turned < MOST_DEG, f"turned by {TURNING * STEP_DEG:g}: see the sign, and the unit"
 
 

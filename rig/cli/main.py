@@ -15,11 +15,8 @@ from rig.cli.common import Exit, begin_answer, emit_error, exit_code, say, stop_
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
-<<<<<<< HEAD
 from rig.cli.estimators import estimators
-=======
 from rig.cli.explain import explain
->>>>>>> 1a102fb (rig explain draws what slip works with; rig bench udev prints udev rules)
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
@@ -70,11 +67,7 @@ def _program(
 
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-<<<<<<< HEAD
-for command in (estimate, estimators, segment, label, label_angle, train, train_angle, doctor):
-=======
-for command in (estimate, explain, segment, label, label_angle, train, train_angle, doctor):
->>>>>>> 1a102fb (rig explain draws what slip works with; rig bench udev prints udev rules)
+for command in (estimate, explain, estimators, segment, label, label_angle, train, train_angle, doctor):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")

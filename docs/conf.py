@@ -3,13 +3,14 @@
 import re
 
 project = "The slip rig"
-copyright = "the authors of the slip rig, MIT licence"
+copyright = "the slip rig developers, MIT licence"
 extensions = ["myst_parser"]
 html_theme = "furo"
 html_title = "The slip rig"
 html_copy_source = False
 html_show_sphinx = False
 html_show_sourcelink = False
+smartquotes = False  # messages stand as the rig prints them
 # Headings are anchors, named as a code host names them.
 myst_heading_anchors = 3
 pygments_style = "friendly"

@@ -22,7 +22,12 @@ from support.fuzz import PROFILE
 # A suite under nohup ignores hangups, and so would all that it starts.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-pytest_plugins = ("support.side_by_side", "support.in_real_time", "support.drawn_sensor")
+pytest_plugins = (
+    "rig.contract_checks.options",
+    "support.side_by_side",
+    "support.in_real_time",
+    "support.drawn_sensor",
+)
 
 # How long an example takes says nothing about it: machines are shared.
 settings.register_profile("rig", deadline=None)
@@ -43,9 +48,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--fuzz-cases", type=int, default=1000, metavar="N", help="damaged inputs drawn for each format"
     )
-    group = parser.getgroup("hardware")
-    group.addoption("--bench", metavar="FILE", help="bench file of real hardware for the contract suite")
-    group.addoption("--moves", action="store_true", help="let the contract suite move that hardware")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -30,3 +30,16 @@ def new(file: Annotated[Path, typer.Argument(help="The file to write, as my_benc
     new_bench_file(file)
     say(f"put in your addresses, serials and positions, then run: rig doctor --bench {file}")
     print(file)
+
+
+@bench.command("udev")
+def udev() -> None:
+    """Print udev rules: access to the sensors and the gripper's serial adapter, and names for them.
+
+    Examples:
+      rig bench udev | sudo tee /etc/udev/rules.d/70-slip-rig.rules
+
+    """
+    from importlib.resources import files
+
+    print(files("rig.bench").joinpath("70-slip-rig.rules").read_text(encoding="utf-8"), end="")

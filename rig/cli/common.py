@@ -37,6 +37,12 @@ ObjectsOption = Annotated[
     Path | None,
     typer.Option("--objects", help="Folder of your own objects; default: objects/ beside the bench file."),
 ]
+NameOption = Annotated[str | None, typer.Option("--name", help="What the session is called, in one line.")]
+NoteOption = Annotated[str | None, typer.Option("--note", help="A line kept with the session.")]
+TagOption = Annotated[
+    list[str] | None, typer.Option("--tag", help="A word to find the session by; repeat for more.")
+]
+OperatorOption = Annotated[str | None, typer.Option("--operator", help="Who stands at the bench.")]
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Session folder; default sessions/<date>_<what>.")
 ]

@@ -16,11 +16,13 @@ from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
 from rig.cli.estimators import estimators
+from rig.cli.explain import explain
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.label import label
 from rig.cli.label_angle import label_angle
 from rig.cli.model import model
+from rig.cli.new import new
 from rig.cli.objects import objects
 from rig.cli.output import Output, guarded_output
 from rig.cli.play import play
@@ -66,7 +68,7 @@ def _program(
 
 for command in (record, trial, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, estimators, segment, label, label_angle, train, train_angle, doctor):
+for command in (estimate, explain, estimators, segment, label, label_angle, train, train_angle, doctor, new):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")

@@ -7,10 +7,14 @@ import typer
 from rig.cli.common import (
     BenchOption,
     JsonOption,
+    NameOption,
+    NoteOption,
     ObjectsOption,
+    OperatorOption,
     OutOption,
     ResumeStoredOption,
     SeedOption,
+    TagOption,
     YesOption,
     ask,
     emit_json,
@@ -48,6 +52,10 @@ def record(
     ] = False,
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
+    name: NameOption = None,
+    note: NoteOption = None,
+    tags: TagOption = None,
+    operator: OperatorOption = None,
     out: OutOption = None,
     resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
@@ -84,8 +92,10 @@ def record(
     from rig.experiments.pose_attempt import RecordSettings
     from rig.experiments.record import recording_plan, run_record
     from rig.sessions.manifest import RecordManifest
+    from rig.sessions.remarks import remarks_of
 
     began = time.perf_counter()
+    remarks = remarks_of(name, note, tags, operator)
     config = load_calibrated_bench(bench, say)
     config = with_objects(config, bench, own_objects)
     grasps = None if object_name is None else find_grasp_file(object_name, config.objects)
@@ -109,7 +119,7 @@ def record(
     if dry:
         dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
-    note = OneMessage(_note, lambda row: row.fault)
+    said = OneMessage(_note, lambda row: row.fault)
     with (
         may_be_continued(folder, out, resume, no_report),
         session_bench(
@@ -122,7 +132,8 @@ def record(
             settings,
             resume,
             benches,
-            lambda done, total, row: bar.show(done, total, note(row)),
+            lambda done, total, row: bar.show(done, total, said(row)),
+            remarks,
         )
     figures = {
         "session": str(folder),

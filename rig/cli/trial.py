@@ -9,10 +9,14 @@ from rig.cli.common import (
     BenchOption,
     Exit,
     JsonOption,
+    NameOption,
+    NoteOption,
     ObjectsOption,
+    OperatorOption,
     OutOption,
     ResumeStoredOption,
     SeedOption,
+    TagOption,
     YesOption,
     ask,
     emit_json,
@@ -95,6 +99,10 @@ def trial(
     own_objects: ObjectsOption = None,
     seed: SeedOption = 0,
     bench: BenchOption = "fake",
+    name: NameOption = None,
+    note: NoteOption = None,
+    tags: TagOption = None,
+    operator: OperatorOption = None,
     out: OutOption = None,
     resume: ResumeStoredOption = False,
     no_report: NoReportOption = False,
@@ -122,6 +130,8 @@ def trial(
 
       rig trial --lifts 3 --objects my_objects --object my_box
 
+      rig trial --lifts 5 --name "new gel" --tag gel-7 --operator Ada
+
       rig trial --resume
 
       rig trial --resume --out sessions/campaign
@@ -144,9 +154,11 @@ def trial(
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
     from rig.sessions.manifest import TrialManifest
+    from rig.sessions.remarks import remarks_of
     from rig.tactile.estimators import choose_estimator
 
     began = time.perf_counter()
+    remarks = remarks_of(name, note, tags, operator)
     config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
     folder, stored = continued(TrialManifest, "trial", config.name, out, resume)
     if stored is not None:
@@ -190,6 +202,7 @@ def trial(
             benches=benches,
             progress=progress,
             live=feed,
+            remarks=remarks,
         )
     wall_s = time.perf_counter() - began
     trial_table(summary, simulated, wall_s, to_stderr=json)

@@ -15,18 +15,21 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
-def run_tasks(work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Result]]:
+def run_tasks(
+    work: Callable[[Task], Result], tasks: list[Task], jobs: int, fork: bool = False
+) -> Iterator[tuple[Task, Result]]:
     """Yield results as they come; with one job, in this process and in order.
 
     `tasks` may grow while results are taken (a lift to repeat). Leaving the loop early ends
-    the workers. Only the caller's process gets to write anything.
+    the workers. Only the caller's process gets to write anything. fork: workers begin as copies of this
+    process, which must have no other thread then; so they need not import all that it has imported.
     """
     if jobs == 1:
         while tasks:
             task = tasks.pop(0)
             yield task, work(task)
         return
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("fork" if fork else "spawn")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
     running: dict[Future[Result], Task] = {}
     try:
@@ -53,6 +56,7 @@ def _end_with_parent() -> None:
     """Leave interrupts to the parent, and exit when it is gone, even killed."""
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the command line's, which stops a bench
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()

@@ -30,6 +30,7 @@ from rig.experiments.seeds import derived_seed
 from rig.sessions.layout import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
+from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.session import Session, open_session
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
@@ -48,10 +49,10 @@ WORDING = Wording("recording", "pose")
 _log = logging.getLogger("rig.experiments.record")
 
 
-def record_manifest(settings: RecordSettings) -> RecordManifest:
+def record_manifest(settings: RecordSettings, remarks: Remarks = NO_REMARKS) -> RecordManifest:
     """Return a new recording's manifest: what is asked for, and must be the same to continue it."""
     return RecordManifest(
-        **vars(begun_on(settings.bench, "record", settings.seed, [settings.grasps.id])),
+        **vars(begun_on(settings.bench, "record", settings.seed, [settings.grasps.id], remarks)),
         poses=settings.poses,
         images=settings.images,
         randomised=settings.randomise,
@@ -88,15 +89,17 @@ def run_record(
     resume: bool = False,
     benches: BenchSource | None = None,
     progress: Progress[PoseRow] = lambda done, total, row: None,
+    remarks: Remarks = NO_REMARKS,
 ) -> list[PoseRow]:
     """Record the poses that are still to do; return the rows of all attempts.
 
-    benches: where poses get their bench (`session_bench`); simulated ones when None.
+    benches: where poses get their bench (`session_bench`); simulated ones when None. remarks: kept with
+    the session.
     Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
     finished poses stay on disk and `resume` goes on from them.
     """
     tasks = _all_tasks(settings)
-    with open_session(folder, record_manifest(settings), POSES, resume) as session:
+    with open_session(folder, record_manifest(settings, remarks), POSES, resume) as session:
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             benches.begin()

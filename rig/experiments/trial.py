@@ -23,16 +23,19 @@ from rig.live.feed import LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow
+from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.session import Session, open_session
 
 WORDING = Wording("trial", "lift")
 _log = logging.getLogger("rig.experiments.trial")
 
 
-def trial_manifest(settings: TrialSettings, objects: list[str], lifts: int) -> TrialManifest:
+def trial_manifest(
+    settings: TrialSettings, objects: list[str], lifts: int, remarks: Remarks = NO_REMARKS
+) -> TrialManifest:
     """Return a new trial's manifest: what is asked for, and must be the same to continue it."""
     return TrialManifest(
-        **vars(begun_on(settings.bench, "trial", settings.seed, objects)),
+        **vars(begun_on(settings.bench, "trial", settings.seed, objects, remarks)),
         lifts_per_object=lifts,
         estimator=settings.estimator.name,
         window=settings.estimator.window,
@@ -95,17 +98,18 @@ def run_trial(
     benches: BenchSource | None = None,
     progress: Progress[LiftRow] = lambda done, total, row: None,
     live: LiveFeed = NOBODY,
+    remarks: Remarks = NO_REMARKS,
 ) -> TrialSummary:
     """Run a trial, or what is left of it, and return its summary.
 
     benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
     progress is called after each attempt with lifts accepted, lifts wanted, and the row. live: who
-    looks on while lifts happen.
+    looks on while lifts happen. remarks: kept with the session.
     Raises `InputError` or `RecordingError` as `require_reaction` and `open_session` do, `DeviceError` after
     three rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
     """
     require_reaction(settings, objects)
-    with open_session(folder, trial_manifest(settings, objects, lifts), LIFTS, resume) as session:
+    with open_session(folder, trial_manifest(settings, objects, lifts, remarks), LIFTS, resume) as session:
         if not session.complete:
             _require_same_truth(session)
             if benches is not None:

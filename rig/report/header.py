@@ -4,7 +4,7 @@ from rig.sessions.manifest import BenchManifest, TrialManifest
 
 
 def header(manifest: BenchManifest, what: str) -> dict[str, str]:
-    """Say whether it is simulated, which bench, when, and with what."""
+    """Say whether it is simulated, which bench, when, with what, and what people said of it."""
     trial = manifest if isinstance(manifest, TrialManifest) else None
     parts = [
         manifest.started.replace("T", " ")[:16],
@@ -15,6 +15,7 @@ def header(manifest: BenchManifest, what: str) -> dict[str, str]:
     return {
         "mark": "SIMULATED" if manifest.simulated else "",
         "bench": f"bench '{manifest.bench}'",
-        "what": what,
+        "what": f"{manifest.remarks.name}: {what}" if manifest.remarks.name else what,
+        "remarks": " · ".join(manifest.remarks.lines()),
         "details": ", ".join(part for part in parts if part),
     }

@@ -1,12 +1,15 @@
 """Which sessions a folder holds, what came of them, and which are broken."""
 
 import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
+from protocols.grasps import find_grasp_file
 from rig.results.metrics import Mare
 from rig.results.summary import mare_of
 from rig.sessions.layout import MANIFEST, RECORDINGS, RESULTS
@@ -19,6 +22,7 @@ from rig.sessions.manifest import (
 )
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, REPLAYS, finished
+from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.rows import read_poses, read_rows, readable_rows
 from rig.sessions.session import in_use
 
@@ -59,6 +63,26 @@ class SessionEntry:
         return self.bench_manifest.objects if self.bench_manifest else ()
 
     @property
+    def remarks(self) -> Remarks:
+        """What people said of it."""
+        return self.bench_manifest.remarks if self.bench_manifest else NO_REMARKS
+
+    @property
+    def started(self) -> str:
+        """When it was begun, UTC; empty where nobody knows."""
+        return self.manifest.started if self.manifest else ""
+
+    @property
+    def object_names(self) -> set[str]:
+        """What those objects are found by: ids and names, in lower case."""
+        own = self.bench_manifest.config.objects if self.bench_manifest else ()
+        names = {object_id.lower() for object_id in self.objects}
+        for object_id in self.objects:
+            with suppress(InputError):  # an object of another version of the rig
+                names.update(find_grasp_file(object_id, own).names)
+        return names
+
+    @property
     def wanted(self) -> int | None:
         """Lifts or poses asked for; None where that is not known beforehand."""
         return self.bench_manifest.wanted if self.bench_manifest else None
@@ -90,16 +114,34 @@ def list_session(folder: Path, quick: bool = False) -> SessionEntry:
 
     quick: see whether its recordings and images are there, no more.
     """
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    sizes = _sizes(os.fspath(folder))
+    size = sum(sizes.values())
     manifest: AnyManifest | None = None
     try:
         manifest = read_manifest(folder)
-        return _entry(folder, size, manifest, quick)
+        return _entry(folder, sizes, manifest, quick)
     except InputError as error:
         return SessionEntry(folder, SessionState.BROKEN, str(error), size, manifest)
 
 
-def _entry(folder: Path, size: int, manifest: AnyManifest, quick: bool) -> SessionEntry:
+def list_sessions(folders: Sequence[Path], quick: bool) -> list[SessionEntry]:
+    """Look at some sessions, one after the other, as `list_session` does."""
+    return [list_session(folder, quick) for folder in folders]
+
+
+def _sizes(folder: str, inside: str = "") -> dict[str, int]:
+    """Bytes of each file of a session, by its name there; each is asked for once: there may be thousands."""
+    found: dict[str, int] = {}
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                found |= _sizes(entry.path, f"{inside}{entry.name}/")
+            elif entry.is_file():
+                found[f"{inside}{entry.name}"] = entry.stat().st_size
+    return found
+
+
+def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick: bool) -> SessionEntry:
     found: Mare | None = None
     if isinstance(manifest, TrialManifest):
         path = folder / RESULTS[manifest.kind]
@@ -107,11 +149,13 @@ def _entry(folder: Path, size: int, manifest: AnyManifest, quick: bool) -> Sessi
         lifts = finished(rows)
         done, found = len(lifts), mare_of(lift.re for lift in lifts)
         problems = [line.text(path) for line in damaged]
-        problems += [_recording_damage(folder / lift.recording, quick) for lift in lifts]
+        problems += [_damage(folder, lift.recording, sizes, quick, _recording_flaw) for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
         done = len(poses)
-        problems = [_image_damage(folder / i.file, quick) for pose in poses for i in pose.images]
+        problems = [
+            _damage(folder, image.file, sizes, quick, _image_flaw) for pose in poses for image in pose.images
+        ]
     else:
         done = sum(row.accepted for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
         problems = []
@@ -119,6 +163,7 @@ def _entry(folder: Path, size: int, manifest: AnyManifest, quick: bool) -> Sessi
     state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
     if in_use(folder):
         state = SessionState.RUNNING
+    size = sum(sizes.values())
     return SessionEntry(
         folder, SessionState.BROKEN if problem else state, problem, size, manifest, done, found
     )
@@ -129,19 +174,23 @@ def _first(problems: list[str]) -> str | None:
     return f"{problems[0]}{more}" if problems else None
 
 
-def _image_damage(path: Path, quick: bool) -> str | None:
-    if not path.exists():
-        return f"{path}: the image is missing"
-    flaw = None if quick else image_flaw(path)
+def _damage(
+    folder: Path, file: str, sizes: Mapping[str, int], quick: bool, flaw: Callable[[Path], str | None]
+) -> str | None:
+    """Say what is wrong with a file of a session; quick: no more than that it is not there."""
+    if file not in sizes:
+        return f"{folder / file}: the {'image' if flaw is _image_flaw else 'recording'} is missing"
+    return None if quick else flaw(folder / file)
+
+
+def _image_flaw(path: Path) -> str | None:
+    flaw = image_flaw(path)
     return None if flaw is None else f"{path}: the image {flaw}"
 
 
-def _recording_damage(path: Path, quick: bool) -> str | None:
-    if not path.exists():
-        return f"{path}: the recording is missing"
+def _recording_flaw(path: Path) -> str | None:
     try:
-        if not quick:
-            check_recording(path)
+        check_recording(path)
     except SessionError as error:
         return str(error)
     return None

@@ -10,6 +10,8 @@ from rig.sessions.records import ErrorSummary
 
 Floats = NDArray[np.float64]
 BOOTSTRAP_RESAMPLES = 4000
+_AT_ONCE = 200
+"""Resamples in one array; a divisor of them all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +62,8 @@ def bootstrap_interval(values: Floats, seed: int = 0) -> tuple[float | None, flo
         return None, None
     if np.ptp(values) == 0.0:
         return float(values[0]), float(values[0])
-    from scipy.stats import bootstrap  # a quarter of a second that worker processes need not spend
-
-    result = bootstrap(
-        (values,),
-        np.mean,
-        n_resamples=BOOTSTRAP_RESAMPLES,
-        method="percentile",
-        rng=np.random.default_rng(seed),
-    )
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+    # as scipy.stats.bootstrap does it but for rounding; its import alone takes half a second
+    rng, portions = np.random.default_rng(seed), BOOTSTRAP_RESAMPLES // _AT_ONCE
+    drawn = (rng.integers(0, values.size, (_AT_ONCE, values.size)) for _ in range(portions))
+    low, high = np.percentile(np.concatenate([values[i].mean(axis=-1) for i in drawn]), (2.5, 97.5))
+    return float(low), float(high)

@@ -1,7 +1,7 @@
 """A session's manifest: what was asked for, on which bench, and how far it is."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +18,7 @@ from rig.config.objects import with_objects_of
 from rig.sessions.codec import STRICT, Codec, json_value
 from rig.sessions.files import read_whole
 from rig.sessions.layout import MANIFEST, RESULTS
+from rig.sessions.remarks import NO_REMARKS, Remarks
 
 SCHEMA_VERSION = 1
 """Of everything in a session folder."""
@@ -43,7 +44,7 @@ class BenchManifest(Manifest):
     """What trials and recordings have in common: the bench, and what is drawn on it.
 
     signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
-    bench with all that is in use, a lab's own objects too. objects: ids.
+    bench with all that is in use, a lab's own objects too. objects: ids. remarks: of people.
     """
 
     bench: str
@@ -54,6 +55,7 @@ class BenchManifest(Manifest):
     calibration: dict[str, FileInUse]
     config: BenchConfig
     objects: tuple[FileName, ...]
+    remarks: Remarks = NO_REMARKS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,9 @@ def begun(kind: str) -> Manifest:
     )
 
 
-def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -> BenchManifest:
+def begun_on(
+    bench: BenchConfig, kind: str, seed: int, objects: Iterable[str], remarks: Remarks = NO_REMARKS
+) -> BenchManifest:
     """Return what a new manifest says of the bench and of what is drawn on it. objects: ids."""
     ids = tuple(objects)
     return BenchManifest(
@@ -133,7 +137,15 @@ def begun_on(bench: BenchConfig, kind: str, seed: int, objects: Iterable[str]) -
         calibration=bench.calibrations.files,
         config=with_objects_of(bench.without_passwords(), ids),
         objects=ids,
+        remarks=remarks,
     )
+
+
+def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
+    """Return a session's manifest with what people said of it as it goes on."""
+    if not isinstance(manifest, BenchManifest) or not isinstance(wanted, BenchManifest):
+        return manifest
+    return replace(manifest, remarks=manifest.remarks.joined(wanted.remarks))
 
 
 def now_text() -> str:
@@ -222,8 +234,8 @@ def _value(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-_OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth"}
-"""What a session says of its own course, not of what was asked for."""
+_OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth", "remarks"}
+"""What a session says of its own course, and people of it, not of what was asked for."""
 
 
 @dataclass(frozen=True)

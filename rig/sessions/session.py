@@ -15,7 +15,7 @@ from drivers.errors import InputError, RecordingError
 from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line, write_file, write_json
 from rig.sessions.layout import LOCK, LOG, MANIFEST, RESULTS, TIMING
-from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest
+from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest, remarked
 from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
 
@@ -128,7 +128,7 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
             )
         manifest = read_manifest(folder)
         _require_same(folder, manifest, wanted)
-        return Session(folder, manifest, codec)
+        return _continued(folder, manifest, wanted, codec)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
     if folder.exists() and any(folder.iterdir()) and not _left_by_a_crash(folder):
@@ -136,6 +136,15 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
     _make_folder(folder)
     write_json(folder / MANIFEST, json_value(wanted))
     return Session(folder, wanted, codec, begun_here=True)
+
+
+def _continued(folder: Path, manifest: Manifest, wanted: Manifest, codec: Codec[Row]) -> Session[Row]:
+    """Open a session again; what people say of it now is kept beside what they said."""
+    now = remarked(manifest, wanted)
+    session = Session(folder, now, codec)
+    if now != manifest:
+        write_json(folder / MANIFEST, json_value(now))
+    return session
 
 
 def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:

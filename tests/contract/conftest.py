@@ -1,4 +1,4 @@
-"""One suite per interface, for the simulated devices, the real drivers on fakes behind wires, and hardware.
+"""The contract checks for the rig's own: simulated devices, real drivers on fakes behind wires, hardware.
 
 Hardware is used when a bench file is given (`pytest tests/contract --bench FILE`), and moved only
 with `--moves` as well: then somebody stands at the bench, whose fingers are free and whose way is clear.
@@ -7,18 +7,17 @@ with `--moves` as well: then somebody stands at the bench, whose fingers are fre
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import pytest
 
 from drivers.bench import Bench
 from drivers.clock import to_ns
-from drivers.errors import DeviceError
-from drivers.types import Pose
-from rig.bench.assembly import TOOL_DOWN, build_bench, build_real_bench
+from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
+from rig.contract_checks.devices import EVERY, reconnect
+from rig.contract_checks.options import make_ready_to_move
 from support.benches import lighter
 
 KINDS = ("fake", pytest.param("wire", marks=pytest.mark.real_time), "hardware")
@@ -54,16 +53,8 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 @pytest.fixture(scope="session")
-def hardware_station(request: pytest.FixtureRequest) -> Iterator[Station]:
-    file = request.config.getoption("--bench")
-    if file is None:
-        pytest.skip("needs real hardware: pytest tests/contract --bench FILE [--moves]")
-    config = load_bench(file)
-    if config.in_process:
-        pytest.skip(f"{file} describes simulated devices")
-    station = Station(build_real_bench(config), config, None)
-    yield station
-    disconnect(station.bench)
+def hardware_station(real_config: BenchConfig, real_bench: Bench) -> Station:
+    return Station(real_bench, real_config, None)
 
 
 @pytest.fixture(params=KINDS)
@@ -88,7 +79,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
         pytest.skip("moves the hardware: add --moves where somebody stands at the bench")
     reconnect(station.bench)
     if moves:
-        go_home(station)
+        make_ready_to_move(station.bench, station.config, EVERY)
     yield station.bench
 
 
@@ -105,31 +96,6 @@ def inactive_bench(bench: Bench, kind: str, request: pytest.FixtureRequest) -> B
     if bench.gripper.state().activated:
         pytest.skip("this gripper is activated: cut its power to run this test")
     return bench
-
-
-def reconnect(bench: Bench) -> None:
-    """Connect what the test before has disconnected, or a busy computer has cut off."""
-    reads = [(source, partial(source.newest_frame, 1.0)) for source in bench.frame_sources]
-    reads += [(bench.gripper, bench.gripper.state), (bench.arm, bench.arm.state)]
-    for device, read in reads:
-        try:
-            read()
-        except DeviceError:
-            device.disconnect()
-            device.connect()
-    for source in bench.frame_sources:
-        source.next_frame(5.0)
-
-
-def go_home(station: Station) -> None:
-    """Activate the gripper, open it, and bring the arm home."""
-    bench = station.bench
-    bench.arm.recover(lambda question: None)
-    if not bench.gripper.state().activated:
-        bench.gripper.activate()
-    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(10.0)
-    home = Pose.from_rotation(station.config.arm.home_m, TOOL_DOWN)
-    bench.arm.move_linear(home, 0.25, 1.0).wait(10.0)
 
 
 def disconnect(bench: Bench) -> None:

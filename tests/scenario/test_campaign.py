@@ -52,7 +52,7 @@ def test_sessions_are_listed_and_broken_ones_named(sessions: Path) -> None:
     assert good.size_bytes > 1_000_000
     assert "001.mcap: the recording is damaged (it is cut short)" in str(entries["c"].problem)
     assert "session.json" in str(entries["d"].problem)
-    done = rig("sessions", str(sessions), "--json")
+    done = rig("sessions", str(sessions), "--json", "--check")
     listed = json.loads(done.stdout)["sessions"]
     assert [entry["state"] for entry in listed] == ["complete", "complete", "broken", "broken"]
     assert listed[0]["mare_deg"] == good.mare.mean_deg

@@ -28,7 +28,8 @@ def code_lines(page: Path) -> list[str]:
     fenced = [m.group() for m in _FENCE.finditer(text) if m["language"] == "sh"]
     indented = re.findall(r"^ {4}(?:\$ )?rig .*$", without_code(page), re.MULTILINE)
     lines = [line for block in fenced for line in re.sub(r"\\\n\s*", "", block).splitlines()]
-    return [line.strip() for line in (*lines, *indented) if re.match(r"\s*(?:\$ )?rig ", line)]
+    typed = [re.split(r" (?:\||>|&&) ", line)[0].strip() for line in (*lines, *indented)]
+    return [line for line in typed if re.match(r"(?:\$ )?rig ", line)]
 
 
 def spans(page: Path) -> list[str]:

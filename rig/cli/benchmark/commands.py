@@ -15,6 +15,7 @@ from rig.cli.benchmark.others import others
 from rig.cli.benchmark.renderer import renderer
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.segmentation import segmentation
+from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
 
@@ -47,3 +48,4 @@ benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)
 benchmark.command("renderer")(renderer)
 benchmark.command("others")(others)
+benchmark.command("sessions")(sessions)

@@ -58,7 +58,7 @@ def estimators(
 
       rig benchmark estimators --session sessions/2026-11-21T093000_trial --out benchmark
 
-      rig benchmark estimators --full --readme README.md
+      rig benchmark estimators --full --readme docs/estimators.md
 
       rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
 

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 ReadmeOption = Annotated[
     Path | None,
-    typer.Option("--readme", help="Put the table between its markers in this file.", callback=file_place),
+    typer.Option(
+        "--readme",
+        help="Put the table between its markers in this file, as docs/estimators.md.",
+        callback=file_place,
+    ),
 ]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from support.browser import NEEDS_CHROMIUM, Browser
 from support.documentation import PAGES, ROOT, without_code
 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -49,12 +50,37 @@ def test_pictures_are_used_and_small() -> None:
     assert sum(p.stat().st_size for p in pictures) < PICTURE_BYTES
 
 
-def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(tmp_path)]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built as its page says: a warning is an error."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
-    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    return folder
+
+
+@NEEDS_CHROMIUM
+def test_pages_fit_a_desktop_and_a_phone_light_and_dark(site: Path, tmp_path: Path) -> None:
+    browser = Browser(tmp_path / "profile")
+    try:
+        papers = set()
+        for name in ("index", "estimators", "slip", "messages"):
+            for width in (1400, 390):
+                for scheme in ("light", "dark"):
+                    browser.open((site / f"{name}.html").as_uri(), width, scheme)
+                    assert browser.value("document.documentElement.scrollWidth") <= width, (name, width)
+                    papers.add(browser.value("getComputedStyle(document.body).backgroundColor"))
+                    assert browser.said() == []
+                    assert browser.fetched() == []
+        assert len(papers) == 2
+    finally:
+        browser.close()
+
+
+def test_the_site_has_every_page_and_needs_no_network(site: Path) -> None:
+    page = (site / "index.html").read_text(encoding="utf-8")
     assert page.count("toctree-l1") >= len(PAGES) - 2
     fetched = re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(https?://[^"]+)"', page)
     assert fetched == [], "the site needs the network"

@@ -1,0 +1,25 @@
+# The rig with the simulated bench; for a bench computer see compose.yaml and docs/containers.md.
+FROM python:3.12-slim-bookworm
+
+# libudev finds sensors by serial; everything else comes in wheels.
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends libudev1 \
+    && rm -rf /var/lib/apt/lists/*
+
+WORKDIR /opt/slip-rig
+COPY pyproject.toml requirements.lock README.md LICENSE ./
+COPY calibration calibration
+COPY drivers drivers
+COPY fakes fakes
+COPY protocols protocols
+COPY rig rig
+RUN pip install --no-cache-dir -c requirements.lock .
+
+# Not root: limits and file modes are to mean something.
+RUN useradd --create-home --groups video,dialout rig && mkdir /work && chown rig /work
+USER rig
+WORKDIR /work
+
+STOPSIGNAL SIGINT
+ENTRYPOINT ["rig"]
+CMD ["trial", "--lifts", "5"]

@@ -1,0 +1,40 @@
+"""Which devices a check is about, and reaching them, also after the check before let go of them."""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from drivers.bench import Bench
+from drivers.errors import DeviceError
+
+EVERY = frozenset({"arm", "gripper", "frames"})
+FIRST_FRAME_S, FRAME_S = 5.0, 1.0
+
+
+def of_test(module: ModuleType) -> frozenset[str]:
+    """Return what a module of checks is about, as its `ABOUT` says: "arm", "gripper", "frames"."""
+    return frozenset(getattr(module, "ABOUT", EVERY))
+
+
+def reconnect(bench: Bench, needed: frozenset[str] = EVERY) -> None:
+    """Connect what the test before has disconnected, or a busy computer has cut off."""
+    for device, read in _reads(bench, needed):
+        try:
+            read()
+        except DeviceError:
+            device.disconnect()
+            device.connect()
+    for source in bench.frame_sources if "frames" in needed else ():
+        source.next_frame(FIRST_FRAME_S)
+
+
+def _reads(bench: Bench, needed: frozenset[str]) -> list[tuple[Any, Callable[[], object]]]:
+    sources = bench.frame_sources if "frames" in needed else ()
+    reads: list[tuple[Any, Callable[[], object]]] = []
+    for source in sources:
+        reads.append((source, lambda source=source: source.newest_frame(FRAME_S)))
+    if "gripper" in needed:
+        reads.append((bench.gripper, bench.gripper.state))
+    if "arm" in needed:
+        reads.append((bench.arm, bench.arm.state))
+    return reads

@@ -1,0 +1,88 @@
+"""What every arm must do."""
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.clock import wait_until
+from drivers.errors import DeviceTimeoutError, NotConnectedError, OutOfLimitsError
+from drivers.types import ArmMode
+
+ABOUT = ("arm",)
+
+
+@pytest.mark.moves
+def test_a_motion_ends_where_it_was_sent(bench: Bench) -> None:
+    target = bench.arm.state().base_T_tcp.translated(x_m=0.05, z_m=-0.1)
+    motion = bench.arm.move_linear(target, 0.2, 1.0)
+    assert not motion.done()
+    motion.wait(10.0)
+    assert motion.done()
+    assert np.allclose(bench.arm.state().base_T_tcp.position_m, target.position_m, atol=2e-4)
+
+
+def test_state_is_fresh_and_running(bench: Bench) -> None:
+    state = bench.arm.state()
+    assert state.mode is ArmMode.RUNNING
+    assert 0 <= bench.clock.now_ns() - state.time_ns < 100_000_000
+    assert len(state.joints_rad) == 6
+    assert np.isfinite(state.wrench).all()
+
+
+@pytest.mark.moves
+def test_stop_ends_a_motion_on_its_way(bench: Bench) -> None:
+    start = bench.arm.state().base_T_tcp
+    motion = bench.arm.move_linear(start.translated(z_m=-0.2), 0.1, 1.0)
+    # a motion goes on only while somebody looks at the arm
+    assert wait_until(
+        bench.clock,
+        lambda: bench.arm.state().base_T_tcp.position_m[2] < start.position_m[2] - 0.03,
+        5.0,
+        0.01,
+    )
+    bench.arm.stop()
+    there = bench.arm.state().base_T_tcp.position_m[2]
+    bench.clock.sleep_until(bench.clock.now_ns() + 500_000_000)
+    assert motion.done()
+    assert start.position_m[2] - 0.19 < there < start.position_m[2] - 0.01
+    assert bench.arm.state().base_T_tcp.position_m[2] == pytest.approx(there, abs=0.01)
+
+
+@pytest.mark.moves
+def test_limits_are_checked_before_anything_moves(bench: Bench) -> None:
+    limits, start = bench.arm.limits, bench.arm.state().base_T_tcp
+    outside = start.translated(x_m=limits.workspace_max_m[0])
+    with pytest.raises(OutOfLimitsError, match="workspace"):
+        bench.arm.move_linear(outside, 0.1, 0.5)
+    with pytest.raises(OutOfLimitsError, match="speed"):
+        bench.arm.move_linear(start, 2 * limits.max_speed_m_s, 0.5)
+    with pytest.raises(OutOfLimitsError, match="acceleration"):
+        bench.arm.move_linear(start, 0.1, 2 * limits.max_acceleration_m_s2)
+    with pytest.raises(OutOfLimitsError, match="speed"):
+        bench.arm.move_linear(start, float("nan"), 0.5)
+    assert np.allclose(bench.arm.state().base_T_tcp.position_m, start.position_m, atol=1e-4)
+
+
+def test_an_arm_that_is_not_connected_says_so(bench: Bench) -> None:
+    bench.arm.disconnect()
+    bench.arm.disconnect()
+    with pytest.raises(NotConnectedError, match="connect"):
+        bench.arm.state()
+
+
+@pytest.mark.moves
+def test_a_motion_that_takes_too_long_is_stopped_and_says_so(bench: Bench) -> None:
+    start = bench.arm.state().base_T_tcp
+    motion = bench.arm.move_linear(start.translated(z_m=-0.2), 0.05, 1.0)
+    with pytest.raises(DeviceTimeoutError, match="stopped it"):
+        motion.wait(0.3)
+    bench.clock.sleep_until(bench.clock.now_ns() + 300_000_000)
+    there = bench.arm.state().base_T_tcp.position_m[2]
+    bench.clock.sleep_until(bench.clock.now_ns() + 300_000_000)
+    assert bench.arm.state().base_T_tcp.position_m[2] == pytest.approx(there, abs=1e-4)
+    assert there > start.position_m[2] - 0.1
+
+
+def test_recovering_an_arm_that_runs_asks_nobody(bench: Bench) -> None:
+    bench.arm.recover(lambda question: pytest.fail(question))
+    assert bench.arm.state().mode is ArmMode.RUNNING

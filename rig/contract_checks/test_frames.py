@@ -1,0 +1,64 @@
+"""What every tactile sensor and camera must do: freshness is part of the interface."""
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.clock import to_ns
+from drivers.errors import DeviceTimeoutError, NotConnectedError, StaleFrameError
+from drivers.interfaces import FrameSource
+
+ABOUT = ("frames",)
+
+LATE_S = 2.5
+"""Longer than what any source keeps for a late reader."""
+
+
+@pytest.fixture(params=["tactile", "camera"])
+def source(bench: Bench, request: pytest.FixtureRequest) -> FrameSource:
+    return bench.camera if request.param == "camera" else bench.fingertips[0].sensor
+
+
+def test_next_frames_come_in_order_at_the_rate_none_twice(bench: Bench, source: FrameSource) -> None:
+    source.newest_frame(1.0)
+    frames = [source.next_frame(0.5) for _ in range(20)]
+    assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 19
+    periods = np.diff([frame.time_ns for frame in frames]) / 1e9
+    assert periods.mean() == pytest.approx(1 / source.rate_hz, rel=0.05)
+    assert all(frame.time_ns <= bench.clock.now_ns() for frame in frames)
+
+
+def test_a_frame_is_rgb_and_carries_its_serial(source: FrameSource) -> None:
+    frame = source.next_frame(0.5)
+    assert frame.image.dtype == np.uint8
+    assert frame.image.shape[2] == 3
+    assert frame.serial == source.serial
+
+
+def test_a_late_reader_loses_the_oldest_and_can_tell(bench: Bench, source: FrameSource) -> None:
+    first = source.next_frame(0.5)
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(LATE_S))
+    assert source.next_frame(0.5).sequence > first.sequence + 1
+
+
+def test_the_newest_frame_skips_the_backlog(bench: Bench, source: FrameSource) -> None:
+    source.next_frame(0.5)
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(0.9))
+    frame = source.newest_frame(0.4)
+    assert bench.clock.now_ns() - frame.time_ns < to_ns(0.5)
+    assert source.next_frame(0.5).sequence == frame.sequence + 1
+
+
+def test_limits_on_age_and_waiting_raise(bench: Bench, source: FrameSource) -> None:
+    with pytest.raises(StaleFrameError, match="old"):
+        source.newest_frame(1e-6)
+    source.newest_frame(1.0)
+    with pytest.raises(DeviceTimeoutError, match="no frame"):
+        source.next_frame(1e-6)
+
+
+def test_a_source_that_is_not_connected_says_so(source: FrameSource) -> None:
+    source.disconnect()
+    source.disconnect()
+    with pytest.raises(NotConnectedError, match="connect"):
+        source.next_frame(0.1)

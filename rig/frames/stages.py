@@ -1,0 +1,174 @@
+"""What `slip` works with, in a picture: two frames of a turn, their slopes, and what the turn leaves over."""
+
+import cmath
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.frames.estimates import Estimate
+from rig.frames.estimation import Estimation
+from rig.frames.of_session import session_frames
+from rig.frames.series import FrameSeries, make_background, read_frames
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.slip.estimator import NOISE_BLUR_PX
+from rig.tactile.slip.gel_marks import GelMarks, found_marks
+from rig.tactile.slip.gradient import learn_map
+from rig.tactile.slip.height import Gradient
+
+PANEL_HEIGHT_PX, BAND_PX, GAP_PX = 320, 26, 6
+BRIGHTEST = 99.0
+"""Percentile of the slopes at the zero that is drawn in full brightness."""
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turn:
+    """Two frames of a series: at the zero, and turned farthest.
+
+    angle_deg (counter-clockwise as seen), shift_px (right, down): in the image, between them.
+    """
+
+    zero: Image
+    later: Image
+    apart_s: float
+    angle_deg: float
+    sigma_deg: float | None
+    shift_px: tuple[float, float]
+
+
+def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn:
+    """Find the frame that is turned farthest from the zero. sign: what the estimate's angles were taken by.
+
+    Raises `InputError` where no frame has an angle.
+    """
+    answered = [(abs(a), i) for i, a in enumerate(estimate.angles_deg) if a is not None]
+    if estimate.zero is None or not answered:
+        raise InputError(f"{series.name}: no frame has an angle; give frames with a contact that turns")
+    place = max(answered)[1]
+    zero_ns, later_ns = estimate.zero.time_ns, estimate.answers[place].time.time_ns
+    images = {
+        f.time.time_ns: f.image
+        for f in series
+        if f.image is not None and f.time.time_ns in (zero_ns, later_ns)
+    }
+    return Turn(
+        images[zero_ns],
+        images[later_ns],
+        (later_ns - zero_ns) / NS_PER_S,
+        sign * (estimate.angles_deg[place] or 0.0),
+        estimate.sigmas_deg[place],
+        estimate.shifts_px[place] or (0.0, 0.0),
+    )
+
+
+def explained_frames(path: Path, background: str | None, aspect: float | None) -> tuple[Image, Turn]:
+    """Draw the largest turn in anyone's frames. Raises `InputError`."""
+    series = read_frames(path)
+    empty, _ = make_background(background, series)
+    estimate = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
+    turn = largest_turn(series, estimate.estimate)
+    return stages_picture(turn, empty, aspect, path.name), turn
+
+
+def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, Turn]:
+    """Draw the largest turn that a fingertip saw in a lift of a session. Raises `InputError`."""
+    tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
+    tip = next((tip for tip in tips if serial in (None, tip.serial)), None)
+    if tip is None:
+        raise InputError(
+            f"{folder}: no finished lift {lift} of sensor {serial or 'any'}; see rig report {folder}"
+        )
+    estimate = Estimation(choose_estimator(None, None)).of_sensor(tip)
+    turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
+    manifest = read_manifest_of(folder, TrialManifest, "it has no lifts; give its images")
+    mark = "SIMULATED, " if manifest.simulated else ""
+    return stages_picture(turn, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}"), turn
+
+
+def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:
+    """Draw a turn, (H, W, 3) uint8 RGB: frames, slopes, the zero's slopes turned, and what is left.
+
+    Raises `InputError` where the zero's frame shows no dent to learn the slopes from.
+    """
+    size = work_size(background.shape, aspect or 1.0)
+    first, now = (_difference(image, background, size) for image in (turn.zero, turn.later))
+    region = ContactGate().find(first)
+    learnt = None if region is None else learn_map(first, region.mask)
+    if region is None or learnt is None:
+        raise InputError(f"{title}: the frame at the zero shows no dent; give another --reference-time")
+    slopes, slopes_now = learnt.apply(first), learnt.apply(now)
+    turned = _turned(slopes, region.mask, turn, background.shape)
+    scale = float(np.percentile(np.abs(slopes), BRIGHTEST))
+    rows = (
+        (
+            (turn.zero, "at the zero"),
+            (_coloured(slopes, scale), "its slopes"),
+            (_coloured(turned, scale), f"the same, turned by {turn.angle_deg:+.1f} deg"),
+        ),
+        (
+            (turn.later, f"{turn.apart_s:.2f} s later"),
+            (_coloured(slopes_now, scale), "its slopes"),
+            (_coloured(slopes_now - turned, scale), "what the turn does not explain"),
+        ),
+    )
+    return _sheet(rows, title, background.shape)
+
+
+def _difference(image: Image, background: Image, size: tuple[int, int]) -> NDArray[np.float32]:
+    """The relative difference from the background as the estimator takes it, (h, w, 3)."""
+    light = RelativeDifference(background, size)
+    clean = GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
+    return np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
+
+
+def _turned(slopes: Gradient, mask: Image, turn: Turn, shape: tuple[int, ...]) -> Gradient:
+    """Turn places and vectors about the contact's middle, and move them, as the estimator says."""
+    down, across = np.nonzero(mask)
+    middle = complex(across.mean(), down.mean())
+    height, width = slopes.shape
+    shift = complex(turn.shift_px[0] * width / shape[1], turn.shift_px[1] * height / shape[0])
+    # counter-clockwise as seen, with y down
+    turning = cmath.exp(-1j * math.radians(turn.angle_deg))
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    came_from = (columns + 1j * rows - middle - shift) / turning + middle
+    x, y = came_from.real.astype(np.float32), came_from.imag.astype(np.float32)
+    parts = [cv2.remap(np.ascontiguousarray(p), x, y, cv2.INTER_LINEAR) for p in (slopes.real, slopes.imag)]
+    return np.asarray((parts[0] + 1j * parts[1]) * turning, np.complex64)
+
+
+def _coloured(slopes: Gradient, scale: float) -> Image:
+    """Slopes as colours: the direction as hue, the steepness as brightness."""
+    hue = (np.degrees(np.angle(slopes)) % 360.0) / 2.0
+    value = np.clip(np.abs(slopes) / max(scale, 1e-9), 0.0, 1.0) * 255.0
+    hsv = np.stack([hue, np.full_like(hue, 200.0), value], axis=-1).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.uint8)
+
+
+def _sheet(rows: tuple[tuple[tuple[Image, str], ...], ...], title: str, shape: tuple[int, ...]) -> Image:
+    width = round(PANEL_HEIGHT_PX * shape[1] / shape[0])
+    lines = []
+    for row in rows:
+        panels = [np.concatenate([_panel(picture, width), _band(text, width)]) for picture, text in row]
+        gap = np.full((panels[0].shape[0], GAP_PX, 3), 255, np.uint8)
+        lines.append(np.concatenate([p for panel in panels for p in (panel, gap)][:-1], axis=1))
+    return np.concatenate([_band(title, lines[0].shape[1]), *lines])
+
+
+def _panel(picture: Image, width: int) -> Image:
+    return np.asarray(cv2.resize(picture, (width, PANEL_HEIGHT_PX), interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def _band(text: str, width: int) -> Image:
+    band = np.full((BAND_PX, width, 3), 255, np.uint8)
+    cv2.putText(band, text, (4, BAND_PX - 9), _FONT, 0.42, (30, 30, 30), 1, cv2.LINE_AA)
+    return band

@@ -1,0 +1,158 @@
+"""The page of gel wear: noise, look, contact and error of sessions over days and weeks."""
+
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+
+from rig.pages.figure import drawing, legend_above, svg
+from rig.pages.page import render
+from rig.pages.palette import ESTIMATE, SERIES
+from rig.report.parts import Chart, Notice, Table, joined
+from rig.report.text import made_text, mare_text
+from rig.report.wear import SessionWear, TipWear, read_wear
+from rig.report.write import Written, write_page
+from rig.sessions.manifest import TrialManifest
+
+MARKERS = ("o", "s", "^", "D")
+Points = list[tuple[datetime, float]]
+
+
+def write_wear(folders: Sequence[Path], page: Path) -> Written:
+    """Write the page of some sessions. Raises `InputError` where none can be read, `RecordingError`."""
+    sessions, problems = read_wear(folders)
+    write_page(page, wear_page(sessions, problems))
+    return Written(page, tuple(problems))
+
+
+def wear_page(sessions: Sequence[SessionWear], problems: Sequence[str], now: datetime | None = None) -> str:
+    """Return the page of sessions, in the order in which they were begun."""
+    days = (sessions[-1].began - sessions[0].began).days
+    serials = sorted({serial for session in sessions for serial in session.tips})
+    return render(
+        "rig.report",
+        "wear.html",
+        simulated=any(session.manifest.simulated for session in sessions),
+        about=f"{len(sessions)} sessions over {days} days, sensors {joined(serials)}",
+        warnings=_notices(sessions, problems),
+        charts=_charts(sessions, serials),
+        table=_table(sessions),
+        made=made_text(now or datetime.now(UTC)),
+    )
+
+
+def _notices(sessions: Sequence[SessionWear], problems: Sequence[str]) -> list[Notice]:
+    found = [Notice("warn", "A session was left out.", problem) for problem in problems]
+    kinds = {session.manifest.simulated for session in sessions}
+    if len(kinds) > 1:
+        advice = "They say nothing of one another: choose some with --tag or by their folder."
+        found.append(Notice("bad", "Simulated and real sessions stand side by side.", advice))
+    methods = sorted({s.manifest.estimator for s in sessions if isinstance(s.manifest, TrialManifest)})
+    if len(methods) > 1:
+        what = f"Errors are of several estimators: {joined(methods)}."
+        found.append(Notice("warn", what, "Compare like with like: replay the sessions with one of them."))
+    return found
+
+
+def _charts(sessions: Sequence[SessionWear], serials: Sequence[str]) -> list[Chart]:
+    def by_serial(value: Callable[[TipWear], float | None]) -> dict[str, Points]:
+        found: dict[str, Points] = {serial: [] for serial in serials}
+        for session in sessions:
+            for serial, tip in session.tips.items():
+                if (number := value(tip)) is not None:
+                    found[serial].append((session.began, number))
+        return {serial: points for serial, points in found.items() if points}
+
+    charts = [
+        _chart(
+            by_serial(lambda tip: tip.noise), "Noise at rest", "grey levels",
+            "How much each pixel of the untouched gel varies in the quarter of a second before a grasp.",
+        ),
+        _chart(
+            by_serial(lambda tip: tip.change), "Change of the gel at rest", "grey levels",
+            "How far the picture of the untouched gel is from that of the sensor's first session here.",
+        ),
+        _chart(
+            by_serial(lambda tip: tip.contact_px), "Contact", "area, px",
+            "Median area of the contacts of a session. Other objects and grips change it, too.",
+        ),
+        _error_chart(sessions),
+    ]  # fmt: skip
+    return [chart for chart in charts if chart is not None]
+
+
+def _chart(series: dict[str, Points], title: str, unit: str, caption: str) -> Chart | None:
+    if not series:
+        return None
+    with drawing(250) as figure:
+        axes = figure.subplots()
+        for number, (serial, points) in enumerate(series.items()):
+            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            dates, values = [date2num(when) for when, _ in points], [value for _, value in points]
+            axes.plot(dates, values, marker=marker, markersize=4, color=colour.light, label=serial)
+        _dated(axes, unit)
+        legend_above(axes, 2)
+        return Chart(title, svg(figure, title), caption)
+
+
+def _error_chart(sessions: Sequence[SessionWear]) -> Chart | None:
+    known = [(session.began, session.mare) for session in sessions if session.mare]
+    if not known:
+        return None
+    title = "Error"
+    with drawing(250) as figure:
+        axes = figure.subplots()
+        for when, mare in known:
+            if mare.low_deg is not None and mare.high_deg is not None:
+                axes.plot(
+                    [date2num(when)] * 2, [mare.low_deg, mare.high_deg], color=ESTIMATE.light, linewidth=1
+                )
+        axes.plot(
+            [date2num(when) for when, _ in known], [mare.mean_deg for _, mare in known], "o", markersize=4,
+            color=ESTIMATE.light,
+        )  # fmt: skip
+        _dated(axes, "MARE in B and C, degrees")
+        caption = "Mean over the lifts of a session, with its 95 % interval (bootstrap over lifts)."
+        return Chart(title, svg(figure, title), caption)
+
+
+def _dated(axes: Axes, unit: str) -> None:
+    """Give axes a scale of dates, and one from zero with some room above."""
+    locator = AutoDateLocator(minticks=3, maxticks=6)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    axes.set_ylim(0.0, 1.15 * axes.dataLim.ymax or 1.0)
+    axes.set(xlabel="begun, UTC", ylabel=unit)
+
+
+def _table(sessions: Sequence[SessionWear]) -> Table:
+    columns = (
+        "session",
+        "begun, UTC",
+        "tags",
+        "sensor",
+        "noise",
+        "change",
+        "contact, px",
+        "lifts",
+        "MARE in B and C, °",
+    )
+    rows = []
+    for session in sessions:
+        for number, (serial, tip) in enumerate(session.tips.items()):
+            own = not number
+            rows.append(
+                [
+                    session.folder.name if own else "",
+                    session.began.strftime("%Y-%m-%d %H:%M") if own else "",
+                    ", ".join(session.manifest.remarks.tags) if own else "",
+                    serial,
+                    *(("" if v is None else f"{v:.2f}") for v in (tip.noise, tip.change)),
+                    "" if tip.contact_px is None else f"{tip.contact_px:.0f}",
+                    str(session.lifts or "") if own else "",
+                    mare_text(session.mare) if own and session.lifts else "",
+                ]
+            )
+    return Table(columns, rows, text=(0, 1, 2, 3))

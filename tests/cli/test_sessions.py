@@ -1,0 +1,157 @@
+"""`rig sessions`: named, found by tag and object, sorted, checked, many at once, and their wear."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.benchmark.sessions.made import make_session
+from rig.config import load_bench
+from rig.report.wear import read_wear
+from support.command_line import rig
+
+STORED = Path(__file__).parents[1] / "data"
+
+
+def listed(folder: Path, *options: object) -> list[dict[str, Any]]:
+    done = rig("sessions", folder, "--json", *options)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["sessions"]
+
+
+@pytest.fixture(scope="module")
+def named(tmp_path_factory: pytest.TempPathFactory, one_lift: Path) -> Path:
+    """Three copies of a trial: another date, other words and another error each."""
+    folder = tmp_path_factory.mktemp("named")
+    words = ({"name": "Beta", "tags": ["gel-1", "x"]}, {"tags": ["gel-1"], "operator": "Ada"}, {})
+    for number, said in enumerate(words):
+        place = folder / f"s{number}"
+        shutil.copytree(one_lift, place)
+        manifest = json.loads((place / "session.json").read_text())
+        manifest |= {"started": f"2026-03-{20 - number:02d}T08:00:00+00:00"}
+        if said:
+            manifest["remarks"] = {"name": "", "note": "", "tags": [], "operator": "", **said}
+        (place / "session.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def names(folder: Path, *options: object) -> list[str]:
+    return [Path(entry["session"]).name for entry in listed(folder, *options)]
+
+
+def test_sessions_are_found_by_tags_and_objects(named: Path) -> None:
+    assert names(named, "--tag", "gel-1") == ["s0", "s1"]
+    assert names(named, "--tag", "gel-1", "--tag", "x") == ["s0"]
+    assert names(named, "--tag", "nobody's") == []
+    assert len(names(named, "--object", "T2")) == len(names(named, "--object", "toothbrush")) == 3
+    assert names(named, "--object", "wrench") == []
+
+
+def test_sessions_are_sorted(named: Path) -> None:
+    assert names(named, "--sort", "date") == ["s2", "s1", "s0"]
+    assert names(named, "--sort", "date", "--reverse") == ["s0", "s1", "s2"]
+    assert names(named, "--sort", "name", "--reverse")[0] == "s0", "what has no name stands at the end"
+    assert names(named) == ["s0", "s1", "s2"]
+
+
+def test_what_people_said_is_in_the_table_where_they_did(named: Path, one_lift: Path) -> None:
+    table = rig("sessions", named).stdout
+    assert all(word in table for word in ("Beta", "gel-1, x", "Ada", "operator"))
+    assert "operator" not in rig("sessions", one_lift).stdout
+
+
+def test_words_given_to_a_trial_reach_its_report(tmp_path: Path, light_bench_file: Path) -> None:
+    folder = tmp_path / "s"
+    words = ("--name", "new <gel>", "--tag", "gel-7", "--operator", "Ada", "--note", "cleaned & dried")
+    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--estimator", "pca")
+    done = rig(*what, "--jobs", 1, "--out", folder, *words)
+    assert done.returncode == 0, done.stderr
+    page = (folder / "report.html").read_text()
+    assert "new &lt;gel&gt;: Slip trial" in page
+    assert "operator: Ada · note: cleaned &amp; dried" in page
+    assert listed(folder)[0]["tags"] == ["gel-7"]
+    wrong = rig(*what, "--out", tmp_path / "other", "--tag", "two words")
+    assert wrong.returncode == 2
+    assert not (tmp_path / "other").exists()
+
+
+def test_missing_files_are_seen_at_once_damaged_bytes_when_asked(tmp_path: Path, one_lift: Path) -> None:
+    folder = tmp_path / "s"
+    shutil.copytree(one_lift, folder)
+    recording = next((folder / "lifts").iterdir())
+    data = bytearray(recording.read_bytes())
+    data[len(data) // 2] ^= 1
+    recording.write_bytes(data)
+    assert listed(folder)[0]["state"] == "complete"
+    (entry,) = listed(folder, "--check")
+    assert entry["state"] == "broken"
+    assert recording.name in entry["problem"]
+    recording.unlink()
+    assert "recording is missing" in listed(folder)[0]["problem"]
+
+
+def test_many_are_looked_at_side_by_side_with_the_same_answer(tmp_path: Path) -> None:
+    bench = load_bench("fake")
+    for number in range(45):
+        make_session(tmp_path / f"{number:02d}", bench, number, 3)
+    code = (
+        "import sys; import rig.cli.sessions as s; s.SIDE_BY_SIDE = int(sys.argv.pop(1)); "
+        "from rig.cli.main import main; main()"
+    )
+    answers = [
+        subprocess.run(
+            [sys.executable, "-c", code, str(least), "sessions", str(tmp_path), "--json"],
+            capture_output=True, text=True, check=False, timeout=120,
+        )
+        for least in (10_000, 2)
+    ]  # fmt: skip
+    assert [answer.returncode for answer in answers] == [0, 0], answers[1].stderr
+    assert answers[0].stdout == answers[1].stdout
+    assert "Process" not in answers[1].stderr, "workers are ended without a word"
+    assert len(json.loads(answers[1].stdout)["sessions"]) == 45
+
+
+def test_a_long_session_and_many_are_timed_as_asked(tmp_path: Path) -> None:
+    done = rig(
+        "benchmark", "sessions", "--sessions", 3, "--lifts", 2, "--long", 30, "--runs", 1, "--out", tmp_path
+    )
+    assert done.returncode in (0, 4), done.stderr
+    assert "3 sessions of 2 lifts listed" in done.stdout
+    assert len(read_made(tmp_path / "one" / "30_lifts")) == 30
+
+
+def read_made(folder: Path) -> list[Any]:
+    from rig.sessions.rows import read_finished_lifts
+
+    return read_finished_lifts(folder)
+
+
+def test_wear_is_shown_over_time(named: Path, tmp_path: Path) -> None:
+    both = tmp_path / "both"
+    shutil.copytree(named, both / "trials")
+    shutil.copytree(STORED / "stored_record", both / "record")
+    page = tmp_path / "wear.html"
+    done = rig("sessions", both, "--wear", page, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["wear"] == str(page)
+    text = page.read_text()
+    for title in ("Noise at rest", "Change of the gel at rest", "Contact", "Error", "SIMULATED"):
+        assert title in text
+    assert "4 sessions over" in text
+
+
+def test_wear_is_measured_on_the_untouched_gel(named: Path) -> None:
+    sessions, problems = read_wear([named / "s0", named / "s2", named / "nowhere"])
+    assert [session.folder.name for session in sessions] == ["s2", "s0"], "in the order of their dates"
+    assert len(problems) == 1
+    for session in sessions:
+        for tip in session.tips.values():
+            assert tip.change == 0.0, "copies of one recording look alike"
+            assert tip.noise is not None
+            assert 0.1 < tip.noise < 5.0
+            assert tip.contact_px is not None
+            assert tip.contact_px > 100.0

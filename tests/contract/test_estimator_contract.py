@@ -1,0 +1,28 @@
+"""The rig's estimators, and one that is not the rig's, held to the checks of every estimator."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rig.contract_checks.options import MakeEstimator
+from rig.contract_checks.test_estimator import *  # noqa: F403
+from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
+from support.own_estimators import MODULE, own_estimators
+
+OWN = f"{MODULE}:Mine"
+NAMES = [name for name in ESTIMATORS if name != TOSKOV]
+"""Toskov's network asks for the arm's states too."""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with own_estimators(tmp_path_factory.mktemp("lab")) as imported:
+        yield imported
+
+
+@pytest.fixture(params=[*NAMES, OWN])
+def make_estimator(request: pytest.FixtureRequest) -> MakeEstimator:
+    if request.param == OWN:
+        request.getfixturevalue("own")
+    return choose_estimator(request.param).make

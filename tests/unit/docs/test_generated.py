@@ -1,0 +1,98 @@
+"""What pages say that the code says too: messages and their cures, figures, files."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+
+from support.documentation import ROOT
+
+
+def script(name: str) -> ModuleType:
+    """Load a script of docs, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_messages_names_the_cures_that_the_code_names() -> None:
+    messages = script("make_messages")
+    assert messages.PAGE.read_text(encoding="utf-8") == messages.page(), "run: python docs/make_messages.py"
+    assert len(messages.messages()) > 250
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("arm: not at rest; zero it", ("arm: not at rest", "zero it")),
+        (
+            "a.png: is no picture: copy it anew or leave it out",
+            ("a.png: is no picture", "copy it anew or leave it out"),
+        ),
+        ("x: moves by ... hours", None),
+        ("sensor: all alike; is it connected?", ("sensor: all alike", "is it connected?")),
+    ],
+)
+def test_messages_are_split_where_the_cure_begins(text: str, parts: tuple[str, str] | None) -> None:
+    assert script("make_messages").split(text) == parts
+
+
+def test_readme_says_what_the_tables_say() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
+    lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
+    at = next(i for i, row in enumerate(rows) if row[:2] == ["slip", "all"])
+    everything, developed, held_back = (rows[at + i][3] for i in range(3))
+    assert f"MARE {lifts[3].split()[0]} degrees" in readme
+    shares = f"{everything} ({developed} on clips it was developed on, {held_back} on the others)"
+    assert re.sub("(?<=[0-9])%", " %", shares) in readme
+
+
+def test_the_lines_that_are_not_run_say_why() -> None:
+    lines = script("try_it").command_lines(long=False)
+    assert sum(not line.why_not for line in lines) > 30
+    assert all("needs" in line.why_not or "--long" in line.why_not for line in lines if line.why_not)
+    moving = [line for line in lines if "--bench my_bench.toml" in line.text and " objects " not in line.text]
+    assert len(moving) > 5
+    assert all(line.why_not for line in moving)
+
+
+def test_the_image_copies_what_is_there_and_the_services_are_as_the_page_says() -> None:
+    copied = re.findall(r"^COPY (.*) \S+$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    files = " ".join(copied).split()
+    assert all((ROOT / name).exists() for name in files)
+    kept = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    assert kept == set(files)
+    services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
+    assert services["simulated"]["command"] == ["trial", "--lifts", "5"]
+    bench = services["bench"]
+    assert (bench["network_mode"], bench["tty"], bench["stdin_open"]) == ("host", True, True)
+    assert bench["environment"]["XDG_STATE_HOME"].startswith("/work/")
+
+
+def test_the_citation_is_of_the_paper() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= citation.keys()
+    paper = citation["preferred-citation"]
+    assert [author["family-names"] for author in paper["authors"]] == ["Castaño-Amorós", "Gil"]
+    assert paper["year"] == 2023
+
+
+def test_pages_are_not_long() -> None:
+    made = {"messages.md", "others.md"}
+    long = {
+        p.name: n for p in (ROOT / "docs").glob("*.md") if (n := len(_lines(p))) > 160 and p.name not in made
+    }
+    assert long == {}
+    assert len(_lines(ROOT / "README.md")) < 80
+
+
+def _lines(page: Path) -> list[str]:
+    return page.read_text(encoding="utf-8").splitlines()

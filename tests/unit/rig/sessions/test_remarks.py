@@ -1,0 +1,67 @@
+"""What people say of a session: kept beside what was asked for, and no part of it."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from rig.config import load_bench
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import trial_manifest
+from rig.report.header import header
+from rig.sessions.codec import json_value
+from rig.sessions.manifest import TrialManifest, first_difference, read_manifest_of
+from rig.sessions.records import LIFTS
+from rig.sessions.remarks import NO_REMARKS, Remarks, remarks_of
+from rig.sessions.session import open_session
+from rig.tactile.estimators import choose_estimator
+
+
+def manifest(remarks: Remarks = NO_REMARKS) -> TrialManifest:
+    return trial_manifest(TrialSettings(load_bench("fake"), 0, choose_estimator()), ["t1"], 1, remarks)
+
+
+def stored(folder: Path) -> TrialManifest:
+    return read_manifest_of(folder, TrialManifest, "")
+
+
+def test_they_are_kept_with_the_session_and_ask_for_nothing(tmp_path: Path) -> None:
+    said = remarks_of("new gel", "cleaned <twice> & dried", ["gel-7", "gel-7", "übung"], "Ada")
+    open_session(tmp_path / "s", manifest(said), LIFTS, resume=False).close()
+    kept = stored(tmp_path / "s")
+    assert kept.remarks == Remarks("new gel", "cleaned <twice> & dried", ("gel-7", "übung"), "Ada")
+    assert first_difference(kept, manifest()) is None
+    assert header(kept, "Slip trial")["what"] == "new gel: Slip trial"
+    assert "tags: gel-7, übung · operator: Ada" in header(kept, "Slip trial")["remarks"]
+
+
+def test_a_session_without_any_is_written_as_before() -> None:
+    assert "remarks" not in json_value(manifest())
+
+
+def test_what_is_said_when_it_goes_on_is_added(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    open_session(folder, manifest(remarks_of("first", None, ["a"], "Ada")), LIFTS, resume=False).close()
+    open_session(folder, manifest(), LIFTS, resume=True).close()
+    assert stored(folder).remarks == Remarks("first", "", ("a",), "Ada")
+    open_session(folder, manifest(remarks_of("second", "late", ["b", "a"], None)), LIFTS, resume=True).close()
+    assert stored(folder).remarks == Remarks("second", "late", ("a", "b"), "Ada")
+
+
+@pytest.mark.parametrize(
+    ("name", "note", "tags", "said"),
+    [
+        ("a\nb", None, [], "--name: give one line"),
+        ("", None, [], "--name"),
+        ("x" * 81, None, [], "at most 80"),
+        (None, "\x1b[31m", [], "--note"),
+        (None, None, ["two words"], "--tag 'two words': a tag is one word"),
+        (None, None, ["-a"], "--tag"),
+        (None, None, [f"t{i}" for i in range(21)], "21 tags"),
+    ],
+)
+def test_what_could_not_be_shown_is_refused(
+    name: str | None, note: str | None, tags: list[str], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        remarks_of(name, note, tags, None)

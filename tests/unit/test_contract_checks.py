@@ -1,0 +1,66 @@
+"""The contract checks, run as others run them: in a folder of their own, on a class of their own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+WRONG = """
+from dataclasses import replace
+
+from rig.tactile.estimators import choose_estimator
+
+
+class Clockwise:
+    def __init__(self, background):
+        self.inner = choose_estimator("pca", 1).make(background)
+
+    def update(self, image, time_ns):
+        sample = self.inner.update(image, time_ns)
+        return replace(sample, angle_deg=sample.angle_deg and -sample.angle_deg)
+"""
+PLUGIN = ("-p", "rig.contract_checks.options")
+CHECKS = ("-p", "no:cacheprovider", "--pyargs", "rig.contract_checks")
+
+
+def pytest_of(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    (tmp_path / "lab_wrong.py").write_text(WRONG)
+    return tmp_path
+
+
+def test_an_estimator_that_breaks_the_contract_is_told_where(lab: Path) -> None:
+    few = ("-k", "clockwise or changes or devices")
+    done = pytest_of(lab, *PLUGIN, *CHECKS, "--estimator", "lab_wrong:Clockwise", *few)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "turned by 20: see the sign, and the unit" in done.stdout
+    assert "1 failed, 1 passed" in done.stdout
+
+
+def test_devices_are_asked_for_and_nothing_is_reached_without(lab: Path) -> None:
+    done = pytest_of(lab, *PLUGIN, *CHECKS, "-k", "test_arm or frames or gripper", "-rs")
+    assert done.returncode == 0, done.stdout
+    assert "give --bench FILE, and --moves to let it move" in done.stdout
+    assert "passed" not in done.stdout
+
+
+def test_without_the_options_it_says_what_to_type(lab: Path) -> None:
+    done = pytest_of(lab, *CHECKS)
+    assert done.returncode == 4
+    assert "add -p rig.contract_checks.options" in done.stderr
+
+
+def test_the_product_needs_no_pytest() -> None:
+    code = (
+        "import sys; sys.modules['pytest'] = None; import rig.cli.main, rig.experiments.trial;"
+        "import rig.bench.source, rig.benchmark.estimators.benchmark, rig.benchmark.wire.faults;"
+        "print('fine')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "fine\n", done.stderr

@@ -50,7 +50,11 @@ def together(faults: Sequence[EstimatorFaults]) -> EstimatorFaults:
 
 def require_estimator(name: str) -> None:
     """Import the class of that name. Raises `InputError` where there is none that could be an estimator."""
-    kind = named_class(name, "estimator", GROUP)
+    require_update(name, named_class(name, "estimator", GROUP))
+
+
+def require_update(name: str, kind: type[Any]) -> None:
+    """Raise `EstimatorError` for a class that is no estimator."""
     if not callable(getattr(kind, "update", None)):
         raise EstimatorError(
             f"estimator '{name}': {kind.__name__} has no method update(image, time_ns): see docs/extending.md"
@@ -66,11 +70,20 @@ class ForeignEstimator(FreshFrameEstimator):
 
     stages = ()
 
-    def __init__(self, name: str, background: Image, aspect: float | None, sign: int) -> None:
+    def __init__(
+        self,
+        name: str,
+        background: Image,
+        aspect: float | None,
+        sign: int,
+        kind: type[Any] | None = None,
+    ) -> None:
+        """Make it. kind: the class, where it is at hand; else it is imported by its name."""
         check_frame(background)
         super().__init__(background.shape)
         self._name, self._arm_fault = name, None
-        self._inner = _made(name, background, {"aspect": aspect, "sign": sign})
+        found = kind or named_class(name, "estimator", GROUP)
+        self._inner = _made(name, found, background, {"aspect": aspect, "sign": sign})
 
     def arm(self, state: ArmState) -> None:
         """Pass the arm's state on, where it wants to know."""
@@ -103,8 +116,8 @@ class ForeignEstimator(FreshFrameEstimator):
         return SlipSample(time_ns, State.LOST, fault=f"{self._name}: {fault}"[:LONGEST_FAULT])
 
 
-def _made(name: str, background: Image, more: dict[str, Any]) -> Any:
-    kind = named_class(name, "estimator", GROUP)
+def _made(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -> Any:
+    require_update(name, kind)
     try:
         wanted = inspect.signature(kind).parameters
         return kind(background.copy(), **{key: more[key] for key in more if key in wanted})

@@ -1,0 +1,70 @@
+"""An angle over time, as arrays."""
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drivers.errors import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """An angle over time.
+
+    time_s: (N,) s, never going back. angle_deg: (N,) degrees, NaN where refused. sigma_deg: (N,) one standard
+    deviation, NaN where unknown; all of it unknown by default. states: (N,) what the estimator claimed, or
+    empty. Anything numpy makes such arrays of is taken. Raises `InputError` for other shapes.
+    """
+
+    time_s: Floats
+    angle_deg: Floats
+    sigma_deg: Floats = field(default_factory=lambda: np.empty(0))
+    states: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        time_s, angle_deg = _row("time_s", self.time_s), _row("angle_deg", self.angle_deg)
+        sigma_deg = _row("sigma_deg", self.sigma_deg)
+        sigma_deg = sigma_deg if sigma_deg.size else np.full(time_s.shape, np.nan)
+        if not time_s.shape == angle_deg.shape == sigma_deg.shape or len(self.states) not in (0, len(time_s)):
+            raise InputError(f"Angles: {len(time_s)} times and {len(angle_deg)} angles: give as many of each")
+        if not np.isfinite(time_s).all() or (np.diff(time_s) < 0).any():
+            raise InputError("Angles: time_s is to be finite and never to go back: sort the rows by time")
+        for name, values in (("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg)):
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def to_pandas(self) -> "DataFrame":
+        """Return a pandas DataFrame with the columns time_s, angle_deg, sigma_deg, and state where known."""
+        columns: dict[str, Any] = {
+            "time_s": self.time_s, "angle_deg": self.angle_deg, "sigma_deg": self.sigma_deg,
+        }  # fmt: skip
+        return data_frame(columns | ({"state": self.states} if self.states else {}))
+
+
+def data_frame(columns: Any) -> "DataFrame":
+    """Return a pandas DataFrame. Raises `InputError` where pandas is not installed."""
+    try:
+        pandas = import_module("pandas")
+    except ImportError as error:
+        raise InputError("a DataFrame needs pandas, which is not installed: pip install pandas") from error
+    return pandas.DataFrame(columns)
+
+
+def _row(name: str, values: ArrayLike) -> Floats:
+    try:
+        row = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Angles: {name} are no numbers: {error}") from error
+    if row.ndim != 1:
+        raise InputError(f"Angles: {name} has shape {row.shape}: give (N,)")
+    return row

@@ -1,0 +1,149 @@
+"""Calibrations solved from arrays: a camera from points on a board, a hand-eye from pairs of poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibration.camera.checks import assess_camera
+from calibration.camera.files import TERMS
+from calibration.camera.intrinsics import calibrate_camera
+from calibration.hand_eye.pose_pairs import PoseSample
+from calibration.hand_eye.pose_solve import calibrate_pose_pairs
+from calibration.hand_eye.samples import Setup
+from calibration.poses import pose_from_matrix
+from calibration.targets.views import View
+from drivers.errors import InputError
+from drivers.types import Pose
+
+Array = NDArray[np.float64]
+EYE_TO_HAND = Setup.EYE_TO_HAND.value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraSolution:
+    """A camera and how well it is known.
+
+    size_px: width, height. matrix: (3, 3) px, pixel centres at whole numbers. distortion: (5,) or (8,),
+    OpenCV's order. sigma: one standard deviation of each free term, by its name (fx, fy, cx, cy, k1 ...).
+    rms_px: of the points fitted; held_out_rms_px: of views the fit had not seen. verdict: "good", "weak" or
+    "refused", with reasons. rejected: number of each view left out (from 0), and why.
+    """
+
+    size_px: tuple[int, int]
+    matrix: Array
+    distortion: Array
+    sigma: dict[str, float]
+    rms_px: float
+    held_out_rms_px: float
+    verdict: str
+    reasons: tuple[str, ...]
+    rejected: dict[int, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeSolution:
+    """Where a camera is, and how well that is known.
+
+    matrix: (4, 4) base_T_camera for eye to hand, tcp_T_camera for eye in hand. target: (4, 4) tcp_T_target or
+    base_T_target. sigma_m, sigma_deg: (3,) one standard deviation of place and turn, in the axes of the
+    answer. All None where refused. verdict, reasons, rejected: as of `CameraSolution`, by pair.
+    """
+
+    matrix: Array | None
+    target: Array | None
+    sigma_m: Array | None
+    sigma_deg: Array | None
+    verdict: str
+    reasons: tuple[str, ...]
+    rejected: dict[int, str]
+
+
+def solve_camera(
+    board_m: Sequence[ArrayLike], image_px: Sequence[ArrayLike], size_px: tuple[int, int]
+) -> CameraSolution:
+    """Solve a camera from views of a flat board.
+
+    board_m: for each view (N, 2) or (N, 3) m, where its points are on the board (z = 0). image_px: for each
+    view (N, 2) px, where they were seen. size_px: width and height of the pictures. Views that contradict the
+    others are left out. Raises `InputError` for other shapes, `CalibrationError` for views that tell too
+    little.
+    """
+    if len(board_m) != len(image_px):
+        raise InputError(f"solve_camera: {len(board_m)} boards and {len(image_px)} pictures: give as many")
+    views = [_view(i, *pair, size_px) for i, pair in enumerate(zip(board_m, image_px, strict=True))]
+    result = calibrate_camera(views)
+    camera, assessment = result.fit.camera, assess_camera(result)
+    return CameraSolution(
+        size_px=camera.size,
+        matrix=camera.matrix.astype(np.float64),
+        distortion=camera.distortion.astype(np.float64),
+        sigma={TERMS[i]: float(s) for i, s in zip(result.fit.lens.free, result.sigma, strict=True)},
+        rms_px=result.fit.rms_px,
+        held_out_rms_px=result.held_out_rms_px,
+        verdict=assessment.verdict.value,
+        reasons=assessment.reasons,
+        rejected={int(r.id): r.reason for r in result.rejected},
+    )
+
+
+def solve_hand_eye(
+    base_T_tcp: ArrayLike,  # noqa: N803 - frame names keep their case
+    camera_T_target: ArrayLike,  # noqa: N803
+    setup: str = EYE_TO_HAND,
+) -> HandEyeSolution:
+    """Solve where a camera is, from robot poses and what the camera saw at each.
+
+    base_T_tcp: (N, 4, 4), as the robot says. camera_T_target: (N, 4, 4), as a detector says; m. setup:
+    "eye-to-hand" (fixed camera, target on the tool) or "eye-in-hand". Pairs in the order of their time;
+    those that contradict the others are left out. Raises `InputError` for what is no pose or no setup.
+    """
+    if setup not in list(Setup):
+        raise InputError(f"solve_hand_eye: setup '{setup}': give one of {', '.join(Setup)}")
+    robot, seen = _poses("base_T_tcp", base_T_tcp), _poses("camera_T_target", camera_T_target)
+    if len(robot) != len(seen):
+        raise InputError(f"solve_hand_eye: {len(robot)} robot poses, {len(seen)} target poses: give as many")
+    pairs = [PoseSample(str(i), *pair) for i, pair in enumerate(zip(robot, seen, strict=True))]
+    result = calibrate_pose_pairs(pairs, Setup(setup))
+    sigma = None if result.covariance is None else np.sqrt(np.diag(result.covariance))
+    return HandEyeSolution(
+        matrix=_matrix(result.pose),
+        target=_matrix(result.target),
+        sigma_m=None if sigma is None else sigma[3:],
+        sigma_deg=None if sigma is None else np.degrees(sigma[:3]),
+        verdict=result.assessment.verdict.value,
+        reasons=result.assessment.reasons,
+        rejected={int(r.id): r.reason for r in result.rejected},
+    )
+
+
+def _view(number: int, board_m: ArrayLike, image_px: ArrayLike, size_px: tuple[int, int]) -> View:
+    board, seen = np.asarray(board_m, np.float64), np.asarray(image_px, np.float64)
+    if board.ndim != 2 or board.shape[1] not in (2, 3) or seen.shape != (len(board), 2):
+        raise InputError(
+            f"solve_camera: view {number} has points of shape {board.shape} and {seen.shape}: give (N, 3) "
+            "and (N, 2), a row per point"
+        )
+    flat = np.column_stack([board[:, :2], np.zeros(len(board))])
+    if board.shape[1] == 3 and np.abs(board[:, 2]).max(initial=0.0) > 0.0:
+        raise InputError(f"solve_camera: view {number}: points of a flat board have z = 0")
+    return View(str(number), np.arange(len(board)), flat, seen, size_px)
+
+
+def _poses(name: str, matrices: ArrayLike) -> list[Pose]:
+    try:
+        stack = np.asarray(matrices, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"solve_hand_eye: {name} are no numbers: {error}") from error
+    if stack.ndim != 3:
+        raise InputError(f"solve_hand_eye: {name} has shape {stack.shape}: give (N, 4, 4)")
+    return [pose_from_matrix(matrix, f"{name}[{i}]") for i, matrix in enumerate(stack)]
+
+
+def _matrix(pose: Pose | None) -> Array | None:
+    if pose is None:
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation.as_matrix(), pose.position_m
+    return matrix

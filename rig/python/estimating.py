@@ -1,0 +1,127 @@
+"""An estimator over anyone's frames, and how far its angles are from the truth."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from drivers.types import Image
+from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate
+from rig.python.angles import Angles
+from rig.report.curves import Curve, truth_at
+from rig.results.metrics import summarize
+from rig.tactile.contact.background import auto_background
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.foreign import ForeignEstimator
+from rig.tactile.paper.window import WindowMean
+from rig.tactile.sample import TactileEstimator
+
+RATE_HZ = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How far angles are from the truth.
+
+    mean_deg, std_deg, max_deg: of the absolute error over the frames with both; NaN where there are none.
+    frames: how many those are. answered: share of the frames with truth that have an angle. within_two_sigma:
+    share of the answers with a sigma that are off by at most two; NaN where none has one.
+    """
+
+    mean_deg: float
+    std_deg: float
+    max_deg: float
+    frames: int
+    answered: float
+    within_two_sigma: float
+
+
+def estimate(
+    frames: Iterable[Image],
+    background: Image | None = None,
+    *,
+    times_s: ArrayLike | None = None,
+    fps: float = RATE_HZ,
+    estimator: str | type[TactileEstimator] = "slip",
+    window: int | None = None,
+    pixel_aspect: float | None = None,
+) -> Angles:
+    """Estimate how the contact turns in tactile frames, (H, W, 3) uint8 RGB, in order.
+
+    background: a frame without contact; made from the frames themselves where None. times_s: (N,) when they
+    were taken, else at `fps`. estimator: a name (`rig estimators` lists them), "package.module:Class", or a
+    class of your own. window: mean of the last n angles, the estimator's usual by default. pixel_aspect:
+    width over height of a pixel on the gel where it is known. Angles are image angles, counter-clockwise as
+    seen, from the first frame of stable full contact, as those of `rig estimate`. Raises `InputError` for
+    frames or times that cannot be, `EstimatorError` for an estimator that cannot.
+    """
+    if background is None:
+        frames = list(frames)
+        background = auto_background(frames)
+    series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
+    answers = estimate_series(series, _made(estimator, background, window, pixel_aspect))
+    if not answers:
+        raise InputError("estimate: there are no frames")
+    found = zeroed(answers, None)
+    states = tuple(answer.sample.state.value for answer in answers)
+    seconds = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
+    return Angles(seconds, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
+
+
+def score(estimate: Angles, truth: Angles) -> Score:
+    """Compare angles with the truth, which is interpolated to their times over gaps of at most 50 ms."""
+    known = truth_at(
+        Curve(truth.time_s, truth.angle_deg, truth.sigma_deg), np.asarray(estimate.time_s, np.float64)
+    )
+    off = np.abs(estimate.angle_deg - known)
+    there, both = np.isfinite(known), np.isfinite(off)
+    errors = summarize(off[both])
+    sure = both & np.isfinite(estimate.sigma_deg)
+    within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else float("nan")
+    answered = float(np.mean(both[there])) if there.any() else float("nan")
+    if errors is None:
+        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
+    return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
+
+
+def _made(
+    estimator: str | type[TactileEstimator], background: Image, window: int | None, aspect: float | None
+) -> TactileEstimator:
+    if isinstance(estimator, str):
+        return choose_estimator(estimator, window).make(background, aspect)
+    if not isinstance(estimator, type):
+        raise InputError(f"estimate: estimator is a {type(estimator).__name__}: give a name or a class")
+    choice = choose_estimator(None, window)  # checks the window
+    made = ForeignEstimator(estimator.__name__, background, aspect, 1, estimator)
+    return WindowMean(made, choice.window) if choice.window > 1 else made
+
+
+def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> Iterator[TimedFrame]:
+    """Read each frame once, when it is its turn: a recording need not fit the memory."""
+    times_at_rate(0, fps)  # checks the rate
+    seconds = None if times_s is None else _seconds(times_s)
+    number = -1
+    for number, image in enumerate(frames):
+        if seconds is not None and number >= len(seconds):
+            raise InputError(f"estimate: {len(seconds)} times for more frames: give one for each")
+        time_s = number / fps if seconds is None else float(seconds[number])
+        time = FrameTime(f"{time_s:.9f}", round(time_s * NS_PER_S))
+        yield TimedFrame(f"frame {number}", time, np.asarray(image))
+    if seconds is not None and number + 1 < len(seconds):
+        raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one for each")
+
+
+def _seconds(times_s: ArrayLike) -> np.ndarray:
+    seconds = np.asarray(times_s, np.float64)
+    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all() or (np.diff(seconds) < 0).any():
+        raise InputError("estimate: times_s is to be (N,) s, finite and never going back")
+    return seconds
+
+
+def _floats(values: Sequence[float | None]) -> np.ndarray:
+    return np.array([np.nan if value is None else value for value in values], np.float64)

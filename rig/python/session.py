@@ -1,0 +1,252 @@
+"""A stored trial as arrays: its lifts, their angles, the truth, and the fingertips' frames."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError
+from drivers.types import Image
+from protocols.observer import Phase
+from rig.frames.masks import SegmentChoice, make_segmenter
+from rig.python.angles import Angles, Floats, data_frame
+from rig.report.curves import Curve, LiftCurves, signed_errors, truth_at
+from rig.report.session import read_curves
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.reading import recorded_frames
+from rig.sessions.records import FinishedLift
+from rig.sessions.rows import read_usable_lifts
+from rig.tactile.contact.background import mean_background
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
+
+CAMERA = "camera"
+"""Stands for the external camera where a serial is asked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorFrame:
+    """A frame of a fingertip or of the camera.
+
+    time_s: s from the start of the lift (phase B). image: (H, W, 3) uint8 RGB. mask: (H, W) uint8, 255 where
+    there is contact, else 0; None where no masks were asked for.
+    """
+
+    time_s: float
+    image: Image
+    mask: Image | None = None
+
+
+class Lift:
+    """One finished lift of a trial.
+
+    Angles are in degrees, counter-clockwise as the external camera sees them. Times are s from the start of
+    phase B. Recordings are read when they are first asked for; then a damaged one raises `SessionError`.
+    """
+
+    def __init__(self, folder: Path, manifest: TrialManifest, row: FinishedLift) -> None:
+        self._folder, self._manifest, self._row = folder, manifest, row
+
+    def __repr__(self) -> str:
+        return f"<Lift {self.number}: {self.object}/{self.lift} {self.name}, {self.outcome}>"
+
+    @property
+    def number(self) -> int:
+        """Number in the session, from 1."""
+        return self._row.number
+
+    @property
+    def object(self) -> str:
+        """The object's id."""
+        return self._row.object
+
+    @property
+    def name(self) -> str:
+        """The object's name."""
+        return self._row.name
+
+    @property
+    def lift(self) -> int:
+        """Number among the lifts of this object, from 1."""
+        return self._row.lift
+
+    @property
+    def outcome(self) -> str:
+        """How it ended: "slipped", "held" or "fallen"."""
+        return self._row.outcome.value
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the bench was a simulated one."""
+        return self._row.simulated
+
+    @property
+    def mean_error_deg(self) -> float:
+        """Mean absolute error over phases B and C, as tables have it; NaN without an answer."""
+        return float("nan") if self._row.re is None else self._row.re.mean_deg
+
+    @property
+    def answered(self) -> float:
+        """Share of the frames in phases B and C with an angle."""
+        return self._row.answered
+
+    @property
+    def serials(self) -> tuple[str, ...]:
+        """Serials of the fingertips."""
+        return tuple(self._manifest.signs)
+
+    @property
+    def phases_s(self) -> dict[str, float]:
+        """When each phase began."""
+        return dict(self._curves.phases_s)
+
+    @property
+    def estimate(self) -> Angles:
+        """The fused angle of both fingertips."""
+        return _angles(self._curves.estimate)
+
+    @property
+    def truth(self) -> Angles:
+        """The markers' angle, at the camera's times."""
+        return _angles(self._curves.truth)
+
+    @property
+    def error_deg(self) -> Floats:
+        """(N,) estimate minus truth at the estimate's times, NaN where either is missing."""
+        return signed_errors(self._curves)
+
+    def tip(self, serial: str) -> Angles:
+        """Return one fingertip's angle. Raises `InputError` for a serial that is not there."""
+        self._require(serial)
+        return _angles(self._curves.tips[serial])
+
+    def frames(self, serial: str, masks: str | None = None) -> Iterator[SensorFrame]:
+        """Yield a fingertip's frames, or with "camera" the external camera's, in order.
+
+        masks: "classical" (compared with the session's frame without contact), "ours", "pspnet" or an ONNX
+        file: how contact is found; none by default. Raises `InputError`, `SessionError`.
+        """
+        if serial == CAMERA:
+            serial = self._manifest.config.camera.serial
+        else:
+            self._require(serial)
+        segmenter = None if masks is None else make_segmenter(SegmentChoice(masks), self.background(serial))
+        for frame in recorded_frames(self._recording, serial):
+            mask = None
+            if segmenter is not None:
+                found = segmenter.segment(frame.image).contact.mask
+                mask = np.zeros(frame.image.shape[:2], np.uint8) if found is None else found
+            yield SensorFrame(frame.time_ns / NS_PER_S - self._zero_s, frame.image, mask)
+
+    def background(self, serial: str) -> Image:
+        """Return a fingertip's frame without contact, (H, W, 3) uint8 RGB. Raises `InputError`."""
+        self._require(serial)
+        grasp_ns = round(self._row.phases_s[Phase.GRASP] * NS_PER_S)
+        before = (f.image for f in recorded_frames(self._recording, serial) if f.time_ns < grasp_ns)
+        return mean_background(list(before))
+
+    def to_pandas(self) -> "DataFrame":
+        """Return a pandas DataFrame, a row per answer: time_s, estimate_deg, sigma_deg, truth_deg, state."""
+        estimate = self._curves.estimate
+        return data_frame(
+            {
+                "time_s": estimate.time_s,
+                "estimate_deg": estimate.angle_deg,
+                "sigma_deg": estimate.sigma_deg,
+                "truth_deg": truth_at(self._curves.truth, estimate.time_s),
+                "state": estimate.states,
+            }
+        )
+
+    @cached_property
+    def _curves(self) -> LiftCurves:
+        return read_curves(self._folder, self._row, self._manifest)
+
+    @property
+    def _recording(self) -> Path:
+        return self._folder / self._row.recording
+
+    @property
+    def _zero_s(self) -> float:
+        return self._row.phases_s[Phase.LIFT]
+
+    def _require(self, serial: str) -> None:
+        if serial not in self._manifest.signs:
+            raise InputError(f"{self!r}: no fingertip '{serial}'; there are {', '.join(self.serials)}")
+
+
+class Session:
+    """A stored trial. Nothing in it is ever changed by reading it, and nothing it names is imported.
+
+    lifts: those that are finished and can be read, in their order. problems: what cannot be read, and why.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._manifest = read_manifest_of(folder, TrialManifest, "rig.open_session opens trials")
+        usable = read_usable_lifts(folder)
+        rows = sorted(usable.lifts, key=lambda row: row.number)
+        self.lifts = tuple(Lift(folder, self._manifest, row) for row in rows)
+        self.problems = usable.problems
+
+    def __repr__(self) -> str:
+        mark = "SIMULATED " if self.simulated else ""
+        return f"<{mark}Session {self._folder}: {len(self.lifts)} lifts, estimator {self.estimator}>"
+
+    def __len__(self) -> int:
+        return len(self.lifts)
+
+    def __iter__(self) -> Iterator[Lift]:
+        return iter(self.lifts)
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies."""
+        return self._folder
+
+    @property
+    def bench(self) -> str:
+        """The bench's name."""
+        return self._manifest.bench
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the bench was a simulated one."""
+        return self._manifest.simulated
+
+    @property
+    def estimator(self) -> str:
+        """The name of the estimator that measured it."""
+        return self._manifest.estimator
+
+    @property
+    def started(self) -> str:
+        """When it began: UTC, to the second."""
+        return self._manifest.started
+
+    @property
+    def complete(self) -> bool:
+        """Whether all lifts that were asked for are finished."""
+        return self._manifest.status == "complete"
+
+    def to_pandas(self) -> "DataFrame":
+        """Return a pandas DataFrame with a row per lift."""
+        keys = ("number", "object", "name", "lift", "outcome", "simulated", "mean_error_deg", "answered")
+        return data_frame({key: [getattr(lift, key) for lift in self.lifts] for key in keys})
+
+
+def open_session(folder: str | Path) -> Session:
+    """Open a stored trial, its rows alone; recordings are read lift by lift as they are asked for.
+
+    Raises `SessionError` for a folder that is no trial, or holds no finished lift.
+    """
+    return Session(Path(folder))
+
+
+def _angles(curve: Curve) -> Angles:
+    return Angles(curve.time_s, curve.angle_deg, curve.sigma_deg, curve.states)

@@ -1,0 +1,164 @@
+"""Arrays in, arrays out: an estimator over anyone's frames, scores, calibrations."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rig
+from drivers.errors import CalibrationError, EstimatorError, InputError
+from drivers.types import Image
+from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.tactile.sample import SlipSample, State
+
+SIZE = (640, 480)
+FOCAL = 610.0
+RNG = np.random.default_rng(3)
+
+
+class Brightness:
+    """Not the rig's, and in no file: as one writes it in a notebook."""
+
+    def __init__(self, background: Image) -> None:
+        self.dark = float(background.mean())
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        return SlipSample(time_ns, State.TRACKING, float(image.mean()) - self.dark, contact_area_px=50.0)
+
+
+def bars() -> list[Image]:
+    return [gel(320, 240, i) for i in range(4)] + [pressed_bar(20.0 + max(0, i - 10), i) for i in range(30)]
+
+
+def test_a_bar_that_turns_is_followed() -> None:
+    told = rig.estimate(bars(), gel(320, 240), fps=30.0)
+    assert told.time_s[:3].tolist() == pytest.approx([0.0, 1 / 30, 2 / 30], abs=1e-8)
+    assert np.isnan(told.angle_deg[:4]).all()
+    assert told.states[:2] == ("no_contact", "no_contact")
+    assert told.angle_deg[-1] == pytest.approx(19.0, abs=3.0)
+    assert np.isfinite(told.sigma_deg[-1])
+
+
+def test_frames_may_come_one_by_one_and_a_class_may_be_ones_own() -> None:
+    told = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness)
+    assert len(told) == 34
+    assert told.angle_deg[told.states.index("tracking")] == 0.0
+    averaged = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness, window=5)
+    assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(told.angle_deg)).max()
+
+
+def test_what_cannot_be_estimated_is_said() -> None:
+    def two() -> Iterator[Image]:
+        return iter([gel(80, 60, 1), gel(80, 60, 2)])
+
+    empty = gel(80, 60)
+    for arguments, match in (
+        ({"times_s": [0.0]}, "1 times for more frames"),
+        ({"times_s": [0.0, 1.0, 2.0]}, "3 times for 2 frames"),
+        ({"times_s": [1.0, 0.0]}, "never going back"),
+        ({"fps": 0.0}, "no frame rate"),
+        ({"estimator": "no such"}, "unknown estimator"),
+        ({"estimator": len}, "give a name or a class"),
+        ({"window": 0}, "out of range"),
+    ):
+        with pytest.raises(InputError, match=match):
+            rig.estimate(two(), empty, **arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="there are no frames"):
+        rig.estimate([], empty)
+    with pytest.raises(EstimatorError, match="has no method update"):
+        rig.estimate(two(), empty, estimator=int)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="use one size"):
+        rig.estimate([gel(90, 60)], empty)
+
+
+def test_angles_are_held_to_their_shapes() -> None:
+    told = rig.Angles([0, 1, 2], [3.0, float("nan"), 4.0])  # type: ignore[arg-type]
+    assert told.time_s.dtype == np.float64
+    assert np.isnan(told.sigma_deg).all()
+    for arguments, match in (
+        (([0, 1], [1.0]), "2 times and 1 angles"),
+        (([1, 0], [1.0, 2.0]), "never to go back"),
+        (([0, 1], [[1.0], [2.0]]), "shape"),
+        (([0, 1], ["a", "b"]), "no numbers"),
+        (([0, 1], [1.0, 2.0], [0.1, 0.1], ("tracking",)), "as many of each"),
+    ):
+        with pytest.raises(InputError, match=match):
+            rig.Angles(*arguments)
+
+
+def test_a_score_counts_what_both_have() -> None:
+    times = np.arange(0.0, 1.0, 0.01)
+    truth = rig.Angles(times, 10 * times)
+    angles = 10 * times + 0.5
+    angles[:20] = np.nan
+    score = rig.score(rig.Angles(times, angles, np.full(100, 0.3)), truth)
+    assert (score.mean_deg, score.std_deg, score.frames) == pytest.approx((0.5, 0.0, 80))
+    assert (score.answered, score.within_two_sigma) == pytest.approx((0.8, 1.0))
+    nothing = rig.score(rig.Angles(times + 100, angles), truth)
+    assert (nothing.frames, np.isnan(nothing.mean_deg)) == (0, True)
+
+
+def board_views(count: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Points of a board, and where a pinhole with a little noise sees them."""
+    board = np.array([(x, y, 0.0) for y in np.arange(6) * 0.03 for x in np.arange(8) * 0.03]) - (0.1, 0.07, 0)
+    seen = []
+    for _ in range(count):
+        turn = Rotation.from_rotvec(RNG.uniform(-0.7, 0.7, 3))
+        points = turn.apply(board) + RNG.uniform((-0.08, -0.06, 0.4), (0.08, 0.06, 0.6))
+        pixels = FOCAL * points[:, :2] / points[:, 2:] + ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
+        seen.append(pixels + RNG.normal(0, 0.05, pixels.shape))
+    return [board] * count, seen
+
+
+def test_a_camera_is_solved_from_points() -> None:
+    found = rig.solve_camera(*board_views(20), SIZE)
+    assert found.matrix[0, 0] == pytest.approx(FOCAL, abs=4 * found.sigma["fx"] + 0.3)
+    assert found.size_px == SIZE
+    assert found.rms_px < 0.2
+    assert found.verdict in ("good", "weak")
+    board, seen = board_views(2)
+    with pytest.raises(CalibrationError):
+        rig.solve_camera(board, seen, SIZE)
+    for wrong, match in (
+        (([board[0]], seen), "give as many"),
+        (([board[0][:5]], seen[:1]), "a row per point"),
+        (([board[0] + 0.1], seen[:1]), "z = 0"),
+    ):
+        with pytest.raises(InputError, match=match):
+            rig.solve_camera(*wrong, SIZE)
+
+
+def matrix(rotation: Rotation, place: np.ndarray) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3], made[:3, 3] = rotation.as_matrix(), place
+    return made
+
+
+def test_a_hand_eye_is_solved_from_pairs_of_poses() -> None:
+    camera = matrix(Rotation.from_euler("xyz", (110, 5, -20), degrees=True), np.array([0.4, -0.6, 0.2]))
+    target = matrix(Rotation.from_euler("xyz", (3, 4, 5), degrees=True), np.array([0.01, 0.02, 0.05]))
+    robot = np.array(
+        [matrix(Rotation.from_rotvec(RNG.uniform(-1, 1, 3)), RNG.uniform((0.3, -0.2, 0.1), (0.6, 0.2, 0.4)))
+         for _ in range(20)]
+    )  # fmt: skip
+    noise = [matrix(Rotation.from_rotvec(RNG.normal(0, 5e-4, 3)), RNG.normal(0, 2e-4, 3)) for _ in robot]
+    seen = np.array(
+        [np.linalg.inv(camera) @ pose @ target @ off for pose, off in zip(robot, noise, strict=True)]
+    )
+    found = rig.solve_hand_eye(robot, seen)
+    assert found.verdict in ("good", "weak"), found.reasons
+    assert found.matrix is not None
+    assert found.sigma_m is not None
+    assert np.linalg.norm(found.matrix[:3, 3] - camera[:3, 3]) < 5 * np.linalg.norm(found.sigma_m) + 2e-4
+    refused = rig.solve_hand_eye(robot[:2], seen[:2])
+    assert (refused.verdict, refused.matrix) == ("refused", None)
+    for wrong, match in (
+        ((robot, seen[:3]), "give as many"),
+        ((robot[0], seen[0]), r"give \(N, 4, 4\)"),
+        ((robot, 2 * seen), "last row"),
+        ((robot, seen, "on the table"), "give one of eye-to-hand"),
+        (("robot", seen), "no numbers"),
+    ):
+        with pytest.raises(InputError, match=match):
+            rig.solve_hand_eye(*wrong)

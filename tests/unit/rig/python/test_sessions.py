@@ -1,0 +1,111 @@
+"""A stored trial through `import rig`: the same figures as its rows and tables have."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rig
+from drivers.errors import InputError, SessionError
+from rig.sessions.rows import read_finished_lifts
+
+STORED = Path(__file__).resolve().parents[3] / "data"
+TRIAL = STORED / "stored_trial"
+
+
+@pytest.fixture(scope="module")
+def session() -> rig.Session:
+    return rig.open_session(TRIAL)
+
+
+def test_a_session_says_what_it_is(session: rig.Session) -> None:
+    assert (session.simulated, session.complete, len(session), session.problems) == (True, True, 1, ())
+    assert (session.bench, session.estimator) == ("fake", "pca")
+    assert session.started.startswith("20")
+    assert "SIMULATED" in repr(session)
+    (lift,) = session
+    assert (lift.number, lift.object, lift.name, lift.lift) == (1, "t2", "toothbrush", 1)
+    assert "t2/1 toothbrush" in repr(lift)
+
+
+def test_angles_and_truth_give_the_stored_error(session: rig.Session) -> None:
+    (row,), (lift,) = read_finished_lifts(TRIAL), session
+    assert row.re is not None
+    phases = lift.phases_s
+    inside = (lift.estimate.time_s >= phases["B"]) & (lift.estimate.time_s < phases["lower"])
+    off = np.abs(lift.error_deg[inside])
+    assert np.nanmean(off) == pytest.approx(row.re.mean_deg, abs=1e-6)
+    assert lift.mean_error_deg == row.re.mean_deg
+    assert lift.answered == row.answered
+    within = rig.Angles(*(of[inside] for of in (lift.estimate.time_s, lift.estimate.angle_deg)))
+    score = rig.score(within, lift.truth)
+    assert (score.mean_deg, score.frames) == pytest.approx((row.re.mean_deg, row.re.frames), abs=1e-6)
+    assert score.max_deg == pytest.approx(row.re.max_deg, abs=1e-6)
+    assert np.isnan(score.within_two_sigma)  # pca has no sigma
+
+
+def test_each_fingertip_has_angles_and_frames_with_masks(session: rig.Session) -> None:
+    (lift,) = session
+    for serial in lift.serials:
+        assert len(lift.tip(serial)) > 10
+        assert len(lift.tip(serial).states) == len(lift.tip(serial))
+        frames = list(lift.frames(serial, masks="classical"))
+        assert [f.time_s for f in frames] == sorted(f.time_s for f in frames)
+        assert frames[0].image.shape == lift.background(serial).shape
+        shares = [float((f.mask > 0).mean()) for f in frames if f.mask is not None]
+        assert len(shares) == len(frames)
+        assert shares[0] == 0.0
+        assert max(shares) > 0.01
+    assert next(iter(lift.frames(lift.serials[0]))).mask is None
+    assert next(iter(lift.frames("camera"))).image.shape == (180, 240, 3)
+
+
+def test_an_estimator_over_frames_finds_the_turn(session: rig.Session) -> None:
+    (lift,) = session
+    serial = lift.serials[0]
+    frames = [f for f in lift.frames(serial) if f.time_s >= lift.phases_s["A"]]
+    told = rig.estimate(
+        [f.image for f in frames],
+        lift.background(serial),
+        times_s=[f.time_s for f in frames],
+        estimator="pca",
+    )
+    assert len(told) == len(frames)
+    assert told.time_s[0] == pytest.approx(frames[0].time_s, abs=1e-8)
+    turned = lift.truth.angle_deg[-1] - lift.truth.angle_deg[0]
+    answered = told.angle_deg[np.isfinite(told.angle_deg)]
+    assert abs(answered[-1]) == pytest.approx(abs(turned), abs=6.0)
+
+
+def test_tables_where_pandas_is_and_a_word_where_it_is_not(
+    session: rig.Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (lift,) = session
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=dict))
+    columns = lift.to_pandas()
+    assert list(columns) == ["time_s", "estimate_deg", "sigma_deg", "truth_deg", "state"]
+    assert {len(column) for column in columns.values()} == {len(lift.estimate)}
+    assert session.to_pandas()["object"] == ["t2"]
+    assert list(lift.truth.to_pandas()) == ["time_s", "angle_deg", "sigma_deg", "state"]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="pip install pandas"):
+        lift.to_pandas()
+
+
+def test_real_pandas_makes_a_frame_of_it(session: rig.Session) -> None:
+    pytest.importorskip("pandas")
+    table = session.lifts[0].to_pandas()
+    assert table.shape == (len(session.lifts[0].estimate), 5)
+
+
+def test_what_is_not_there_is_said() -> None:
+    with pytest.raises(SessionError, match="no such session folder"):
+        rig.open_session("nowhere")
+    with pytest.raises(SessionError, match="opens trials"):
+        rig.open_session(STORED / "stored_record")
+    (lift,) = rig.open_session(str(TRIAL))
+    for ask in (lift.tip, lift.background, lambda serial: next(iter(lift.frames(serial)))):
+        with pytest.raises(InputError, match="no fingertip 'left'; there are"):
+            ask("left")

@@ -1,0 +1,63 @@
+"""What `import rig` offers: its names and signatures, which programs rely on, and what importing it costs."""
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import rig
+
+SIGNATURES = {
+    "Angles": "(time_s, angle_deg, sigma_deg=<factory>, states=())",
+    "open_session": "(folder)",
+    "estimate": "(frames, background=None, *, times_s=None, fps=60.0, estimator='slip', window=None, "
+    "pixel_aspect=None)",
+    "score": "(estimate, truth)",
+    "solve_camera": "(board_m, image_px, size_px)",
+    "solve_hand_eye": "(base_T_tcp, camera_T_target, setup='eye-to-hand')",
+}
+PARTS = {
+    "Angles": "angle_deg sigma_deg states time_s to_pandas",
+    "CameraSolution": "distortion held_out_rms_px matrix reasons rejected rms_px sigma size_px verdict",
+    "HandEyeSolution": "matrix reasons rejected sigma_deg sigma_m target verdict",
+    "Lift": "answered background error_deg estimate frames lift mean_error_deg name number object outcome "
+    "phases_s serials simulated tip to_pandas truth",
+    "Score": "answered frames max_deg mean_deg std_deg within_two_sigma",
+    "SensorFrame": "image mask time_s",
+    "Session": "bench complete estimator folder lifts problems simulated started to_pandas",
+}
+
+
+def test_the_names_are_these_and_each_says_what_it_is() -> None:
+    functions = {"estimate", "open_session", "score", "solve_camera", "solve_hand_eye"}
+    assert set(rig.__all__) == {*PARTS, *functions}
+    assert set(rig.__all__) <= set(dir(rig))
+    for name in rig.__all__:
+        assert inspect.getdoc(getattr(rig, name)), name
+    with pytest.raises(AttributeError, match="no attribute 'open_sesame'"):
+        rig.open_sesame  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_what_a_class_offers(name: str) -> None:
+    kind = getattr(rig, name)
+    here = {part for part in (*dir(kind), *getattr(kind, "__dataclass_fields__", ())) if part[0] != "_"}
+    assert sorted(here | ({"lifts", "problems"} if name == "Session" else set())) == PARTS[name].split()
+
+
+@pytest.mark.parametrize("name", SIGNATURES)
+def test_what_a_function_takes(name: str) -> None:
+    taken = inspect.signature(getattr(rig, name))
+    bare = [p.replace(annotation=inspect.Parameter.empty) for p in taken.parameters.values()]
+    assert str(inspect.Signature(bare)) == SIGNATURES[name]
+    assert all(p.annotation is not inspect.Parameter.empty for p in taken.parameters.values())
+
+
+def test_importing_it_costs_nothing() -> None:
+    code = (
+        "import sys, rig; heavy = {'numpy', 'cv2', 'scipy', 'pydantic', 'typer', 'rig.python'};"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -53,7 +53,8 @@ def command_lines(long: bool) -> list[Line]:
                 text = re.split(r" (?:\||>|&&|#) ", line)[0].split("   #")[0].strip()
                 if text.startswith("rig "):
                     found.setdefault(text, Line(page.name, text, reason(text, long)))
-    return list(found.values())
+    # what is calibrated is used by all that comes after
+    return sorted(found.values(), key=lambda line: line.page == "calibrating.md")
 
 
 def reason(text: str, long: bool) -> str:

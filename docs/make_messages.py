@@ -7,6 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "messages.md"
+FOLDERS = ("drivers", "calibration", "protocols", "rig")
 AREAS = {
     "Arm": ("drivers/ur5e", "drivers/keep_out.py", "drivers/motion.py"),
     "Gripper": ("drivers/robotiq_3f",),
@@ -34,13 +35,19 @@ NOT_ERRORS = {"ValueError", "TypeError", "ArithmeticError", "KeyError"}
 def messages() -> list[tuple[str, str, str]]:
     """Return each message that names a cure: its file, what was seen, what to do; `...` for what varies."""
     found = []
-    for folder in ("drivers", "calibration", "protocols", "rig"):
+    for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             for text in _errors(tree):
                 if (parts := split(text)) is not None:
                     found.append((path.relative_to(ROOT).as_posix(), *parts))
     return found
+
+
+def texts() -> set[str]:
+    """Return every text in the code, `...` for each value put into it."""
+    trees = (ast.parse(p.read_text(encoding="utf-8")) for f in FOLDERS for p in (ROOT / f).rglob("*.py"))
+    return {text for tree in trees for node in ast.walk(tree) if (text := _text(node))}
 
 
 def split(text: str) -> tuple[str, str] | None:

@@ -4,9 +4,11 @@ import argparse
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,17 +18,18 @@ ALLOWED = {"rig benchmark": (0, 4), "rig calibrate": (0,)}
 """Exit codes that count as done; 4 is a missed limit."""
 FIRST = "rig trial --object wrench --lifts 1 --out first"
 """The session from which frames, a clip and a background are taken."""
+_INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
     r"^rig (?!objects).*--bench my_bench\.toml": "needs hardware",
-    r"--bench (?:second|fakes)\.toml|^rig fakes serve": "needs `rig fakes serve` in another terminal",
     r"HOST:PORT": "needs a cluster",
     r"^rig label-angle|^rig label ": "needs somebody who draws",
-    r"^rig model import|authors\.onnx|--data|old/|--model \w+=|my_lab|shared_objects": "needs files of yours",
+    r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",
+    r"my_lab|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
     r"benchmark clips": "needs labels that somebody drew",
     r"benchmark others": "needs clones of others' repositories",
-    r"^rig trial --resume$": "needs an unfinished session",
+    r"^rig trial --resume(?! --out)": "needs an unfinished session",
 }
 LONG = r"rig benchmark|rig trial --lifts 5|--full|--all"
 STANDS_FOR = {"FRAMES": "frames", "CLIPS": "clips", "SESSIONS...": "sessions",
@@ -48,12 +51,18 @@ def command_lines(long: bool) -> list[Line]:
     pages = [ROOT / "docs" / f"{name}.md" for name in re.findall(r"\]\((\w+)\.md\)", index)]
     found: dict[str, Line] = {}
     for page in pages:
-        for block in _FENCE.findall(page.read_text(encoding="utf-8")):
-            for line in re.sub(r"\\\n\s*", "", block).splitlines():
-                text = re.split(r" (?:\||>|&&|#) ", line)[0].split("   #")[0].strip()
-                if text.startswith("rig "):
-                    found.setdefault(text, Line(page.name, text, reason(text, long)))
-    return list(found.values())
+        for text in typed_lines(page.read_text(encoding="utf-8")):
+            found.setdefault(text, Line(page.name, text, reason(text, long)))
+    # what is calibrated is used by all that comes after
+    return sorted(found.values(), key=lambda line: line.page == "calibrating.md")
+
+
+def typed_lines(page: str) -> list[str]:
+    """Return the lines of a page that begin with `rig`, in blocks of code; comments and pipes are cut off."""
+    blocks = [*_FENCE.findall(page), *_INDENTED.findall(_FENCE.sub("", page))]
+    lines = [line for block in blocks for line in re.sub(r"\\\n\s*", "", block).splitlines()]
+    cut = [re.sub(r"\s+(?:\||>|&&|#)\s.*", "", line).strip() for line in lines]
+    return [line for line in cut if line.startswith("rig ")]
 
 
 def reason(text: str, long: bool) -> str:
@@ -78,6 +87,7 @@ def bring_along(folder: Path) -> None:
                 (frames / f"{number:04d}.png").write_bytes(encode_png(frame.image))
     for place in (folder / "empty.png", clip / "background.png"):
         place.write_bytes(encode_png(tip.background))
+    (folder / "objects").mkdir()
     shutil.copytree(folder / "first", folder / "sessions" / "campaign", dirs_exist_ok=True)
 
 
@@ -92,8 +102,24 @@ def typed(line: Line, folder: Path) -> list[str]:
     return words
 
 
-def run(line: Line, folder: Path, at_most_s: float) -> str:
-    """Run a line; return an empty text, or what went wrong."""
+def serve(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
+    """Start what serves until the end of it all, as in another terminal; return what went wrong."""
+    words = typed(line, folder)
+    process = subprocess.Popen([sys.executable, "-m", "rig", *words], cwd=folder, stderr=subprocess.DEVNULL)  # noqa: S603
+    ending.callback(process.wait, 30)
+    ending.callback(process.send_signal, signal.SIGINT)
+    until = time.monotonic() + at_most_s
+    while not (folder / words[words.index("--write") + 1]).exists():
+        if process.poll() is not None or time.monotonic() > until:
+            return "it does not serve"
+        time.sleep(0.2)
+    return ""
+
+
+def run(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
+    """Run a line; return an empty text, or what went wrong. ending: what is to be done after all lines."""
+    if line.text.startswith("rig fakes serve"):
+        return serve(line, folder, at_most_s, ending)
     command = [sys.executable, "-m", "rig", *typed(line, folder)]
     quiet = {"capture_output": True, "text": True, "stdin": subprocess.DEVNULL}
     try:
@@ -112,21 +138,30 @@ def main() -> int:
     parser.add_argument("--long", action="store_true", help="Also those that take many minutes.")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True)
+    with ExitStack() as ending:
+        failed = try_all(
+            command_lines(asked.long), asked.out, ending, LONG_AT_MOST_S if asked.long else AT_MOST_S
+        )
+    print(f"{failed} failed")
+    return 1 if failed else 0
+
+
+def try_all(lines: list[Line], folder: Path, ending: ExitStack, at_most_s: float) -> int:
+    """Run lines, one after the other, and say what became of each; return how many failed."""
     failed = 0
-    for line in command_lines(asked.long):
+    for line in lines:
         began, became = time.monotonic(), f"skipped: {line.why_not}"
         if not line.why_not:
-            wrong = run(line, asked.out, LONG_AT_MOST_S if asked.long else AT_MOST_S)
+            wrong = run(line, folder, at_most_s, ending)
             failed += bool(wrong)
             became = f"FAILED: {wrong}" if wrong else "done"
         print(f"{time.monotonic() - began:6.1f} s  {line.page}: {line.text}\n          {became}", flush=True)
         if line.text == FIRST:
             if failed:
                 print("the other lines use this session: nothing more is run")
-                return 1
-            bring_along(asked.out)
-    print(f"{failed} failed")
-    return 1 if failed else 0
+                return failed
+            bring_along(folder)
+    return failed
 
 
 if __name__ == "__main__":

@@ -27,6 +27,24 @@ def test_the_page_of_messages_names_the_cures_that_the_code_names() -> None:
     assert len(messages.messages()) > 250
 
 
+def quoted_messages() -> list[tuple[str, str]]:
+    """Messages that pages quote in tables of their own: page, and message with `...` for what differs."""
+    found = []
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for table in re.findall(r"^\| message \|.*?(?=\n\n|\Z)", page.read_text(), re.MULTILINE | re.DOTALL):
+            found += [(page.name, text) for text in re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE)]
+    return found
+
+
+def test_messages_that_pages_quote_are_those_of_the_code() -> None:
+    quoted = quoted_messages()
+    assert len(quoted) >= 5
+    texts = script("make_messages").texts()
+    for page, message in quoted:
+        wanted = re.compile(".*".join(map(re.escape, message.split("..."))), re.DOTALL)
+        assert any(wanted.search(text) for text in texts), f"{page}: {message}: the rig says no such thing"
+
+
 @pytest.mark.parametrize(
     ("text", "parts"),
     [

@@ -103,9 +103,10 @@ def typed(line: Line, folder: Path) -> list[str]:
 
 
 def serve(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
-    """Start what serves until the end of it all, as in another terminal; return what went wrong."""
-    words = typed(line, folder)
-    process = subprocess.Popen([sys.executable, "-m", "rig", *words], cwd=folder, stderr=subprocess.DEVNULL)  # noqa: S603
+    """Start what serves until the page's end, as in another terminal; return what went wrong."""
+    words, nowhere = typed(line, folder), subprocess.DEVNULL
+    command = [sys.executable, "-m", "rig", *words]
+    process = subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)  # noqa: S603 - as below
     ending.callback(process.wait, 30)
     ending.callback(process.send_signal, signal.SIGINT)
     until = time.monotonic() + at_most_s
@@ -117,7 +118,7 @@ def serve(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
 
 
 def run(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
-    """Run a line; return an empty text, or what went wrong. ending: what is to be done after all lines."""
+    """Run a line; return an empty text, or what went wrong. ending: what is to be done after the page."""
     if line.text.startswith("rig fakes serve"):
         return serve(line, folder, at_most_s, ending)
     command = [sys.executable, "-m", "rig", *typed(line, folder)]
@@ -149,7 +150,9 @@ def main() -> int:
 def try_all(lines: list[Line], folder: Path, ending: ExitStack, at_most_s: float) -> int:
     """Run lines, one after the other, and say what became of each; return how many failed."""
     failed = 0
-    for line in lines:
+    for before, line in zip([None, *lines], lines, strict=False):
+        if before is not None and before.page != line.page:
+            ending.close()
         began, became = time.monotonic(), f"skipped: {line.why_not}"
         if not line.why_not:
             wrong = run(line, folder, at_most_s, ending)

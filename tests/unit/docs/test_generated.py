@@ -8,6 +8,7 @@ from types import ModuleType
 import pytest
 import yaml
 
+import rig
 from support.documentation import ROOT
 
 
@@ -25,6 +26,12 @@ def test_the_page_of_messages_names_the_cures_that_the_code_names() -> None:
     messages = script("make_messages")
     assert messages.PAGE.read_text(encoding="utf-8") == messages.page(), "run: python docs/make_messages.py"
     assert len(messages.messages()) > 250
+
+
+def test_the_page_of_names_says_what_the_docstrings_say() -> None:
+    names = script("make_python")
+    assert names.PAGE.read_text(encoding="utf-8") == names.page(), "run: python docs/make_python.py"
+    assert all(f"\n## {name}\n" in names.page() for name in rig.__all__)
 
 
 def quoted_messages() -> list[tuple[str, str]]:
@@ -104,7 +111,7 @@ def test_the_citation_is_of_the_paper() -> None:
 
 
 def test_pages_are_not_long() -> None:
-    made = {"messages.md", "others.md"}
+    made = {"messages.md", "others.md", "python_names.md"}
     long = {
         p.name: n for p in (ROOT / "docs").glob("*.md") if (n := len(_lines(p))) > 160 and p.name not in made
     }

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 def estimate(
     frames: Annotated[
-        Path, typer.Argument(help="Folder of images (sorted by name), image, video file or session folder.")
+        Path,
+        typer.Argument(
+            help="Folder of images (sorted by name), image, video file or session folder; a trial of "
+            "TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
+        ),
     ],
     background: Annotated[
         str | None,
@@ -93,6 +97,8 @@ def estimate(
       rig estimate frames/ --timestamps times.csv --reference-time 1.25
 
       rig estimate frames/ --background empty.png --estimator ellipse --json
+
+      rig estimate TactileTracking/key0 --out key0.csv
 
     """
     from rig.frames.estimation import Estimation

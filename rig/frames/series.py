@@ -6,7 +6,8 @@ as a gap; the reader of the series decides what to say about it.
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
+from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
 
@@ -34,11 +36,16 @@ class TimedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSeries:
-    """Frames in order; iterating reads them anew each time. notes: what was assumed or amiss."""
+    """Frames in order; iterating reads them anew each time.
+
+    notes: what was assumed or amiss. empty: makes their frame without contact, where the set they are of
+    tells.
+    """
 
     name: str
     read: Callable[[], Iterator[TimedFrame]]
     notes: tuple[str, ...] = ()
+    empty: Callable[[], Image | None] | None = None
 
     def __iter__(self) -> Iterator[TimedFrame]:
         """Read the frames. Raises `InputError` at the first one of another size."""
@@ -61,13 +68,19 @@ class FrameSeries:
 def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = None) -> FrameSeries:
     """Open a folder of images (sorted by name, numbers by value), an image or a video file.
 
+    Also a trial of TactileTracking, and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`;
+    the index finger by default), see `rig.frames.public_sets`.
     timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz; by default a
     video's own and 60 for images. Raises `InputError` where there is nothing to read.
     """
     if timestamps is not None and fps is not None:
         raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
+    if (bag := bag_of(path)) is not None:
+        return _bag_series(*bag, timestamps, fps)
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: check the path")
+    if is_trial(path):
+        return _trial_series(path, timestamps, fps)
     if path.is_dir() or path.suffix.lower() in SUFFIXES:
         return _image_series(path, timestamps, fps)
     return _video_series(path, timestamps, fps)
@@ -77,11 +90,14 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on where it is from.
 
     spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all
-    frames; None, which is `auto` where there are nine frames or more. Raises `InputError`.
+    frames; None, which is the set's own where it has one, else `auto` where there are nine frames or more.
+    Raises `InputError`.
     """
     first = next(series.images(), None)
     if first is None:
         raise InputError(f"{series.name}: no frame can be read: copy it anew")
+    if spec is None and series.empty is not None and (empty := series.empty()) is not None:
+        return empty, "background: the set's own"
     if spec is None or spec == "auto":
         return _auto(spec, series)
     if spec.startswith("first:"):
@@ -175,6 +191,29 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
             yield TimedFrame(str(index), time, image)
 
     return FrameSeries(str(path), read, notes)
+
+
+def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
+    series = _video_series(folder / TRIAL_VIDEO, timestamps, fps)
+    note = "background: made of what lies outside contact_masks.npy; what was always touched is filled in"
+    empty = partial(trial_background, folder)
+    return replace(series, notes=(*series.notes, note), empty=lambda: empty(series.images()))
+
+
+def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | None) -> FrameSeries:
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file: check the path")
+    bag = read_bag(path, finger)
+    names = [str(number) for number in range(len(bag.images))]
+    times = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
+
+    def read() -> Iterator[TimedFrame]:
+        frames = read_bag(path, finger).frames()
+        return (TimedFrame(name, time, image) for name, time, image in zip(names, times, frames, strict=True))
+
+    note = f"finger {finger}; times: {FOLDER_FPS:g} frames per second assumed, the set tells none; see --fps"
+    notes = (note,) if timestamps is None and fps is None else ()
+    return FrameSeries(f"{path}:{finger}", read, notes, bag.background)
 
 
 def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:

@@ -84,11 +84,15 @@ def run_clips(
     limits: ClipLimits,
     groups: Path | None = None,
     progress: Progress = lambda *_: None,
+    sign: int = 1,
 ) -> ClipsResult:
-    """Let every estimator answer all clips, in this process. Raises `InputError` for what is no clip."""
+    """Let every estimator answer all clips, in this process. Raises `InputError` for what is no clip.
+
+    sign: of the known turns of public sets, see `read_clips`.
+    """
     cv2.setNumThreads(1)
     began = time.perf_counter()
-    clips = read_clips(folder, groups)
+    clips = read_clips(folder, groups, sign)
     limits.check(clips)
     runs: list[list[ClipRun]] = [[] for _ in choices]
     for done, clip in enumerate(clips, 1):

@@ -1,18 +1,34 @@
-"""Labelled clips: a folder per clip, with frames, a background, times and hand-measured angles."""
+"""Labelled clips: a folder per clip, with frames, a background, times and hand-measured angles.
+
+Also the trials of TactileTracking and the sequences of digit-pose-estimation, in their own layouts: their
+turns are known at every sample, and one in half a second is a label.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.formats import read_csv_rows, shown
 from drivers.images import read_image
 from drivers.types import Image
 from rig.frames.clips import LABELS, clip_background, clip_frames
-from rig.frames.series import FrameSeries, read_frames
+from rig.frames.public_sets import (
+    BAG_STRIDE,
+    BAG_SUFFIX,
+    FINGERS,
+    TRIAL_VIDEO,
+    bag_of,
+    is_trial,
+    read_bag,
+    trial_turns_deg,
+)
+from rig.frames.series import FrameSeries, make_background, read_frames
 
 TIMES, GROUPS = "timestamps.csv", "groups.csv"
 NO_GROUP = "-"
+LABEL_EVERY_NS = NS_PER_S // 2
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
@@ -41,12 +57,15 @@ class LabelledClip:
     labels: tuple[ClipLabel, ...]
 
 
-def read_clips(folder: Path, groups: Path | None = None) -> list[LabelledClip]:
+def read_clips(folder: Path, groups: Path | None = None, sign: int = 1) -> list[LabelledClip]:
     """Read all clips of a folder, or the one clip that it is, sorted by name.
 
+    sign: -1 turns the known angles of public sets round, for one whose sense of turning is not told.
     groups: CSV with columns `clip,group`; by default `groups.csv` in the folder, else the column `group` of
     each clip's labels. Raises `InputError` naming what is missing or wrong.
     """
+    if bag_of(folder) is not None or is_trial(folder):
+        return [public_clip(folder, folder.stem, sign)]
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: give one with a folder per labelled clip")
     if (folder / LABELS).exists():
@@ -55,9 +74,48 @@ def read_clips(folder: Path, groups: Path | None = None) -> list[LabelledClip]:
     table = groups or (own if own.exists() else None)
     named = {} if table is None else _groups(table)
     folders = sorted(path.parent for path in folder.glob(f"*/{LABELS}"))
+    public = [] if folders else _public_clips(folder, sign)
+    if public:
+        return [replace(clip, group=named.get(clip.name, clip.group)) for clip in public]
     if not folders:
         raise InputError(f"{folder}: no folder in it has a {LABELS}: rig label-angle CLIP makes one")
     return [_clip(clip, named) for clip in folders]
+
+
+def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
+    """Read one trial of TactileTracking, or one finger of a sequence of digit-pose-estimation.
+
+    Its group is the object. Raises `InputError`.
+    """
+    series = read_frames(path)
+    background, _ = make_background(None, series)
+    bag = bag_of(path)
+    if bag is None:
+        count = sum(1 for _ in series.read())
+        turns, places = trial_turns_deg(path, count), list(range(count))
+        group = path.name.rstrip("0123456789")
+    else:
+        turns = read_bag(*bag).turned_deg()
+        places, group = [BAG_STRIDE * number for number in range(len(turns))], bag[0].parent.name
+    times_ns = [frame.time.time_ns for frame in series.read()]
+    labels, last_ns = [], times_ns[0]
+    for place, turn in zip(places[1:], turns[1:], strict=True):
+        if times_ns[place] - last_ns >= LABEL_EVERY_NS:
+            labels.append(ClipLabel(place, sign * float(turn), 0.0))
+            last_ns = times_ns[place]
+    if not labels:
+        raise InputError(f"{path}: is shorter than half a second: nothing to compare")
+    return LabelledClip(name, group, series, background, 0, tuple(labels))
+
+
+def _public_clips(folder: Path, sign: int) -> list[LabelledClip]:
+    trials = sorted(path.parent for path in folder.rglob(TRIAL_VIDEO) if is_trial(path.parent))
+    bags = sorted(folder.rglob(f"*{BAG_SUFFIX}"))
+    named = [(trial, str(trial.relative_to(folder))) for trial in trials]
+    for bag in bags:
+        fingers = ((Path(f"{bag}:{finger}"), finger) for finger in FINGERS)
+        named += [(path, f"{bag.relative_to(folder).with_suffix('')}:{finger}") for path, finger in fingers]
+    return [public_clip(path, name, sign) for path, name in named]
 
 
 def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:

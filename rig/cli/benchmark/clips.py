@@ -19,7 +19,7 @@ def clips(
         Path,
         typer.Argument(
             help="Folder with a folder per clip: frames/ or a video, background.png, labels.csv, "
-            "timestamps.csv."
+            "timestamps.csv. Or trials of TactileTracking, or sequences of digit-pose-estimation."
         ),
     ],
     estimator: Annotated[
@@ -62,6 +62,13 @@ def clips(
         typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn. Default: no limit."),
     ] = None,
     p99_ms: Annotated[float, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = 8.0,
+    reversed_turns: Annotated[
+        bool,
+        typer.Option(
+            "--reversed-turns",
+            help="Take public sets' known turns the other way: digit-pose-estimation does not say which.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -80,6 +87,8 @@ def clips(
 
     Examples:
       rig benchmark clips clips/ --out clips_page
+
+      rig benchmark clips TactileTracking/ --estimator slip --out tracking_page
 
       rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
 
@@ -100,7 +109,7 @@ def clips(
     if readme is not None:
         check_readme(readme, NAME)
     with WorkProgress(0, "clips") as progress:
-        result = run_clips(folder, choices, limits, groups, progress.show)
+        result = run_clips(folder, choices, limits, groups, progress.show, -1 if reversed_turns else 1)
     if out is not None:
         write_clips(out, result)
     if readme is not None:

@@ -1,0 +1,165 @@
+"""Public sets with known turns, read from small made copies of their layouts."""
+
+import json
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from rig.benchmark.clips.benchmark import run_clips
+from rig.benchmark.clips.labelled import read_clips
+from rig.benchmark.clips.limits import ClipLimits
+from rig.contract_checks.test_estimator import gel
+from rig.frames.public_sets import _unpickled, read_bag, trial_turns_deg
+from rig.frames.series import make_background, read_frames
+from rig.tactile.estimators import choose_estimator
+from support.command_line import rig
+from support.public_sets import about_z, turns_deg, write_bag, write_trial
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trials of two objects."""
+    root = tmp_path_factory.mktemp("TactileTracking")
+    for name in ("key0", "bead3"):
+        write_trial(root / name)
+    return root
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("digit-pose-estimation")
+    write_bag(root)
+    return root
+
+
+@pytest.fixture(autouse=True)
+def _read_anew() -> Iterator[None]:
+    yield
+    _unpickled.cache_clear()
+
+
+def test_a_trial_of_tactile_tracking_is_a_labelled_clip(tracking: Path) -> None:
+    clips = read_clips(tracking)
+    assert [(clip.name, clip.group) for clip in clips] == [
+        ("bead3", "bead"),
+        ("key0", "key"),
+    ]
+    clip = clips[1]
+    assert [label.frame for label in clip.labels] == [13, 26, 39]  # half a second apart at 25 a second
+    truth = turns_deg()
+    assert [label.angle_deg for label in clip.labels] == pytest.approx(
+        [truth[i] for i in (13, 26, 39)], abs=0.01
+    )
+    assert len(read_clips(tracking / "key0")) == 1
+
+
+def test_its_background_is_made_of_what_nothing_touches(tracking: Path) -> None:
+    series = read_frames(tracking / "key0")
+    assert any("contact_masks.npy" in note for note in series.notes)
+    background, note = make_background(None, series)
+    assert note == "background: the set's own"
+    assert np.abs(background.astype(float) - gel(320, 240)).mean() < 3.0
+
+
+def test_a_sequence_of_digit_pose_estimation_is_a_clip_per_finger(poses: Path) -> None:
+    clips = read_clips(poses)
+    assert [clip.name for clip in clips] == [f"train/sugar/bag_00:{f}" for f in ("index", "middle", "ring")]
+    assert {clip.group for clip in clips} == {"sugar"}
+    truth = turns_deg(61)
+    for clip in clips:
+        assert clip.background.shape == (320, 240, 3)
+        assert [label.frame for label in clip.labels] == [30, 60]
+        # changes over five samples, each with its own tilt, add up to the turn within some hundredths
+        assert [label.angle_deg for label in clip.labels] == pytest.approx([truth[30], truth[60]], abs=0.1)
+    turned_round = read_clips(poses, sign=-1)[0]
+    assert [label.angle_deg for label in turned_round.labels] == [
+        -label.angle_deg for label in clips[0].labels
+    ]
+
+
+def test_estimators_are_compared_with_the_known_turns(tracking: Path, poses: Path) -> None:
+    for root, name in ((tracking, "slip"), (poses, "pca")):
+        result = run_clips(root, [choose_estimator(name)], ClipLimits())
+        overall = result.estimators[0].overall
+        assert overall.mean_deg < 3.0, root
+        assert overall.within >= 0.8
+    reversed_turns = run_clips(poses, [choose_estimator("pca")], ClipLimits(), sign=-1)
+    assert reversed_turns.estimators[0].overall.mean_deg > 20.0
+
+
+def test_the_commands_take_them(tracking: Path, poses: Path) -> None:
+    done = rig("estimate", tracking / "key0", "--estimator", "pca", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["samples"]) == 40
+    bag = poses / "train" / "sugar" / "bag_00.pkl"
+    done = rig("estimate", f"{bag}:middle", "--estimator", "pca", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "finger middle" in done.stderr
+    told = json.loads(done.stdout)
+    assert told["background"] == "background: the set's own"
+    assert told["samples"][-1]["angle_deg"] == pytest.approx(turns_deg(61)[-1], abs=3.0)
+    done = rig("benchmark", "clips", poses, "--estimator", "pca", "--reversed-turns", "--json")
+    assert done.returncode == 4
+    assert json.loads(done.stdout)["estimators"]["pca"]["all"]["labels"] == 6
+
+
+class Trap:
+    """Makes a file as soon as it is unpickled."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return Path.touch, (self.file,)  # type: ignore[return-value]
+
+
+def test_code_in_a_pickle_is_not_run(tmp_path: Path) -> None:
+    trap = tmp_path / "sprung"
+    (tmp_path / "bag_00.pkl").write_bytes(pickle.dumps({"digit_index": Trap(trap)}))
+    with pytest.raises(InputError, match="which no array needs"):
+        read_bag(tmp_path / "bag_00.pkl", "index")
+    assert not trap.exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"no pickle", "is no sequence"),
+        (pickle.dumps([1, 2]), "holds a list"),
+        (pickle.dumps({}), "has no digit_index"),
+        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": np.eye(4)}), r"not \(N, 4, 4\)"),
+        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": "abc"}), "is no array"),
+        (
+            pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": 2 * np.eye(4)[None]}),
+            "no rigid motion",
+        ),
+    ],
+)
+def test_what_is_no_sequence_is_refused(tmp_path: Path, content: bytes, says: str) -> None:
+    (tmp_path / "bag_00.pkl").write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        read_bag(tmp_path / "bag_00.pkl", "index")
+
+
+def test_what_is_no_whole_trial_is_refused(tmp_path: Path) -> None:
+    trial = write_trial(tmp_path / "key0", 20)
+    with pytest.raises(InputError, match="20 poses for 21 frames"):
+        trial_turns_deg(trial, 21)
+    (trial / "contact_masks.npy").unlink()
+    with pytest.raises(InputError, match=r"contact_masks.npy: cannot be read"):
+        read_clips(trial)
+    np.save(trial / "contact_masks.npy", np.ones((20, 320, 240), bool))
+    with pytest.raises(InputError, match="no part of any frame is without contact"):
+        read_clips(trial)
+    for poses, says in ((np.full((20, 4, 4), np.nan), "no rigid motion"), (np.eye(4), "not .N, 4, 4."),
+                        (np.array([about_z(0.0)] * 3), "3 poses for 20 frames")):  # fmt: skip
+        np.save(trial / "true_start_T_currs.npy", poses)
+        with pytest.raises(InputError, match=says):
+            trial_turns_deg(trial, 20)
+    (trial / "true_start_T_currs.npy").write_bytes(b"no array")
+    with pytest.raises(InputError, match="cannot be read as an array"):
+        trial_turns_deg(trial, 20)

@@ -1,10 +1,11 @@
 """`kinhec`: simulated pose streams with full truth, ours beside its own solvers and OpenCV's."""
 
-from collections.abc import Iterator
+import contextlib
 from pathlib import Path
 from typing import Any
 
 import cv2
+from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -43,9 +44,12 @@ def run_kinhec(folder: Path, say: Say) -> list[Row]:
     kinhec: Any = importlib.import_module("kinhec")
     if not (folder / "sequences.parquet").is_file():
         say("kinhec generate --tier smoke: some minutes, once")
-        importlib.import_module("kinhec.cli").main(
-            ["generate", "--tier", "smoke", "--out", str(folder), "--workers", "1"]
-        )
+        folder.mkdir(parents=True, exist_ok=True)
+        # its own notes go into the folder that it runs in
+        with contextlib.chdir(folder):
+            importlib.import_module("kinhec.cli").main(
+                ["generate", "--tier", "smoke", "--out", str(folder.resolve()), "--workers", "1"]
+            )
     errors, held, refused, wrong = {}, [], [], []
     offsets: list[Row] = []
     for sequence in _sequences(kinhec, folder):

@@ -39,7 +39,7 @@ def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
     one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    monkeypatch.setattr(estimators, "stress_tasks", lambda full, seed: [])  # a minute less
+    monkeypatch.setattr(estimators, "stress_tasks", lambda full, seed, names: [])  # a minute less
     monkeypatch.setattr(estimators, "CONTACTS", estimators.CONTACTS[:1])
     monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 60)
     monkeypatch.setattr(lifts, "WINDOWS", lifts.WINDOWS[:2])

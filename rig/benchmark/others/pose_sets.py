@@ -1,11 +1,11 @@
 """`kinhec`: simulated pose streams with full truth, ours beside its own solvers and OpenCV's."""
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
-from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

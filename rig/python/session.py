@@ -12,7 +12,6 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
 from protocols.observer import Phase
-from rig.frames.masks import SegmentChoice, make_segmenter
 from rig.python.angles import Angles, Floats, data_frame
 from rig.report.curves import Curve, LiftCurves, signed_errors, truth_at
 from rig.report.session import read_curves
@@ -24,6 +23,8 @@ from rig.tactile.contact.background import mean_background
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
+
+    from rig.frames.masks import FrameSegmenter
 
 CAMERA = "camera"
 """Stands for the external camera where a serial is asked for."""
@@ -135,7 +136,7 @@ class Lift:
             serial = self._manifest.config.camera.serial
         else:
             self._require(serial)
-        segmenter = None if masks is None else make_segmenter(SegmentChoice(masks), self.background(serial))
+        segmenter = None if masks is None else _segmenter(masks, self.background(serial))
         for frame in recorded_frames(self._recording, serial):
             mask = None
             if segmenter is not None:
@@ -246,6 +247,13 @@ def open_session(folder: str | Path) -> Session:
     Raises `SessionError` for a folder that is no trial, or holds no finished lift.
     """
     return Session(Path(folder))
+
+
+def _segmenter(masks: str, background: Image) -> "FrameSegmenter":
+    # what runs networks takes longer to import than all the rest, and is needed here alone
+    from rig.frames.masks import SegmentChoice, make_segmenter
+
+    return make_segmenter(SegmentChoice(masks), background)
 
 
 def _angles(curve: Curve) -> Angles:

@@ -25,6 +25,7 @@ from fakes.world.trapezoid import TrapezoidProfile
 STEP_NS = 2_000_000
 HISTORY_STEPS = 1500
 FINGER_STIFFNESS_N_M = 420.0
+MOST_COUNTS = 255
 """Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
 REACH_OF_GRASP_M = 0.03
 _OFF_DIGITS = 6
@@ -192,6 +193,21 @@ class World:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
         turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
         return WorldState(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
+
+    def would_hold(self, offset_m: float, beyond_counts: int) -> bool:
+        """Whether friction carries the torque of the object that lies here, grasped at a place of it.
+
+        offset_m: of the place, from the centre of mass. beyond_counts: how far the fingers close past
+        contact. Raises `DeviceError` where nothing lies.
+        """
+        with self._lock:
+            if self.model is None:
+                raise DeviceError("simulated world: no object lies here")
+            site = min(self.model.sites, key=lambda each: abs(each.offset_m - offset_m))
+            free_counts = (self.layout.max_opening_m - site.width_m) / self.layout.opening_per_count_m
+            reachable = MOST_COUNTS - self.layout.open_counts - free_counts
+            squeeze_m = max(0.0, min(beyond_counts, reachable)) * self.layout.opening_per_count_m
+            return self._load(self.model, site, FINGER_STIFFNESS_N_M * squeeze_m).holds_turn()
 
     def _load(self, model: ObjectModel, site: GraspSite, force_n: float) -> GripLoad:
         left_end = model.com_from_left_m + site.offset_m

@@ -43,6 +43,19 @@ def build_bench(
     seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
     variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own.
     """
+    bench, operator, _ = build_world(config, seed, lift, attempt, realtime, variation_seed)
+    return bench, operator
+
+
+def build_world(
+    config: BenchConfig,
+    seed: int = 0,
+    lift: str = "",
+    attempt: int = 0,
+    realtime: bool = False,
+    variation_seed: int | None = None,
+) -> tuple[Bench, Operator, World]:
+    """Make the same, with the world that a benchmark asks what truly happened."""
     plan = simulated_bench_plan(config)
     world = World(plan.layout, seed)
     clock = SimulatedClock(realtime)
@@ -71,7 +84,7 @@ def build_bench(
     def lay(object_id: str) -> None:
         world.lay(laid_as(config.objects, object_id))
 
-    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed)
+    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed), world
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:

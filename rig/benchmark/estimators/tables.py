@@ -74,7 +74,7 @@ def limit_table(limits: Sequence[Measured], whose: str = f"'{DEFAULT_ESTIMATOR}'
     """Every limit, what was measured and whether it was kept."""
     rows = [
         (limit.name, NONE if limit.value is None else f"{limit.value:.3g}", limit.asked,
-         "kept" if limit.met else "MISSED")
+         {True: "kept", False: "MISSED", None: ""}[limit.met])
         for limit in limits
     ]  # fmt: skip
     return BenchmarkTable(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)

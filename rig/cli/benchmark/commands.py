@@ -12,6 +12,7 @@ from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.others import others
+from rig.cli.benchmark.reaction import reaction
 from rig.cli.benchmark.renderer import renderer
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.segmentation import segmentation
@@ -47,5 +48,6 @@ benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)
 benchmark.command("renderer")(renderer)
+benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
 benchmark.command("sessions")(sessions)

@@ -1,0 +1,1 @@
+"""What reactions to slip are worth: the same simulated lifts, with and without."""

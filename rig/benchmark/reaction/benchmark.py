@@ -1,0 +1,151 @@
+"""`rig benchmark reaction`: the same simulated lifts with and without a reaction to slip."""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.measured import Measured, at_least, at_most, informative
+from rig.benchmark.reaction.lifts import ReactedLift, lift_both_ways
+from rig.experiments.lift_attempt import LiftTask, TrialSettings
+from rig.experiments.process_pool import run_tasks
+from rig.experiments.reactions import require_reaction
+from rig.sessions.records import LiftOutcome
+
+SCHEMA = 1
+LEAST_CAUGHT, MOST_LATENCY_MS, MOST_FALSE = 0.95, 50.0, 1.0 / 45.0
+HELD_DEG = 0.5
+RESAMPLES = 2000
+"""For the interval of a median, by the bootstrap."""
+Progress = Callable[[int, int, str], None]
+"""Called with how many lifts are done, of how many, and the name of the last one."""
+Pair = tuple[ReactedLift, ReactedLift]
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionResult:
+    """Everything measured. pairs: each lift without and with a reaction. SIMULATED throughout."""
+
+    kind: str
+    seed: int
+    pairs: tuple[Pair, ...]
+    limits: tuple[Measured, ...]
+    wall_s: float
+
+
+def run_reaction(
+    settings: TrialSettings,
+    objects: Sequence[str],
+    lifts: int,
+    jobs: int | None = None,
+    progress: Progress = lambda *_: None,
+) -> ReactionResult:
+    """Carry out every lift twice. Raises `InputError` where the settings cannot react."""
+    began = time.perf_counter()
+    require_reaction(settings, objects)
+    each = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
+    tasks = [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
+    found: dict[int, Pair] = {}
+    for task, pair in run_tasks(partial(lift_both_ways, settings), list(tasks), jobs or os.cpu_count() or 1):
+        found[task.number] = pair
+        progress(len(found), len(tasks), f"{task.object_id}/{task.lift}")
+    pairs = tuple(found[number] for number in sorted(found))
+    return ReactionResult(
+        settings.react.value, settings.seed, pairs, _limits(pairs), time.perf_counter() - began
+    )
+
+
+def reaction_table(result: ReactionResult) -> BenchmarkTable:
+    """Return a row per object, all first."""
+    objects = dict.fromkeys(without.object_id for without, _ in result.pairs)
+    groups = {"all": result.pairs} | {
+        o: tuple(pair for pair in result.pairs if pair[0].object_id == o) for o in objects
+    }
+    columns = (
+        "object", "lifts", "slip without", "caught", "largest grip cannot hold", "end turn without", "with",
+        "reactions", "counts added, most", "fallen without, with", "damaged",
+    )  # fmt: skip
+    title = f"SIMULATED reaction to slip '{result.kind}', the same lifts without and with; turns in degrees"
+    return BenchmarkTable(title, columns, [_row(name, pairs) for name, pairs in groups.items()])
+
+
+def as_json(result: ReactionResult) -> dict[str, Any]:
+    """Return the result as JSON values, with what it was measured on."""
+    return {
+        "schema": SCHEMA,
+        "simulated": True,
+        "react": result.kind,
+        "seed": result.seed,
+        "machine": machine(),
+        "lifts": [{"without": asdict(without), "with": asdict(reacted)} for without, reacted in result.pairs],
+        "limits": [asdict(limit) for limit in result.limits],
+        "wall_s": round(result.wall_s, 1),
+    }
+
+
+def _row(name: str, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    slipping = [pair for pair in pairs if pair[0].slips]
+    reacted = [after for _, after in pairs]
+    fallen = [sum(lift.outcome is LiftOutcome.FALLEN for lift in side) for side in zip(*pairs, strict=True)]
+    return (
+        name,
+        str(len(pairs)),
+        str(len(slipping)),
+        str(sum(after.caught for _, after in slipping)),
+        str(sum(not after.would_hold for _, after in slipping)),
+        _median_turn([before for before, _ in pairs]),
+        _median_turn(reacted),
+        str(sum(len(lift.told) for lift in reacted)),
+        str(max((lift.counts_added for lift in reacted), default=0)),
+        f"{fallen[0]}, {fallen[1]}",
+        str(sum(lift.damaged for lift in reacted)),
+    )
+
+
+def _median_turn(lifts: Sequence[ReactedLift]) -> str:
+    turns = np.array([abs(lift.turn_deg) for lift in lifts if lift.turn_deg is not None])
+    if not len(turns):
+        return "-"
+    drawn = np.random.default_rng(0).choice(turns, (RESAMPLES, len(turns)))
+    low, high = np.percentile(np.median(drawn, axis=1), [2.5, 97.5])
+    return f"{np.median(turns):.1f} [{low:.1f}, {high:.1f}]"
+
+
+def _limits(pairs: Sequence[Pair]) -> tuple[Measured, ...]:
+    slipping = [after for before, after in pairs if before.slips]
+    held = [after for before, after in pairs if abs(before.turn_deg or 0.0) <= HELD_DEG and not before.slips]
+    told = [reaction for _, after in pairs for reaction in after.told]
+    latency = [1e3 * r.latency_s for r in told if r.latency_s is not None]
+    late = sum(after.late for _, after in pairs)
+    latency += [float("inf")] * late
+    dropped = [after for after in slipping if after.would_hold and after.outcome is LiftOutcome.FALLEN]
+    return (
+        at_least(
+            "share of slipping lifts caught",
+            float(np.mean([after.caught for after in slipping])) if slipping else None,
+            LEAST_CAUGHT,
+        ),
+        at_most(
+            "true half degree to event, 99th percentile, ms",
+            float(np.percentile(latency, 99)) if latency else None,
+            MOST_LATENCY_MS,
+        ),
+        informative("events that never came", late),
+        _false_reactions(held),
+        informative("reactions to less than half a degree", sum(r.latency_s is None for r in told)),
+        at_most("fallen with a reaction where friction could carry it", len(dropped), 0),
+        at_most("objects damaged", sum(after.damaged for _, after in pairs), 0),
+    )
+
+
+def _false_reactions(held: Sequence[ReactedLift]) -> Measured:
+    name = f"share of lifts that hold and react all the same, of {len(held)}"
+    if not held:
+        return Measured(name, None, f"at most {MOST_FALSE:.3g}", None)
+    return at_most(name, float(np.mean([bool(after.told) for after in held])), MOST_FALSE)

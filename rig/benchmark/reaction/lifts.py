@@ -1,0 +1,94 @@
+"""One simulated lift, with or without a reaction, and what truly happened in its world."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+
+from protocols.grasps import find_grasp_file
+from protocols.reaction import ReactionKind
+from rig.bench.source import WatchedBenches
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.sessions.records import FinishedLift, LiftOutcome
+
+TURNED_DEG = 5.0
+"""A lift that turns by more without a reaction slips, and a caught one turns by no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One reaction. latency_s: from the true half degree to the event's frame; None where it came to none."""
+
+    latency_s: float | None
+    command_s: float | None
+    counts_added: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReactedLift:
+    """One lift. turn_deg: at its end, None where no marker was seen or a fault ended it.
+
+    damaged: the object keeps a mark of the fingers. would_hold: friction carries its torque at the largest
+    grip that its file allows and the gripper reaches. late: it turned by half a degree, and no event came.
+    """
+
+    object_id: str
+    lift: int
+    outcome: LiftOutcome
+    turn_deg: float | None
+    told: tuple[Told, ...]
+    damaged: bool
+    would_hold: bool
+    late: bool
+
+    @property
+    def counts_added(self) -> int:
+        """How far the fingers closed further, in all."""
+        return sum(reaction.counts_added for reaction in self.told)
+
+    @property
+    def slips(self) -> bool:
+        """Whether it turned by more than a caught one may."""
+        return self.outcome is LiftOutcome.FALLEN or abs(self.turn_deg or 0.0) > TURNED_DEG
+
+    @property
+    def caught(self) -> bool:
+        """Whether it turned by no more, at full height wherever friction could carry it there."""
+        kept = self.turn_deg is not None and abs(self.turn_deg) <= TURNED_DEG
+        risen = self.outcome is LiftOutcome.CAUGHT or not self.would_hold
+        return bool(self.told) and kept and risen and self.outcome is not LiftOutcome.FALLEN
+
+
+def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift, ReactedLift]:
+    """Carry out one lift without a reaction and with the settings' own; what a worker process does."""
+    without = replace(settings, react=ReactionKind.NONE)
+    return _lifted(without, task), _lifted(settings, task)
+
+
+def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
+    cv2.setNumThreads(1)
+    benches = WatchedBenches(settings.bench)
+    row = attempt_lift(settings, task, benches).row
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
+    offset_m = next(p.offset_m for p in grasps.position if p.name == row.position)
+    world = benches.world
+    furthest = grasps.largest_grip_counts or max(grasps.grip_counts)
+    finished = row if isinstance(row, FinishedLift) else None
+    told = tuple(
+        Told(
+            None if r.onset_s is None or r.event_s is None else r.event_s - r.onset_s,
+            None if r.event_s is None else r.command_s - r.event_s,
+            r.counts_added,
+        )
+        for r in (finished.reactions or () if finished else ())
+    )
+    turn_deg = finished.final_truth_deg if finished else None
+    return ReactedLift(
+        task.object_id,
+        task.lift,
+        row.outcome,
+        turn_deg,
+        told,
+        damaged=world is not None and world.damaged,
+        would_hold=world is not None and world.would_hold(offset_m, furthest),
+        late=settings.react is not ReactionKind.NONE and not told and abs(turn_deg or 0.0) > 0.5,
+    )

@@ -1,5 +1,7 @@
 """`rig benchmark reaction`: what counts as caught, and the same lift twice."""
 
+from dataclasses import replace
+
 import pytest
 
 from protocols.reaction import ReactionKind

@@ -7,6 +7,7 @@ checker reports a missing member. Verbs act, nouns read. Motions return at once 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+from drivers.errors import DeviceError
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
 
 
@@ -72,6 +73,20 @@ class Arm(Diagnosable, Protocol):
     def stop(self) -> None:
         """Stop as fast as the arm can, from any thread, at any time, without an error."""
         ...
+
+    def begin_guiding(self) -> None:
+        """Let a person lead the arm by hand (freedrive), until `end_guiding` or `stop`.
+
+        It carries the tool and payload that it was told of, and nothing else. Ends by itself, the arm
+        standing, where nobody asks for `state` any more. Raises `DeviceError` where the arm cannot do that.
+        """
+        raise DeviceError("arm: its driver does not let it be led by hand; teach with --by keys")
+
+    def end_guiding(self) -> None:
+        """Hold the arm where it is, in position control, and return when it stands. Safe to call at any time.
+
+        Raises `DeviceError` where that is not certain.
+        """
 
     def speed_fraction(self) -> float | None:
         """At which share of their speed motions would run, as `ArmState` has it; also before `connect`.

@@ -170,6 +170,15 @@ class GripperLimits:
         counts, opening_m = self.openings[0]
         return opening_m + (counts - self.min_counts) * self.opening_per_count_m
 
+    def opening_at(self, counts: float) -> float:
+        """Return the finger opening in m that a position stands for, as `counts_for_opening` has it."""
+        nominal_m = self.max_opening_m - (counts - self.min_counts) * self.opening_per_count_m
+        if not self.openings:
+            return nominal_m
+        known, opening_m = (np.array(column) for column in zip(*self.openings, strict=True))
+        inside = float(np.clip(counts, known.min(), known.max()))
+        return float(np.interp(inside, known, opening_m)) + (inside - counts) * self.opening_per_count_m
+
     def counts_for_opening(self, opening_m: float) -> int:
         """Nearest position count for a finger opening in m: measured (`rig calibrate gripper`), or nominal.
 

@@ -37,12 +37,15 @@ class Position(_Strict):
 
     `lift_height_m`: how far a slip trial lifts here at most (0: not used for trials). `surface`: what
     the fingers hold there, where it was looked at; reports compare errors by it, and an object without a
-    simulated twin is drawn by it.
+    simulated twin is drawn by it. `height_m`: of the grasp over the mark; `turn_deg`: of the hand there,
+    to which the object's orientations, and what a trial draws, are added. `rig teach` measures both.
     """
 
     name: str = Field(min_length=1, max_length=60)
     offset_m: float = Field(ge=-0.3, le=0.3)
     width_m: float = Field(gt=0.0, lt=0.15)
+    height_m: float = Field(default=0.0, ge=-0.1, le=0.3)
+    turn_deg: float = Field(default=0.0, ge=-90.0, le=90.0)
     lift_height_m: float = Field(default=0.0, ge=0.0, le=0.3)
     surface: Literal["edge", "flat", "cylinder", "ball"] | None = None
 

@@ -1,8 +1,13 @@
 """The person at the bench: what a protocol asks of them and tells them."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Protocol
 
-from drivers.types import Vector3
+from drivers.types import Pose, Vector3
+
+Guidance = AbstractContextManager[Callable[[], bool]]
+"""While it lasts somebody is asked; called, it says whether they say that the tool is there."""
 
 
 class Operator(Protocol):
@@ -30,6 +35,20 @@ class Operator(Protocol):
         """Ask how far the tool has to go, m, base axes; None when it is where it should be.
 
         Raises `OperatorStopError`.
+        """
+        ...
+
+    def guide(self, question: str, where: Pose) -> "Guidance":
+        """Have the arm led by hand to where something is grasped; the arm gives way meanwhile.
+
+        where: it is thought to be; people see it. Raises `OperatorStopError` where nobody is there.
+        """
+        ...
+
+    def key(self, question: str, where: Pose, here: Pose) -> str:
+        """Return the next key that a person presses to step the arm; "enter" where it is there.
+
+        where, here: the tool is to be, and is, as far as known. Raises `OperatorStopError`.
         """
         ...
 

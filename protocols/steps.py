@@ -70,7 +70,7 @@ def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> 
     return pump
 
 
-def close_to_contact(bench: Bench, pump: Pump, observer: LiftObserver) -> int:
+def close_to_contact(bench: Bench, pump: Pump, observer: LiftObserver, most_steps: int = MAX_STEPS) -> int:
     """Close in one-count steps until both fingertips touch; return the counts at that point.
 
     The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
@@ -78,7 +78,7 @@ def close_to_contact(bench: Bench, pump: Pump, observer: LiftObserver) -> int:
     From then on the hand is known to hold. Raises `GraspError` when the fingers meet nothing.
     """
     counts = bench.gripper.state().position_counts
-    for _ in range(min(MAX_STEPS, bench.gripper.limits.max_counts - counts)):
+    for _ in range(min(most_steps, bench.gripper.limits.max_counts - counts)):
         if all(observer.touching(tip.sensor.serial) for tip in bench.fingertips):
             bench.hand.note(replace(bench.hand.state, holding=Holding.HELD))
             return counts

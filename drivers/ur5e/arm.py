@@ -17,6 +17,7 @@ from drivers.keep_out import check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
+from drivers.ur5e.guiding import begin_guiding, end_guiding
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
@@ -129,10 +130,7 @@ class UR5e(Arm):
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         sample = self.moving_sample()
         check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
-        self._require_remote_control()
-        if not link.has_control:
-            self._take_over(link)
-        self._tool.require()
+        self._ready(link)
         pose = to_ur(base_T_tcp)
         joints = link.control.joints_for(pose, sample.joints_rad)
         if not joints and (reason := ended(link, self._clock)):
@@ -147,6 +145,16 @@ class UR5e(Arm):
         if not started:
             raise refusal(link, "moveL", self._clock)
         return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
+
+    def begin_guiding(self) -> None:
+        """Let a person lead the arm by hand: it carries the bench file's tool and payload by itself then."""
+        self.moving_sample()
+        begin_guiding(self._ready(self._require_link()), self._clock)
+
+    def end_guiding(self) -> None:
+        """Hold the arm where it is, and return when it stands; where it does not, it is stopped."""
+        if self._link is not None:
+            end_guiding(self._link, self._clock, self.stop)
 
     def stop(self) -> None:
         """Stop as fast as the arm can, from any thread, at any time, without an error.
@@ -229,6 +237,14 @@ class UR5e(Arm):
     def operation(self) -> Operation:
         """The newest operation on the controller."""
         return self._require_link().control.operation()
+
+    def _ready(self, link: ArmLink) -> ArmLink:
+        """See that the arm is ours to move, with its tool set. Raises `DeviceError`."""
+        self._require_remote_control()
+        if not link.has_control:
+            self._take_over(link)
+        self._tool.require()
+        return link
 
     def _require_link(self) -> ArmLink:
         if self._link is None:

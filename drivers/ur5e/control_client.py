@@ -87,6 +87,18 @@ class ControlClient:
         """Begin to brake along the path."""
         self._channel.call(ControlCommands.stop_linear, STOP_CALL_S, no_check, deceleration_m_s2)
 
+    def begin_guiding(self) -> bool:
+        """Let the arm be led by hand; False when it was refused."""
+        return self._ask(ControlCommands.begin_guiding)
+
+    def end_guiding(self) -> bool:
+        """Back to position control; False when it was refused."""
+        return self._ask(ControlCommands.end_guiding)
+
+    def halted(self) -> str:
+        """Why the newest motion or guiding was ended because nobody looked; else ""."""
+        return self._ask(ControlCommands.halted)
+
     def zero_force_sensor(self) -> bool:
         """Take the present force and torque as zero; False when it was refused."""
         return self._ask(ControlCommands.zero_force_sensor)

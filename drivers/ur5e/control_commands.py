@@ -71,6 +71,7 @@ class ControlCommands:
         self._control = control
         self._watchdog = watchdog
         self._heartbeat = heartbeat
+        self._guided = False
 
     def tcp(self) -> Sequence[float]:
         """The TCP that the controller has."""
@@ -109,9 +110,27 @@ class ControlCommands:
         return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.halted)
 
     def stop_linear(self, deceleration_m_s2: float) -> None:
-        """Begin to brake along the path."""
+        """Begin to brake along the path; an arm that is led by hand is held first."""
         self._heartbeat.end()
+        if self._guided:
+            self.end_guiding()
         self._control.stopL(deceleration_m_s2, True)
+
+    def begin_guiding(self) -> bool:
+        """Let the arm be led by hand (URScript teach_mode)."""
+        self._guided = True
+        self._heartbeat.begin_guiding()
+        return self._control.teachMode()
+
+    def end_guiding(self) -> bool:
+        """Back to position control (URScript end_teach_mode)."""
+        self._heartbeat.end()
+        self._guided = False
+        return self._control.endTeachMode()
+
+    def halted(self) -> str:
+        """Why the newest motion, or the guiding by hand, was ended by `drivers.ur5e.heartbeat`; else ""."""
+        return self._heartbeat.halted
 
     def zero_force_sensor(self) -> bool:
         """Take the present force and torque as zero."""

@@ -1,4 +1,4 @@
-"""A motion goes on only as long as the program that began it looks at the arm.
+"""A motion goes on only as long as the program that began it looks at the arm; so does an arm led by hand.
 
 A program that is stopped (SIGSTOP, Ctrl-Z), hangs or swaps would otherwise leave a motion to run to its
 end: the process that commands lives on and keeps the controller's watchdog quiet. Each look at the arm's
@@ -23,6 +23,8 @@ REACTION_S = 0.010
 """From the decision to stop to the first slower cycle, and from a beat to its look (ours, rounded up)."""
 LEAST_S, LONGEST_S = 0.03, 0.35
 """Less than this a computer cannot keep; more than this no motion goes on unwatched, however slow."""
+GUIDED_S = 1.0
+"""The same for an arm that a person holds in their hands and leads: it goes nowhere by itself."""
 LATE_NS = to_ns(0.015)
 """From here on the program is looked at: one that works looks each 8 ms, or each frame."""
 
@@ -42,13 +44,22 @@ class Heartbeat:
         self._control, self._state, self._program = control, state, program
         self._clock: Clock = clock or SystemClock()
         self._limit_ns: int | None = None
+        self._guided, self._longest_ns = False, to_ns(LONGEST_S)
         self._began_ns = self._checked_ns = self._waited_ns = 0
         self.halted = ""
         """Why the newest motion was stopped, where this stopped it."""
 
     def begin(self, speed_m_s: float) -> None:
         """Watch a motion that begins now."""
-        self._limit_ns, self.halted = to_ns(silence_limit_s(speed_m_s)), ""
+        self._watch(silence_limit_s(speed_m_s), LONGEST_S, guided=False)
+
+    def begin_guiding(self) -> None:
+        """Watch an arm that is led by hand from now on."""
+        self._watch(GUIDED_S, GUIDED_S, guided=True)
+
+    def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:
+        self._limit_ns, self._longest_ns, self._guided = to_ns(limit_s), to_ns(longest_s), guided
+        self.halted = ""
         self._began_ns = self._checked_ns = self._clock.now_ns()
         self._waited_ns = 0
 
@@ -66,7 +77,10 @@ class Heartbeat:
         self._checked_ns = now_ns
         if not why:
             return
-        if self._control.getAsyncOperationProgressEx().isAsyncOperationRunning():
+        if self._guided:
+            self._control.endTeachMode()
+            self.halted = why
+        elif self._control.getAsyncOperationProgressEx().isAsyncOperationRunning():
             self._control.stopL(BRAKE_M_S2, True)
             self.halted = why
         self.end()
@@ -80,7 +94,7 @@ class Heartbeat:
         if self._program.is_stopped():
             return "its program was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger)"
         self._waited_ns += self._program.waited_ns(since_check_ns)
-        if silent_ns - self._waited_ns <= limit_ns and silent_ns <= to_ns(LONGEST_S):
+        if silent_ns - self._waited_ns <= limit_ns and silent_ns <= self._longest_ns:
             return ""
         silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
         if self._waited_ns < silent_ns / 2:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from drivers.clock import Clock
+from drivers.clock import Clock, wait_until
 from drivers.errors import (
     DeviceError,
     NotConnectedError,
@@ -58,7 +58,7 @@ class FakeArm(Arm):
         self._connected = False
         self._joints: Vector6 = kinematics.ELBOW_UP
         self._pose: Pose | None = None
-        self._released = False
+        self._released = self._guided = False
         self._sensor = FlangeSensor(world.seed)
 
     @property
@@ -105,8 +105,33 @@ class FakeArm(Arm):
         self._world.tool = ToolPath.between(start, base_T_tcp, profile)
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
+    def begin_guiding(self) -> None:
+        """Let itself be led by hand, see `lead`."""
+        self._require_connected()
+        self._check_running()
+        self._guided = True
+
+    def end_guiding(self) -> None:
+        """Stay where it is."""
+        if self._guided:
+            self.stop()
+            wait_until(
+                self._clock, lambda: self._world.tool.profile.done_at(self._clock.now_ns()), 1.0, 0.004
+            )
+
+    def lead(self, to: Pose, over_s: float) -> None:
+        """Do what a person's hand does: lead the tool to a pose, as long as the arm gives way."""
+        now = self._clock.now_ns()
+        start = self._world.tool.pose_at(now)
+        way = max(distance(start, to), 1e-6)
+        if self._guided:
+            self._world.tool = ToolPath.between(
+                start, to, TrapezoidProfile(now, way, 1.5 * way / over_s, 1e3)
+            )
+
     def stop(self) -> None:
-        """Brake as the arm can."""
+        """Brake as the arm can, also where it is led by hand."""
+        self._guided = False
         self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
     def recover(self, confirm: Callable[[str], None]) -> None:

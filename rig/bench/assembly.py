@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.targets.sheets import target_picture
 from drivers.bench import Bench, Fingertip, Hand
-from drivers.clock import SystemClock
+from drivers.clock import SystemClock, to_ns
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
 from drivers.named_classes import is_class_name
 from drivers.types import HandState, Holding, Image, Pose
@@ -27,6 +27,8 @@ from rig.bench.own_devices import own_arm, own_gripper, own_source
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig, CameraConfig, TactileConfig
 
+LED_S = 3.0
+"""How long a simulated person takes to lead the arm to a place."""
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 
 
@@ -60,11 +62,12 @@ def build_world(
     world = World(plan.layout, seed)
     clock = SimulatedClock(realtime)
     faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
+    arm = simulated_arm(config, world, clock, faults)
     bench = Bench(
         name=config.name,
         simulated=True,
         clock=clock,
-        arm=simulated_arm(config, world, clock, faults),
+        arm=arm,
         gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
         fingertips=tuple(
             Fingertip(
@@ -84,7 +87,12 @@ def build_world(
     def lay(object_id: str) -> None:
         world.lay(laid_as(config.objects, object_id))
 
-    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed), world
+    def lead(to: Pose) -> Callable[[], bool]:
+        there_ns = clock.now_ns() + to_ns(LED_S)
+        arm.lead(to, LED_S)
+        return lambda: clock.now_ns() >= there_ns
+
+    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead), world
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:

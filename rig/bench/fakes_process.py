@@ -4,20 +4,22 @@ import multiprocessing
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from drivers.clock import SystemClock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import realtime
+from drivers.types import Pose
 from fakes.wire.host.host import Addresses, FakesHost, WirePlan
 from fakes.wire.net.loopback import free_address, require_free
 from fakes.wire.net.side_channel import Control
 from fakes.wire.ur.controller import POLYSCOPE
-from rig.bench.assembly import simulated_bench_plan
+from rig.bench.assembly import LED_S, simulated_bench_plan
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import SimulatedOperator
 from rig.bench.twins import laid_as
@@ -27,6 +29,7 @@ START_S = 60.0
 LOOK_S = 0.5
 """How often the process of the fakes looks whether all their parts are alive."""
 STOP_S = 10.0
+LED_LATER_S = 0.1
 
 
 @contextmanager
@@ -107,9 +110,16 @@ def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
     def place(object_id: str) -> None:
         control.call("place", object=laid_as(config.objects, object_id), seed=seed)
 
-    return SimulatedOperator(
-        place, lambda: tuple(control.call("gap")["gap_m"]), seed, partial(prove_simulated, config)
-    )
+    clock = SystemClock()
+
+    def lead(to: Pose) -> Callable[[], bool]:
+        turn = [float(v) for v in to.rotation.as_rotvec()]
+        control.call("guide", to=[*to.position_m, *turn], over_s=LED_S)
+        there_ns = clock.now_ns() + to_ns(LED_S + LED_LATER_S)
+        return lambda: clock.now_ns() >= there_ns
+
+    prove = partial(prove_simulated, config)
+    return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed, prove, lead)
 
 
 def _ready(pipe: Connection) -> BenchConfig:

@@ -1,15 +1,20 @@
 """Who is asked at the bench: a person at a terminal, or the simulated world."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
 from drivers.errors import InputError, OperatorStopError
-from drivers.types import Vector3
+from drivers.types import Pose, Vector3
+from protocols.operator import Guidance
+from protocols.teach import STEPS_DEG, STEPS_M
 
 _EYE_M = 1e-4
 """How well a person sees whether a tip sits in its hole, one sigma."""
 _SEATED_M = 3e-4
+_LED_M = 1e-3
+"""How well hands bring an arm to a place, one sigma along each axis."""
 
 
 class SimulatedOperator:
@@ -17,6 +22,7 @@ class SimulatedOperator:
 
     gap: from a tip in the hand to the hole on the table, m, base axes, as the world has it. prove:
     raises unless what is about to be driven is simulated; called wherever a person would be asked.
+    lead: begins to lead the arm by hand to a pose, and returns whether the hand is there.
     """
 
     def __init__(
@@ -25,8 +31,10 @@ class SimulatedOperator:
         gap: Callable[[], Vector3] | None = None,
         seed: int = 0,
         prove: Callable[[], None] = lambda: None,
+        lead: Callable[[Pose], Callable[[], bool]] | None = None,
     ) -> None:
-        self._place, self._gap, self._prove = place, gap, prove
+        self._place, self._gap, self._prove, self._lead = place, gap, prove, lead
+        self._step_size = ""
         self._rng = np.random.default_rng((seed, 43))
 
     def confirm(self, question: str) -> None:
@@ -53,18 +61,53 @@ class SimulatedOperator:
         x, y, z = (float(v) for v in self._rng.normal(self._gap(), _EYE_M))
         return None if np.linalg.norm((x, y, z)) < _SEATED_M else (x, y, z)
 
+    @contextmanager
+    def guide(self, question: str, where: Pose) -> Iterator[Callable[[], bool]]:
+        """Lead the arm there, as well as hands do."""
+        self._prove()
+        lead = self._lead
+        if lead is None:
+            raise InputError("on this simulated bench no hand leads the arm; teach with --by keys")
+        x, y, z = (float(v) for v in self._rng.normal(0.0, _LED_M, 3))
+        led = Pose.from_rotation(where.translated(x, y, z).position_m, where.rotation)
+        arrived: list[Callable[[], bool]] = []
+
+        def there() -> bool:
+            if not arrived:  # not before the arm gives way
+                arrived.append(lead(led))
+            return arrived[0]()
+
+        yield there
+
+    def key(self, question: str, where: Pose, here: Pose) -> str:
+        """Press the key that takes the tool nearer, across before down."""
+        self._prove()
+        if question:
+            self._step_size = ""
+        for size in ("3", "2", "1"):
+            if pressed := _nearer(where, here, size):
+                changed, self._step_size = self._step_size != size, size
+                return size if changed else pressed
+        return "enter"
+
 
 class ConsoleOperator:
     """A person at a terminal; `ask` puts a question and returns whether they agree.
 
     agreed: they said yes beforehand, to everything that can be agreed to unseen. tell: puts a
-    question and returns the line they type.
+    question and returns the line they type. wait: puts one, and is asked again and again whether they have
+    answered. press: puts one, and returns the key they press.
     """
 
     def __init__(
-        self, ask: Callable[[str], bool], agreed: bool = False, tell: Callable[[str], str] | None = None
+        self,
+        ask: Callable[[str], bool],
+        agreed: bool = False,
+        tell: Callable[[str], str] | None = None,
+        wait: Callable[[str], Guidance] | None = None,
+        press: Callable[[str], str] | None = None,
     ) -> None:
-        self._ask, self._tell = ask, tell
+        self._ask, self._tell, self._wait, self._press = ask, tell, wait, press
         self._agreed = agreed
         self._in_place: str | None = None
 
@@ -101,3 +144,29 @@ class ConsoleOperator:
                 continue
             return x, y, z
         return None
+
+    def guide(self, question: str, where: Pose) -> Guidance:
+        """Ask until they say that the hand is there."""
+        if self._wait is None:
+            raise OperatorStopError("stopped: somebody at a terminal has to lead the arm")
+        return self._wait(f"{question} Enter when it is there, q to stop:")
+
+    def key(self, question: str, where: Pose, here: Pose) -> str:
+        """Return the key they press."""
+        if self._press is None:
+            raise OperatorStopError("stopped: somebody at a terminal has to step the arm")
+        key = self._press(question)
+        if key == "q":
+            raise OperatorStopError("stopped by the operator; the arm stands where it is")
+        return key
+
+
+def _nearer(where: Pose, here: Pose, size: str) -> str | None:
+    """The key of a step of that size that takes a tool nearer to a place; None where none does."""
+    off_m = np.subtract(where.position_m, here.position_m)
+    turn_deg = -float((where.rotation * here.rotation.inv()).as_rotvec(degrees=True)[1])
+    offs = {"x": off_m[0] / STEPS_M[size], "y": off_m[1] / STEPS_M[size], "t": turn_deg / STEPS_DEG[size]}
+    for key, steps in {**offs, "z": off_m[2] / STEPS_M[size]}.items():
+        if abs(steps) > 0.5:
+            return key if steps > 0 else key.upper()
+    return None

@@ -72,7 +72,7 @@ def _touch(config: BenchConfig, name: str) -> Touch:
     grasps = find_grasp_file(name, config.objects)
     refuse_undrawn(config, grasps)
     place = min(grasps.position, key=lambda p: abs(p.offset_m))
-    pose = grasp_at(config, place.offset_m)
+    pose = grasp_at(config, place.offset_m, place.height_m)
     return Touch("wiggle", grasps.id, grasps.name, pose, place.width_m, grasps.grip_counts[1])
 
 

@@ -4,8 +4,8 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
@@ -170,6 +170,57 @@ def tell(question: str) -> str:
     if not _terminal():
         raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
     return _typed(question)
+
+
+@contextmanager
+def waited(question: str) -> Iterator[Callable[[], bool]]:
+    """Put a question while something else goes on; what is given says whether it was answered by Enter.
+
+    Raises `OperatorStopError` for "q", for a terminal that is gone, and without one.
+    """
+    import select
+    import termios
+
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+
+    def answered() -> bool:
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return False
+        line = sys.stdin.readline()
+        if not line or line.strip().lower() in ("q", "quit", "stop"):
+            raise OperatorStopError("stopped by the operator; the arm is held where it is")
+        return True
+
+    with set_aside():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        print(question, file=sys.stderr, flush=True)
+        yield answered
+
+
+def press(question: str) -> str:
+    """Return the next key that is pressed from now on, "enter" for Enter; keys pressed before are none.
+
+    question: put first, where it is not empty. Raises `OperatorStopError` at the end of input, and without
+    a terminal.
+    """
+    import termios
+    import tty
+
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to press keys at]")
+    with set_aside():
+        if question:
+            say(question)
+        before = termios.tcgetattr(sys.stdin)
+        try:
+            tty.setcbreak(sys.stdin, termios.TCSAFLUSH)
+            key = os.read(sys.stdin.fileno(), 1).decode("ascii", "replace")
+        finally:
+            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, before)
+    if not key or key == "\x04":
+        raise OperatorStopError("stopped: the terminal is gone; the arm stands where it is")
+    return "enter" if key in "\r\n" else key
 
 
 def _terminal() -> bool:

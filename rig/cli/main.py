@@ -32,6 +32,7 @@ from rig.cli.report import report
 from rig.cli.results import results
 from rig.cli.segment import segment
 from rig.cli.sessions import sessions
+from rig.cli.teach import teach
 from rig.cli.train import train
 from rig.cli.train_angle import train_angle
 from rig.cli.trial import trial
@@ -66,7 +67,7 @@ def _program(
     del version
 
 
-for command in (record, trial, sessions, report, compare, play, export, replay, results):
+for command in (record, trial, teach, sessions, report, compare, play, export, replay, results):
     app.command()(command)
 for command in (estimate, explain, estimators, segment, label, label_angle, train, train_angle, doctor, new):
     app.command()(command)

@@ -23,6 +23,14 @@ def play(
             callback=file_place,
         ),
     ],
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            "--beside",
+            help="Another session: its lift of the same object and number is shown below, as one with a "
+            "reaction to slip below one without.",
+        ),
+    ] = None,
     fps: Annotated[
         float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")
     ] = 30.0,
@@ -42,18 +50,25 @@ def play(
     Examples:
       rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.webm
 
+      rig play without --lift toothbrush/1 --beside with_reaction --out caught.webm
+
       rig play sessions/2026-11-21T093000_trial --lift wrench/1 --speed 0.25 --out slow.avi
 
       rig play sessions/2026-11-21T093000_trial --lift 11 --fps 10 --width 1000 --out lift11.webp
 
     """
-    from rig.report.film import write_film
+    from rig.report.film import FilmedLift, write_film
     from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
     chosen = find_lift(session, manifest, lift)
-    film = write_film(session, manifest, chosen, out, fps, speed, width)
+    shown = [FilmedLift(session, manifest, chosen)]
+    if beside is not None:
+        other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
+        same = find_lift(beside, other, f"{chosen.row.object}/{chosen.row.lift}")
+        shown.append(FilmedLift(beside, other, same))
+    film = write_film(shown, out, fps, speed, width)
     width, height = film.size_px
     say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")
     if film.codec == "mp4v":

@@ -77,6 +77,24 @@ def with_objects(config: BenchConfig, bench: str, given: Path | None = None) -> 
     return config if folder is None else with_more(config, read_objects(folder).values())
 
 
+def own_object(name: str, bench: str, given: Path | None = None) -> tuple[Path, GraspFile]:
+    """Find one of a lab's own objects, and its file. bench, given: as in `objects_folder`.
+
+    Raises `InputError` for the package's objects, which are not changed, and for unknown ones.
+    """
+    folder = objects_folder(bench, given)
+    files = read_objects(folder) if folder else {}
+    wanted = " ".join(name.lower().split())
+    for path, each in files.items():
+        if wanted in each.names:
+            return path, each
+    begin = f"begin one with: rig objects new {folder or FOLDER}/FILE.toml"
+    if any(wanted in each.names for each in load_grasp_files().values()):
+        raise InputError(f"'{name}' is an object of the package, whose file is not changed; {begin}")
+    own = ", ".join(each.id for each in files.values()) or "none"
+    raise InputError(f"there is no object of your own called '{name}' (there are: {own}); {begin}")
+
+
 def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:
     """Return a bench that also knows these objects, as those a session kept; its own of one id stay."""
     known = {own.id for own in config.objects}

@@ -11,13 +11,16 @@ from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
 
 
-def grasp_pose(base_T_table: Pose, offset_m: float, turn_deg: float) -> Pose:  # noqa: N803
+def grasp_pose(base_T_table: Pose, place: Position, turn_deg: float) -> Pose:  # noqa: N803
     """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
 
-    turn_deg is counter-clockwise as the external camera sees it (about the base's -y axis).
+    turn_deg: beside the place's own, counter-clockwise as the external camera sees it (about the base's
+    -y axis).
     """
-    turned = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
-    return Pose.from_rotation(base_T_table.translated(x_m=offset_m).position_m, turned)
+    turned = Rotation.from_euler("y", -(place.turn_deg + turn_deg), degrees=True) * TOOL_DOWN
+    return Pose.from_rotation(
+        base_T_table.translated(x_m=place.offset_m, z_m=place.height_m).position_m, turned
+    )
 
 
 def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:

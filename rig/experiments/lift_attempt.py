@@ -101,7 +101,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
         object_id=grasps.id,
         object_name=grasps.name,
         position=place.name,
-        base_T_grasp=grasp_pose(base_T_table, place.offset_m, turn),
+        base_T_grasp=grasp_pose(base_T_table, place, turn),
         width_m=place.width_m,
         grip_counts=int(rng.integers(low, high + 1)),
         lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),

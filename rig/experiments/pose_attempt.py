@@ -77,7 +77,7 @@ def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_tab
         object_id=settings.grasps.id,
         object_name=settings.grasps.name,
         pose_number=pose.number,
-        base_T_grasp=grasp_pose(base_T_table, pose.position.offset_m, pose.orientation_deg),
+        base_T_grasp=grasp_pose(base_T_table, pose.position, pose.orientation_deg),
         width_m=pose.position.width_m,
         grips=tuple((int(level), count) for level, count in zip(levels, share, strict=True)),
     )

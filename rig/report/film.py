@@ -1,6 +1,6 @@
 """A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.types import Image
+from protocols.reaction import ReactionKind
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
@@ -40,26 +41,35 @@ class _Scene:
     panel: CurvePanel
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmedLift:
+    """A lift of a session's folder."""
+
+    folder: Path
+    manifest: TrialManifest
+    lift: Lift
+
+
 def write_film(
-    folder: Path,
-    manifest: TrialManifest,
-    lift: Lift,
+    lifts: Sequence[FilmedLift],
     out: Path,
     fps: float = DEFAULT_FPS,
     speed: float = 1.0,
     width_px: int | None = None,
 ) -> Film:
-    """Render a lift. fps: of the film; speed: 1 as it happened, 0.25 four times slower.
+    """Render a lift, or several one below the other, from the moment their arms rise.
 
-    width_px: of the film, as drawn without it. Raises `InputError` for an ending that no codec is known
+    fps: of the film; speed: 1 as it happened, 0.25 four times slower; width_px: of the film, as drawn
+    without it. Raises `InputError` for an ending that no codec is known
     for, `SessionError` for a recording that cannot be read, `RecordingError` when the film cannot be written.
     """
     require_film_name(out)
-    pictures = _pictures(_read(folder, manifest, lift), speed / fps)
+    pictures = _pictures([_read(each) for each in lifts], speed / fps)
     return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
 
 
-def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
+def _read(filmed: FilmedLift) -> _Scene:
+    folder, manifest, lift = filmed.folder, filmed.manifest, filmed.lift
     if lift.curves is None:
         raise SessionError(
             f"{folder / lift.row.recording}: the recording cannot be read; choose another --lift"
@@ -78,13 +88,21 @@ def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
             times.append((frame.time_ns - zero_ns) / NS_PER_S)
     mark = "SIMULATED, " if manifest.simulated else ""
     panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
-    return _Scene(f"{mark}{lift.name}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
+    reaction = "" if lift.row.react is ReactionKind.NONE else f", on a slip: {lift.row.react}"
+    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
 
 
-def _pictures(scene: _Scene, step_s: float) -> Iterator[Image]:
-    start, end = shown_range(scene.curves)
-    for time_s in np.arange(start, end, step_s):
-        yield _picture(scene, float(time_s))
+def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
+    starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
+    for time_s in np.arange(min(starts), max(ends), step_s):
+        rows = [_picture(scene, float(time_s)) for scene in scenes]
+        width = max(row.shape[1] for row in rows)
+        yield _even(np.concatenate([*(_widened(row, width) for row in rows), _legend(width)]))
+
+
+def _widened(picture: Image, width: int) -> Image:
+    missing = np.full((picture.shape[0], width - picture.shape[1], 3), rgb(PAPER.light), np.uint8)
+    return np.concatenate([picture, missing], axis=1)
 
 
 def _of_width(picture: Image, width_px: int | None) -> Image:
@@ -108,7 +126,7 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     panels.append(scene.panel.until(time_s))
     gap = np.full((HEIGHT_PX, GAP_PX, 3), rgb(PAPER.light), np.uint8)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
-    return _even(np.concatenate([row, _band(scene, time_s, row.shape[1]), _legend(row.shape[1])]))
+    return np.concatenate([row, _band(scene, time_s, row.shape[1])])
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:

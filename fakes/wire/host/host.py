@@ -4,7 +4,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -131,6 +131,7 @@ class FakesHost:
         arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
         first = snapshot_of(self._world, self._clock.now_ns())
         renderer = Renderer(self._plan, self._clock, first, self._host)
+        self._arm = arm
         self._running.callback(renderer.stop)
         gripper = self._gripper()
         for device in (arm, gripper):
@@ -173,7 +174,7 @@ class FakesHost:
     def _commands(self) -> dict[str, Any]:
         return {
             "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
-            "status": self._status, "identity": self._identity, "track": self._since,
+            "status": self._status, "identity": self._identity, "track": self._since, "guide": self._guide,
         }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
@@ -187,6 +188,17 @@ class FakesHost:
 
     def _gap(self) -> dict[str, Any]:
         return {"gap_m": self._world.gap_at(self._clock.now_ns())}
+
+    def _guide(self, to: Sequence[float], over_s: float) -> None:
+        """Have a person's hand lead the tool to a pose: x y z in m, rotation vector in rad, base axes."""
+        if (
+            not isinstance(to, list)
+            or len(to) != 6
+            or not all(isinstance(v, int | float) for v in (*to, over_s))
+        ):
+            raise InputError(f"a pose is six numbers, and a time one, not {to!r} and {over_s!r}")
+        x, y, z, a, b, c = (float(v) for v in to)
+        self._arm.guide((x, y, z, a, b, c), float(over_s))
 
     def _identity(self) -> dict[str, Any]:
         """Where each device is served: the arm, the gripper, and streams by their serials."""

@@ -1,7 +1,8 @@
 """What each command number of ur-rtde's control program does (scripts/rtde_control.script, 1.6.5).
 
-Not modelled: force mode, freedrive, teach mode and external force sensors are accepted and change
-nothing; torques, mass matrix and Coriolis terms read zero.
+In freedrive (teach_mode, freedrive_mode) a scripted hand may lead the arm (`fakes.wire.ur.guiding`). Not
+modelled: force mode and external force sensors are accepted and change nothing; torques, mass matrix and
+Coriolis terms read zero.
 """
 
 from collections.abc import Callable
@@ -10,10 +11,12 @@ from drivers.types import Vector6
 from fakes.wire.ur.body import STILL, JointMove, LinearMove, ServoMove, SpeedMove
 from fakes.wire.ur.control_loop import Command, ControlLoop, Thread
 from fakes.wire.ur.frames import Frame, compose, from_ur, to_ur
+from fakes.wire.ur.guiding import Guided
 from fakes.wire.ur.kinematics import forward
 from fakes.wire.ur.robot import CYCLE_S, Robot
 
 FORCE_MODE_BRAKE = 10.0
+FREEDRIVE_BRAKE = 2.0
 JOG_BRAKE = 1.2
 
 
@@ -172,6 +175,20 @@ def _zeros(_: Robot) -> tuple[tuple[float, ...], ...]:
     return (STILL,) * 6
 
 
+def _free(loop: ControlLoop) -> None:
+    """teach_mode, or freedrive_mode along and about some of the axes of a frame: always the base's here."""
+    loop.robot.body.mover = Guided(loop.robot.hand)
+
+
+def _free_axes(loop: ControlLoop) -> None:
+    loop.robot.body.mover = Guided(loop.robot.hand, tuple(bool(loop.integer(i)) for i in range(1, 7)))
+
+
+def _hold(loop: ControlLoop) -> Thread | None:
+    """Back to position control: the arm brakes where it is. Without freedrive nothing happens."""
+    return loop.brake(FREEDRIVE_BRAKE, linear=True) if isinstance(loop.robot.body.mover, Guided) else None
+
+
 COMMANDS: dict[int, Command] = {
     1: _move_j,
     2: _move_j_ik,
@@ -186,6 +203,8 @@ COMMANDS: dict[int, Command] = {
     15: _speed_stop,
     16: _brake(),
     17: _payload,
+    18: _free,
+    19: _hold,
     24: _servo_l,
     25: _tell(lambda loop: loop.robot.contact_cycles()),
     26: _answer(lambda _: (CYCLE_S,)),
@@ -210,6 +229,8 @@ COMMANDS: dict[int, Command] = {
     46: _answer(lambda loop: loop.robot.solved(loop.frame(0))),
     47: _tell(lambda loop: loop.robot.steady()),
     51: _until_contact,
+    52: _free_axes,
+    53: _hold,
     54: _tell(lambda _: 0),
     58: _answer(lambda loop: to_ur(loop.robot.body.flange)),
     60: _tell(lambda loop: loop.robot.reachable(loop.frame(0))),

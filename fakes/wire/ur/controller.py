@@ -9,6 +9,7 @@ interpreter to themselves, and the answer they wait for would never come.
 """
 
 import logging
+import math
 import re
 import selectors
 import threading
@@ -17,6 +18,7 @@ from typing import Any
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
+from drivers.types import Vector6
 from fakes.wire.net.background import VitalThread
 from fakes.wire.ur.client_interfaces import (
     PRIMARY_CYCLES,
@@ -31,7 +33,9 @@ from fakes.wire.ur.connections import MOST_CLIENTS, Connection, Feed, Listeners
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
 from fakes.wire.ur.faults import Faults
-from fakes.wire.ur.robot import CYCLE_NS, Robot
+from fakes.wire.ur.frames import compose, from_ur, rotation_between
+from fakes.wire.ur.guiding import Guided
+from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
 from fakes.wire.ur.user_programs.run import ScriptRun
@@ -115,6 +119,18 @@ class URController:
         with self._lock:
             self.faults.begin(kind, arguments)
 
+    def guide(self, to: Vector6, total_s: float) -> None:
+        """Have a person's hand lead the tool to a pose, in the controller's notation, over so long.
+
+        The arm gives way in freedrive alone. Raises `InputError` for what no hand does.
+        """
+        if not all(map(math.isfinite, to)) or not 0.1 <= total_s <= 60.0:
+            raise InputError(f"a hand leads to a pose over 0.1 to 60 s, not to {to} over {total_s}")
+        with self._lock:
+            here, there = compose(self.robot.body.flange, PHYSICAL_TOOL), from_ur(to)
+            x, y, z = (b - a for a, b in zip(here[:3], there[:3], strict=True))
+            self.robot.hand.lead((x, y, z, *rotation_between(here, there)), total_s)
+
     def snapshot(self) -> dict[str, Any]:
         """What has happened so far, in JSON values."""
         with self._lock:
@@ -137,6 +153,7 @@ class URController:
                 "robot_mode": robot.safety.robot_mode.name,
                 "remote_control": robot.safety.remote_control,
                 "tcp_m": list(robot.body.tcp[:3]),
+                "freedrive": isinstance(robot.body.mover, Guided),
             }
 
     def _serve(self) -> None:

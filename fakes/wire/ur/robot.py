@@ -10,6 +10,7 @@ from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.body import STILL, Body, JointStop, OutOfReachError
 from fakes.wire.ur.force import ForceSensor, magnitude
 from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, rotation_between, to_pose, to_ur
+from fakes.wire.ur.guiding import GuidingHand
 from fakes.wire.ur.kinematics import forward, nearest_inverse, tool
 from fakes.wire.ur.outputs import IoBoard, publish_constants, publish_on_demand
 from fakes.wire.ur.runtime import Program, ProgramError, Runtime
@@ -55,6 +56,7 @@ class Robot:
         self.time_ns = self.heard_ns = 0
         """Of the newest cycle; of what clients send now, which is later where cycles are caught up."""
         self.force = ForceSensor(world)
+        self.hand = GuidingHand()
         self._world = world
         self._wrench: Vector6 = STILL
         self._runtime = Runtime()
@@ -206,6 +208,7 @@ class Robot:
         """One control cycle at its nominal time."""
         before, tcp = self.body.flange, self.time_ns
         self.time_ns = time_ns
+        self.hand.pass_time(CYCLE_S)
         self.safety.step(time_ns)
         if not self.safety.may_move:
             self._brake(SAFETY_BRAKE)

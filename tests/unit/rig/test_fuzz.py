@@ -16,6 +16,8 @@ from protocols.observer import LiftObserver
 from rig.config import load_bench
 from rig.config.calibrations import find_calibrations
 from rig.config.load import parse_bench
+from rig.config.object_text import with_position
+from rig.config.objects import new_object_text, parse_object
 from rig.config.write import bench_text
 from rig.frames.times import times_from_table
 from rig.labels.proposals import read_label
@@ -123,6 +125,18 @@ BENCH = bench_text(load_bench("wire")).encode()
 @given(changed([BENCH], (*JSON, b"\n", b"[[x]]\n", b".", b" = ", b"#")))
 def test_bench_files(data: bytes) -> None:
     answered(lambda: parse_bench(data.decode("utf-8", "replace"), "x.toml"))
+
+
+OBJECT = new_object_text("box").encode()
+SIMULATED = b"[simulated]\nmass_kg = 0.05\n"
+
+
+@fuzzed()
+@given(changed([OBJECT, OBJECT + SIMULATED], (*JSON, b"\n", b"[[position]]\n", b".", b" = ", b"#")))
+def test_object_files(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    answered(lambda: parse_object(text, "x.toml"))
+    answered(lambda: with_position(text, "middle", {"offset_m": 0.01}, "x.toml"))
 
 
 CALIBRATION = b"""closing: {counts: [6, 255], opening_m: [0.12, 0.0]}

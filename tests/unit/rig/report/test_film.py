@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import InputError, SessionError
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.report.film import HEIGHT_PX, LEGEND_PX, write_film
+from rig.report.film import HEIGHT_PX, LEGEND_PX, FilmedLift, write_film
 from rig.report.film_file import Film
 from rig.report.session import find_lift
 from rig.report.strips import rgb
@@ -24,7 +24,9 @@ def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def film(session: Path, out: Path, speed: float = 1.0) -> Film:
     manifest = read_manifest_of(session, TrialManifest, "no trial")
-    return write_film(session, manifest, find_lift(session, manifest, "1"), out, fps=10.0, speed=speed)
+    return write_film(
+        [FilmedLift(session, manifest, find_lift(session, manifest, "1"))], out, fps=10.0, speed=speed
+    )
 
 
 @pytest.mark.parametrize("ending", [".webm", ".mp4", ".avi"])
@@ -61,7 +63,7 @@ def test_the_legend_stands_below_in_the_colours_of_the_curves(trial: Path, tmp_p
 def test_an_animated_picture_is_as_long_and_as_wide_as_asked(trial: Path, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     chosen, out = find_lift(trial, manifest, "1"), tmp_path / "lift.webp"
-    made = write_film(trial, manifest, chosen, out, fps=10.0, width_px=640)
+    made = write_film([FilmedLift(trial, manifest, chosen)], out, fps=10.0, width_px=640)
     read, animation = cv2.imreadanimation(str(out))
     assert read
     assert len(animation.frames) == made.frames == pytest.approx(36, abs=2)
@@ -69,7 +71,7 @@ def test_an_animated_picture_is_as_long_and_as_wide_as_asked(trial: Path, tmp_pa
     assert made.size_px[0] == 640
     assert np.abs(animation.frames[5].astype(int) - animation.frames[-1]).mean() > 1.0
     with pytest.raises(InputError, match=r"ends in \.webm"):
-        write_film(trial, manifest, chosen, out, fps=500.0)
+        write_film([FilmedLift(trial, manifest, chosen)], out, fps=500.0)
     assert [path.name for path in tmp_path.iterdir()] == ["lift.webp"]
 
 
@@ -123,3 +125,13 @@ def test_films_that_cannot_be_are_refused(trial: Path, drawn_trial: Any, tmp_pat
 def test_a_missing_camera_leaves_its_place_empty(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,), serials=("T1", "T2", "ANOTHER"))
     assert film(folder, tmp_path / "lift.avi").frames > 10
+
+
+def test_a_lift_beside_another_is_shown_below_it(trial: Path, tmp_path: Path) -> None:
+    manifest = read_manifest_of(trial, TrialManifest, "")
+    filmed = FilmedLift(trial, manifest, find_lift(trial, manifest, "1"))
+    one = write_film([filmed], tmp_path / "one.webm", fps=5.0)
+    both = write_film([filmed, filmed], tmp_path / "both.webm", fps=5.0)
+    assert both.frames == one.frames
+    assert both.size_px[0] == one.size_px[0]
+    assert both.size_px[1] == pytest.approx(2 * one.size_px[1] - LEGEND_PX, abs=2)

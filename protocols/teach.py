@@ -1,0 +1,128 @@
+"""Teaching where an object is grasped: a person brings the hand there, the fingers say how wide it is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Bench
+from drivers.clock import to_ns
+from drivers.errors import OperatorStopError, OutOfLimitsError, ProtectiveStopError
+from drivers.motion import POLL_S
+from drivers.types import ArmMode, HandState, Holding, Pose
+from protocols.guarded import guarded
+from protocols.observer import LiftObserver
+from protocols.operator import Operator
+from protocols.safe_end import safe_end
+from protocols.steps import MOTION_TIMEOUT_S, close_to_contact, open_around, start_watching
+
+REFERENCE_S = 0.25
+STEP_SPEED_M_S, STEP_ACCELERATION_M_S2 = 0.02, 0.2
+STEPS_M = {"1": 0.0005, "2": 0.002, "3": 0.01}
+STEPS_DEG = {"1": 0.5, "2": 2.0, "3": 5.0}
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+KEYS = (
+    "x y z step along the base's axes, X Y Z back; t turns the hand counter-clockwise as the camera sees it, "
+    "T back; 1 2 3 steps of 0.5, 2, 10 mm (0.5, 2, 5 degrees); Enter when it is there; q stops"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Taught:
+    """What the bench says of one grasp. width_m: between the fingertips when both touch."""
+
+    base_T_grasp: Pose  # noqa: N815 - frame names keep their case
+    width_m: float
+
+
+def lead_by_hand(bench: Bench, operator: Operator, question: str, where: Pose, limit_s: float) -> Pose:
+    """Let the arm be led by hand until somebody says that it is there; return where it then stands.
+
+    However it ends, an error, a stop and a time-out among others, the arm is held in position control
+    and stands. Raises `OperatorStopError` after `limit_s`, `DeviceError`, `ProtectiveStopError`.
+    """
+    bench.arm.state()  # the first look takes longest, and an arm that is let go has to be looked at at once
+    with operator.guide(question, where) as there:
+        try:
+            bench.arm.begin_guiding()
+            _wait_led(bench, there, limit_s)
+        finally:
+            bench.arm.end_guiding()
+    return bench.arm.state().base_T_tcp
+
+
+def _wait_led(bench: Bench, there: Callable[[], bool], limit_s: float) -> None:
+    end_ns = bench.clock.now_ns() + to_ns(limit_s)
+    while not there():
+        if bench.arm.state().mode is not ArmMode.RUNNING:
+            raise ProtectiveStopError(
+                "arm: it stopped itself while it was led by hand; look at it, then start again"
+            )
+        if bench.clock.now_ns() >= end_ns:
+            raise OperatorStopError(f"stopped: nobody said within {limit_s:g} s that the hand is there")
+        bench.clock.sleep_until(bench.clock.now_ns() + to_ns(POLL_S))
+
+
+def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
+    """Step the arm as keys say until somebody says that it is there; return where it then stands.
+
+    Each key is one step, at low speed, guarded by the force at the tool and refused where it would leave the
+    limits. Raises `OperatorStopError`, `DeviceError`.
+    """
+    size, said = "2", f"{question} {KEYS}"
+    with safe_end(bench):
+        while True:
+            here = bench.arm.state().base_T_tcp
+            key = operator.key(said, where, here)
+            said = ""
+            if key == "enter":
+                return here
+            if key in STEPS_M:
+                size = key
+            elif (target := stepped(here, key, size)) is not None:
+                try:
+                    _step(bench, target)
+                except OutOfLimitsError as error:
+                    said = f"refused: {error}"
+
+
+def stepped(here: Pose, key: str, size: str) -> Pose | None:
+    """Return where a key takes the tool; None for one that means nothing. size: "1", "2" or "3"."""
+    sign = 1.0 if key == key.lower() else -1.0
+    if (axis := AXES.get(key.lower())) is not None:
+        x, y, z = sign * STEPS_M[size] * np.array(axis)
+        return here.translated(x_m=float(x), y_m=float(y), z_m=float(z))
+    if key.lower() == "t":
+        turn = Rotation.from_euler("y", -sign * STEPS_DEG[size], degrees=True)
+        return Pose.from_rotation(here.position_m, turn * here.rotation)
+    return None
+
+
+def _step(bench: Bench, target: Pose) -> None:
+    before = bench.arm.state()
+    motion = bench.arm.move_linear(target, STEP_SPEED_M_S, STEP_ACCELERATION_M_S2)
+    guarded(bench, motion, before).wait(MOTION_TIMEOUT_S)
+
+
+def open_hand(bench: Bench) -> None:
+    """Open a free hand as wide as it goes, before it is brought around something."""
+    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
+    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+
+
+def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
+    """Close the fingers where they stand until both fingertips touch, and open them again around it.
+
+    Raises `GraspError` where nothing is there, `DeviceError`; the hand ends as `safe_end` says.
+    """
+    pose = bench.arm.state().base_T_tcp
+    widest_m = bench.gripper.limits.widest_m
+    bench.hand.note(HandState(Holding.AROUND, what, pose, widest_m))
+    with safe_end(bench):
+        pump = start_watching(bench, observer, REFERENCE_S)
+        counts = close_to_contact(bench, pump, observer, bench.gripper.limits.max_counts)
+        width_m = bench.gripper.limits.opening_at(counts)
+        open_around(bench, width_m)
+        bench.hand.note(HandState(Holding.AROUND, what, pose, width_m))
+    return Taught(pose, width_m)

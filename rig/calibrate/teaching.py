@@ -1,0 +1,173 @@
+"""Teaching where an object is grasped: positions led or stepped to, measured, checked against all limits."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from drivers.bench import Bench
+from drivers.errors import OutOfLimitsError
+from drivers.types import HandState, Holding, Pose
+from protocols.grasps import GraspFile, Position
+from protocols.home import go_home, home_plan
+from protocols.operator import Operator
+from protocols.readiness import make_ready
+from protocols.safe_end import safe_end
+from protocols.steps import TRAVEL_SPEED_M_S, require_room, way_to
+from protocols.teach import STEP_SPEED_M_S, Taught, lead_by_hand, measure_width, open_hand, step_by_keys
+from rig.bench.assembly import TOOL_DOWN, home_pose
+from rig.bench.operators import ConsoleOperator
+from rig.bench.plan import Plan, PlannedMotion, make_plan
+from rig.bench.source import session_bench
+from rig.bench.twins import refuse_undrawn
+from rig.calibrate.bench import TouchObserver
+from rig.config import BenchConfig, validation_text
+from rig.experiments.grasp_plans import grasp_pose
+
+BESIDE_M = 0.010
+"""How far beside the mark, along the closing direction, a hand may stand: the fingers centre the object."""
+TILTED_DEG = 3.0
+USUAL_LIFT_M = 0.05
+TAUGHT = ("offset_m", "height_m", "turn_deg", "width_m", "lift_height_m")
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What is asked for. positions: their names; a new one is added. by_hand: led, else stepped by keys.
+
+    limit_s: how long the arm gives way at most. lift_height_m: not asked at the bench where it is given.
+    """
+
+    config: BenchConfig
+    grasps: GraspFile
+    positions: tuple[str, ...]
+    by_hand: bool
+    limit_s: float
+    lift_height_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtPosition:
+    """One position as the bench has it. problems: why it is not to be written; none where it is."""
+
+    name: str
+    values: dict[str, float]
+    problems: tuple[str, ...]
+
+
+def teaching_plan(lesson: Lesson) -> Plan:
+    """Return what will move. Raises `InputError` for an object that a simulated bench cannot draw."""
+    refuse_undrawn(lesson.config, lesson.grasps)
+    way = (
+        f"you lead the arm by hand, for {lesson.limit_s:g} s at most"
+        if lesson.by_hand
+        else f"you step the arm by keys, at {STEP_SPEED_M_S:g} m/s"
+    )
+    return make_plan(
+        lesson.config,
+        [
+            home_plan(home_pose(lesson.config), "First, and after each position,"),
+            f"At each of {', '.join(lesson.positions)}: the fingers open wide; {way}; the fingers close "
+            "count by count until both fingertips touch, and open again.",
+        ],
+        [],
+    )
+
+
+def teach(
+    lesson: Lesson, person: ConsoleOperator, say: Callable[[str], None], seed: int = 0
+) -> list[TaughtPosition]:
+    """Go through the positions at the bench; return what was found, nothing written yet.
+
+    Raises `OperatorStopError` unless agreed, `DeviceError`; the arm is held and stands then.
+    """
+    text = f"{teaching_plan(lesson).text()}\nBegin?"
+    with session_bench(lesson.config, person, text) as benches, benches.for_lift(seed, "teach") as place:
+        bench, operator = place
+        make_ready(bench, operator, benches.after_fault)
+        operator.place(lesson.grasps.id, lesson.grasps.name)
+        found = []
+        for name in lesson.positions:
+            found.append(_taught(lesson, name, bench, operator))
+            say("; ".join([_said(found[-1]), *found[-1].problems]))
+        return found
+
+
+def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> TaughtPosition:
+    known = next((p for p in lesson.grasps.position if p.name == name), None)
+    where = grasp_pose(bench.base_T_table, known or Position(name=name, offset_m=0.0, width_m=0.03), 0.0)
+    operator.look(f"Position '{name}': the fingers will open wide. Is nothing in their way, and shall they?")
+    open_hand(bench)
+    _bring(lesson, bench, operator, f"Bring the open fingers around {lesson.grasps.name} at '{name}'.", where)
+    operator.look("The fingers will close, count by count, until both fingertips touch. Shall they?")
+    taught = measure_width(
+        bench, TouchObserver(tuple(t.sensor.serial for t in bench.fingertips)), lesson.grasps.name
+    )
+    lift_m = lesson.lift_height_m
+    if lift_m is None:
+        top = taught.base_T_grasp.translated(z_m=(known.lift_height_m if known else 0.0) or USUAL_LIFT_M)
+        said = "Bring the hand straight up to where a lift shall end; the object stays where it is."
+        risen = _bring(lesson, bench, operator, said, top)
+        lift_m = risen.position_m[2] - taught.base_T_grasp.position_m[2]
+    with safe_end(bench):
+        go_home(bench)
+        bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+    return judged(lesson.config, name, taught, lift_m)
+
+
+def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
+    if not lesson.by_hand:
+        return step_by_keys(bench, operator, question, where)
+    operator.look(f"{question} The arm will give way to your hand: hold it now. Shall it?")
+    return lead_by_hand(bench, operator, question, where, lesson.limit_s)
+
+
+def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> TaughtPosition:
+    """Return what an object file says of a grasp, and what speaks against it."""
+    x, y, z = (float(v) for v in np.subtract(taught.base_T_grasp.position_m, config.table.position_m))
+    turn_deg, tilt_deg = _turned_deg(taught.base_T_grasp)
+    values = {
+        "offset_m": round(x, 4), "height_m": round(z, 4), "turn_deg": round(turn_deg, 1),
+        "width_m": round(taught.width_m, 4), "lift_height_m": round(max(lift_m, 0.0), 4),
+    }  # fmt: skip
+    problems = []
+    if abs(y) > BESIDE_M:
+        problems.append(f"the hand stands {1e3 * y:+.0f} mm beside the mark; lay the object on its mark")
+    if tilt_deg > TILTED_DEG:
+        problems.append(f"the hand is tilted by {tilt_deg:.1f} degrees; grasps point straight down")
+    try:
+        place = Position.model_validate({"name": name, **values})
+    except ValidationError as error:
+        return TaughtPosition(name, values, (*problems, validation_text(error)))
+    return TaughtPosition(name, values, (*problems, *_refused(config, place)))
+
+
+def _turned_deg(pose: Pose) -> tuple[float, float]:
+    """How far a hand is turned about the closing axis, and how far it is tilted besides."""
+    x_axis = pose.rotation.apply([1.0, 0.0, 0.0])
+    turn_deg = float(np.degrees(np.arctan2(x_axis[2], x_axis[0])))
+    straight = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
+    return turn_deg, float(np.degrees((straight.inv() * pose.rotation).magnitude()))
+
+
+def _refused(config: BenchConfig, place: Position) -> Sequence[str]:
+    """What a trial would be refused at this position: room for the fingers, reach, limits, table, boxes."""
+    grasp, home = grasp_pose(Pose(config.table.position_m), place, 0.0), home_pose(config)
+    way = (*way_to(home, grasp), grasp.translated(z_m=place.lift_height_m))
+    found = list(make_plan(config, [], [PlannedMotion(place.name, grasp, way, TRAVEL_SPEED_M_S)]).refused)
+    try:
+        require_room(config.gripper_limits(), place.width_m)
+    except OutOfLimitsError as error:
+        found.append(str(error))
+    return found
+
+
+def _said(found: TaughtPosition) -> str:
+    v = found.values
+    return (
+        f"'{found.name}': {1e3 * v['offset_m']:+.1f} mm along the object, {1e3 * v['height_m']:+.1f} mm over "
+        f"the mark, turned by {v['turn_deg']:+.1f} deg, {1e3 * v['width_m']:.1f} mm wide, lifted by "
+        f"{1e3 * v['lift_height_m']:.0f} mm"
+    )

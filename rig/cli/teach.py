@@ -1,0 +1,123 @@
+"""`rig teach`: where an object is grasped, shown to the rig at the bench instead of typed."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli.common import (
+    BenchOption,
+    Exit,
+    JsonOption,
+    ObjectsOption,
+    SeedOption,
+    YesOption,
+    ask,
+    emit_json,
+    press,
+    say,
+    waited,
+)
+from rig.cli.dry_run import DryRunOption, dry_run
+
+if TYPE_CHECKING:
+    from rig.calibrate.teaching import TaughtPosition
+
+
+class By(StrEnum):
+    """How the hand is brought to a place."""
+
+    HAND = "hand"
+    KEYS = "keys"
+
+
+def teach(
+    name: Annotated[str, typer.Argument(metavar="OBJECT", help="One of your own objects: id or name.")],
+    positions: Annotated[
+        list[str] | None,
+        typer.Option("--position", help="Teach this one, old or new; repeat. Default: all of the file."),
+    ] = None,
+    by: Annotated[
+        By, typer.Option("--by", help="Lead the arm by hand (freedrive), or step it by keys.")
+    ] = By.HAND,
+    lift_height: Annotated[
+        float | None,
+        typer.Option("--lift-height", min=0.0, max=0.3, help="m; do not ask for it at the bench."),
+    ] = None,
+    timeout: Annotated[
+        float, typer.Option("--timeout", min=5.0, max=600.0, help="s; the arm gives way no longer than this.")
+    ] = 120.0,
+    own_objects: ObjectsOption = None,
+    bench: BenchOption = "fake",
+    seed: SeedOption = 0,
+    dry: DryRunOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Show the rig where an object is grasped, how wide it is there, and how far it is lifted.
+
+    At each position you lead the arm by hand, or step it by keys, until the open fingers stand around the
+    object. The fingers then close until both fingertips touch, and you bring the hand to where a lift shall
+    end. What was found is checked against reach, limits, table, boxes and fingers, shown, and written into
+    the object's file, whose comments stay. Each motion is asked about; --yes answers no question that needs
+    a look. Ctrl-C, a lost terminal and the time-out leave the arm standing, held in position control.
+
+    Examples:
+      rig objects new objects/my_box.toml
+
+      rig teach my_box --bench my_bench.toml --dry-run
+
+      rig teach my_box --bench my_bench.toml
+
+      rig teach my_box --bench my_bench.toml --by keys --position left --lift-height 0.05
+
+    """
+    from rig.bench.operators import ConsoleOperator
+    from rig.calibrate.teaching import Lesson, teach, teaching_plan
+    from rig.config.calibrations import load_calibrated_bench
+    from rig.config.objects import own_object, with_objects
+
+    config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
+    file, grasps = own_object(name, bench, own_objects)
+    places = tuple(dict.fromkeys(positions or [place.name for place in grasps.position]))
+    lesson = Lesson(config, grasps, places, by is By.HAND, timeout, lift_height)
+    mark = "SIMULATED " if config.simulated else ""
+    say(f"{mark}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")
+    if dry:
+        dry_run(config, teaching_plan(lesson), json)
+    person = ConsoleOperator(ask, agreed=yes, wait=waited, press=press)
+    found = teach(lesson, person, say, seed)
+    written = _written(file, found, yes)
+    if json:
+        emit_json(
+            {
+                "file": str(file),
+                "simulated": config.simulated,
+                "written": [each.name for each in written],
+                "positions": [{"name": f.name, **f.values, "problems": list(f.problems)} for f in found],
+            }
+        )
+    else:
+        print(file)
+    if len(written) < len(found):
+        say(f"rig: {len(found) - len(written)} of {len(found)} positions were not written; teach them again")
+        raise typer.Exit(Exit.USAGE)
+
+
+def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[TaughtPosition]":
+    """Write what nothing speaks against, once agreed. Raises `OperatorStopError` unless they agree."""
+    from drivers.errors import OperatorStopError
+    from drivers.whole_files import write_whole
+    from rig.config.object_text import with_position
+
+    good = [each for each in found if not each.problems]
+    if not good:
+        return []
+    if not agreed and not ask(f"Write {', '.join(each.name for each in good)} into {file}?"):
+        raise OperatorStopError(f"stopped: {file} was left as it is")
+    text = file.read_text(encoding="utf-8")
+    for each in good:
+        text, _ = with_position(text, each.name, each.values, str(file))
+    write_whole(file, text.encode())
+    return good

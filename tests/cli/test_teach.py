@@ -1,0 +1,139 @@
+"""`rig teach`: positions are found at the bench, checked, shown, and written; comments stay."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.config.objects import parse_object
+from support.command_line import rig
+
+LEVER = """# of the lab
+id = "lever"
+name = "my lever"
+orientations_deg = [0.0, 20.0]
+grip_counts = [3, 5]
+
+[[position]]
+name = "end"
+offset_m = -0.05   # measured by eye
+width_m = 0.08     # guessed
+surface = "edge"
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path, light_bench_file: Path) -> Path:
+    shutil.copy(light_bench_file, tmp_path / "bench.toml")
+    (tmp_path / "objects").mkdir()
+    (tmp_path / "objects" / "lever.toml").write_text(LEVER)
+    return tmp_path
+
+
+def test_what_the_bench_says_is_written_and_can_be_lifted(lab: Path) -> None:
+    file = lab / "objects" / "lever.toml"
+    done = rig("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["file"], answer["written"], answer["simulated"]) == (str(file), ["end"], True)
+    (found,) = answer["positions"]
+    assert found["offset_m"] == pytest.approx(-0.05, abs=0.005)
+    assert found["width_m"] == pytest.approx(0.08, abs=0.003)
+    assert found["lift_height_m"] == pytest.approx(0.05, abs=0.005)
+    place = parse_object(file.read_text(), "").position[0]
+    assert place.offset_m == found["offset_m"]
+    assert place.width_m == found["width_m"]
+    assert "# measured by eye" in file.read_text()
+    plan = rig(
+        "trial", "--object", "lever", "--lifts", 1, "--bench", lab / "bench.toml", "--dry-run", "--json"
+    )
+    assert plan.returncode == 0
+    assert any("lever/1" in line for line in json.loads(plan.stdout)["plan"])
+
+
+def test_keys_teach_a_new_position(lab: Path) -> None:
+    what = ("teach", "my lever", "--by", "keys", "--position", "middle", "--lift-height", 0.03)
+    with (lab / "objects" / "lever.toml").open("a") as stream:
+        stream.write('\n[[position]]\nname = "middle"\noffset_m = 0.0\nwidth_m = 0.085\nsurface = "flat"\n')
+    done = rig(*what, "--bench", lab / "bench.toml", "--yes", "--json")
+    assert done.returncode == 0, done.stderr
+    places = parse_object((lab / "objects" / "lever.toml").read_text(), "").position
+    assert [place.name for place in places] == ["end", "middle"]
+    assert places[1].lift_height_m == 0.03
+    assert places[0].width_m == 0.08, "the other one is as it was"
+
+
+def test_what_a_trial_would_be_refused_is_not_written(lab: Path) -> None:
+    text = (lab / "bench.toml").read_text()
+    box = '\n[[keep_out]]\nname = "shelf"\nmin_m = [0.2, -0.3, 0.28]\nmax_m = [0.7, 0.3, 0.45]\n'
+    what = ("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
+    assert rig(*what, "--lift-height", 0.01).returncode == 0
+    before = (lab / "objects" / "lever.toml").read_text()
+    (lab / "bench.toml").write_text(text.replace("[arm]", "[arm]", 1) + box)
+    done = rig(*what, "--lift-height", 0.25)
+    assert done.returncode in (1, 2)
+    assert "shelf" in done.stderr
+    assert (lab / "objects" / "lever.toml").read_text() == before
+
+
+def test_without_agreement_the_file_stays_as_it_is(lab: Path) -> None:
+    done = rig("teach", "lever", "--bench", lab / "bench.toml")
+    assert done.returncode == 3
+    assert "was left as it is" in done.stderr
+    assert (lab / "objects" / "lever.toml").read_text() == LEVER
+
+
+def test_the_packages_objects_are_not_changed_and_unknown_ones_are_begun(lab: Path) -> None:
+    for name, said in (("wrench", "an object of the package"), ("nothing", "there are: lever")):
+        done = rig("teach", name, "--bench", lab / "bench.toml")
+        assert done.returncode == 2
+        assert said in done.stderr
+        assert "rig objects new" in done.stderr
+
+
+def test_a_dry_run_says_what_would_move(lab: Path) -> None:
+    done = rig("teach", "lever", "--bench", lab / "bench.toml", "--dry-run")
+    assert done.returncode == 0
+    for part in (
+        "At each of end: the fingers open wide; you lead the arm by hand, for 120 s",
+        "home",
+    ):
+        assert part in done.stdout
+
+
+ASKED = """
+from rig.cli.common import press, waited
+import time
+print(press("press:"), press(""), flush=True)
+with waited("there?") as answered:
+    while not answered():
+        time.sleep(0.01)
+print("answered", flush=True)
+with waited("again?") as answered:
+    while not answered():
+        time.sleep(0.01)
+"""
+
+
+def test_a_person_at_a_terminal_presses_keys_and_says_when(
+    at_terminal: Callable[[list[str], int], Any],
+) -> None:
+    terminal = at_terminal([sys.executable, "-c", ASKED], 80)
+    terminal.wait_for("press:", 30.0)
+    terminal.read_for(0.3)
+    terminal.type("Z")
+    terminal.read_for(0.3)
+    terminal.type("\r")
+    terminal.wait_for("Z enter", 10.0)
+    terminal.wait_for("there?", 10.0)
+    terminal.read_for(0.2)
+    terminal.type("\r")
+    terminal.wait_for("answered", 10.0)
+    terminal.wait_for("again?", 10.0)
+    terminal.read_for(0.2)
+    terminal.type("q\r")
+    terminal.wait_for("held where it is", 10.0)

@@ -1,0 +1,167 @@
+"""Leading the arm by hand: it gives way while somebody looks, and is held, standing, however that ends."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.types import Vector6
+from drivers.ur5e.arm import UR5e
+from drivers.ur5e.limits import from_ur, to_ur
+from fakes.wire.ur.controller import URController
+from support.ur5e import HOME, make_arm, stands
+from support.waiting import until
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
+ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))
+
+GUIDED = """
+import sys, time
+from drivers.clock import SystemClock
+from drivers.types import Pose
+from drivers.ur5e.arm import UR5e
+from fakes.devices.arm import LIMITS
+from protocols.teach import lead_by_hand
+from rig.cli.common import stop_on_signals
+from contextlib import nullcontext
+from types import SimpleNamespace
+stop_on_signals()
+arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))
+arm.connect()
+def there():
+    if sys.argv[2] == "hangs":
+        time.sleep(30)
+    return False
+operator = SimpleNamespace(guide=lambda question, where: nullcontext(there))
+print("begins", flush=True)
+try:
+    lead_by_hand(SimpleNamespace(arm=arm, clock=SystemClock()), operator, "", None, float(sys.argv[3]))
+except Exception as error:
+    print(error, flush=True)
+    print(arm.state().mode, flush=True)
+arm.disconnect()
+"""
+
+
+@contextmanager
+def guided(
+    controller: URController, how: str = "looks", limit_s: float = 30.0
+) -> Iterator["subprocess.Popen[str]"]:
+    """A program that lets the arm be led, and a hand that pushes for a long time."""
+    command = [sys.executable, "-c", GUIDED, controller.host, how, str(limit_s)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rig:
+        try:
+            until(lambda: controller.snapshot()["freedrive"], 30.0)
+            controller.guide(ASIDE, 20.0)
+            yield rig
+        finally:
+            rig.kill()
+
+
+def place(controller: URController) -> np.ndarray:
+    return np.array(controller.snapshot()["tcp_m"])
+
+
+def test_the_arm_is_led_to_a_place_and_stays_there(controller: URController, arm: UR5e) -> None:
+    controller.guide(ASIDE, 0.5)
+    time.sleep(0.7)
+    assert np.allclose(place(controller), HOME.position_m, atol=1e-6), "in position control it gives no way"
+    arm.begin_guiding()
+    controller.guide(ASIDE, 1.0)
+    end = time.monotonic() + 1.2
+    while time.monotonic() < end:
+        arm.state()
+        time.sleep(0.008)
+    arm.end_guiding()
+    assert np.allclose(arm.state().base_T_tcp.position_m, from_ur(ASIDE).position_m, atol=1e-4)
+    controller.guide(to_ur(HOME), 0.3)
+    time.sleep(0.4)
+    assert np.allclose(place(controller), from_ur(ASIDE).position_m, atol=1e-4), "held"
+    motion = arm.move_linear(HOME, 0.2, 1.0)
+    motion.wait(5.0)
+    assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
+
+
+def test_freedrive_along_one_axis_gives_way_along_that_one(controller: URController, arm: UR5e) -> None:
+    """What `freedriveMode` of other programs does."""
+    code = (
+        "import sys, time; from rtde_control import RTDEControlInterface as C; c = C(sys.argv[1]);"
+        "c.freedriveMode([0, 0, 1, 0, 0, 0]);"
+        "print('free', flush=True); time.sleep(1.0); c.endFreedriveMode();"
+        "print('held', flush=True); time.sleep(0.3)"
+    )
+    arm.disconnect()
+    with subprocess.Popen(
+        [sys.executable, "-c", code, controller.host], stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "free\n"
+        controller.guide(ASIDE, 0.6)
+        assert other.stdout.readline() == "held\n"
+        there = place(controller)
+        assert not controller.snapshot()["freedrive"]
+    assert np.allclose(there[:2], HOME.position_m[:2], atol=1e-6)
+    assert there[2] < HOME.position_m[2] - 0.1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM])
+def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
+    controller: URController, number: signal.Signals
+) -> None:
+    with guided(controller) as rig:
+        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005, 30.0)
+        rig.send_signal(number)
+        until(lambda: not controller.snapshot()["freedrive"])
+        assert stands(controller), "the hand still pushes"
+        assert rig.stdout is not None
+        said = rig.stdout.read()
+    assert "stopped by the operator" in said
+    assert "ArmMode.RUNNING" in said
+
+
+def test_it_ends_after_its_time(controller: URController) -> None:
+    with guided(controller, limit_s=2.0) as rig:
+        assert rig.stdout is not None
+        said = rig.stdout.read()
+        assert "nobody said within 2 s" in said
+        assert "ArmMode.RUNNING" in said
+        assert not controller.snapshot()["freedrive"]
+        assert stands(controller)
+
+
+def test_a_program_that_hangs_does_not_leave_it_free(controller: URController) -> None:
+    with guided(controller, "hangs"):
+        until(lambda: not controller.snapshot()["freedrive"], 3.0)
+        assert stands(controller)
+
+
+def test_a_killed_program_does_not_leave_it_free(controller: URController) -> None:
+    with guided(controller) as rig:
+        rig.kill()
+        until(lambda: not controller.snapshot()["freedrive"], 3.0)
+        assert stands(controller)
+
+
+def test_a_protective_stop_ends_it(controller: URController, arm: UR5e) -> None:
+    arm.begin_guiding()
+    controller.inject("protective_stop")
+    until(lambda: not controller.snapshot()["freedrive"])
+    with pytest.raises(DeviceError, match="protective stop"):
+        arm.begin_guiding()
+    arm.stop()
+    assert stands(controller)
+
+
+def test_a_tool_that_is_not_the_bench_files_is_not_carried_by_hand(controller: URController) -> None:
+    arm = make_arm(controller.host, payload_kg=1.0)
+    arm.connect()
+    with pytest.raises(DeviceError, match="payload"):
+        arm.begin_guiding()
+    assert not controller.snapshot()["freedrive"]

@@ -1,0 +1,138 @@
+"""Teaching at a simulated bench: led by hand or stepped by keys, and held, standing, however it ends."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError, OperatorStopError
+from drivers.types import Pose
+from fakes.devices.arm import FakeArm
+from protocols.operator import Operator
+from protocols.teach import STEP_SPEED_M_S, lead_by_hand, step_by_keys, stepped
+from rig.bench.assembly import build_bench
+from rig.config import BenchConfig
+
+
+@pytest.fixture
+def made(light_bench: BenchConfig) -> Iterator[tuple[Bench, Operator]]:
+    bench, operator = build_bench(light_bench)
+    with bench.connected():
+        yield bench, operator
+
+
+class Person:
+    """A person at the bench who says and does as the test says."""
+
+    def __init__(self, there: Callable[[], bool] = lambda: False, keys: str = "") -> None:
+        self._there, self.keys, self.questions = there, list(keys), []
+
+    @contextmanager
+    def guide(self, question: str, where: Pose) -> Iterator[Callable[[], bool]]:
+        yield self._there
+
+    def key(self, question: str, where: Pose, here: Pose) -> str:
+        self.questions.append(question)
+        return self.keys.pop(0) if self.keys else "enter"
+
+
+def arm_of(bench: Bench) -> FakeArm:
+    assert isinstance(bench.arm, FakeArm)
+    return bench.arm
+
+
+def moves_when_pushed(bench: Bench) -> bool:
+    here = bench.arm.state().base_T_tcp
+    arm_of(bench).lead(here.translated(x_m=0.05), 0.5)
+    bench.clock.sleep_until(bench.clock.now_ns() + NS_PER_S)
+    return bench.arm.state().base_T_tcp != here
+
+
+def test_the_arm_is_where_it_was_led_and_held_there(made: tuple[Bench, Operator]) -> None:
+    bench, operator = made
+    where = bench.arm.state().base_T_tcp.translated(x_m=0.05, z_m=-0.1)
+    there = lead_by_hand(bench, operator, "", where, 30.0)
+    assert 0.0 < np.linalg.norm(np.subtract(there.position_m, where.position_m)) < 0.005, (
+        "as well as hands do"
+    )
+    assert not moves_when_pushed(bench)
+
+
+@pytest.mark.parametrize(
+    ("raised", "limit_s", "said"),
+    [
+        (OperatorStopError("stopped by the operator"), 30.0, "stopped by the operator"),
+        (DeviceError("something broke"), 30.0, "something broke"),
+        (None, 0.5, "nobody said within 0.5 s"),
+    ],
+)
+def test_however_it_ends_the_arm_is_held(
+    made: tuple[Bench, Operator], raised: Exception | None, limit_s: float, said: str
+) -> None:
+    bench, _ = made
+    begun = []
+
+    def there() -> bool:
+        begun.append(moves_when_pushed(bench) if not begun and raised else True)
+        if raised:
+            raise raised
+        return False
+
+    with pytest.raises((OperatorStopError, DeviceError), match=said):
+        lead_by_hand(bench, Person(there), "", bench.arm.state().base_T_tcp, limit_s)
+    assert all(begun), "it gave way before"
+    assert not moves_when_pushed(bench)
+
+
+def test_each_key_is_one_bounded_step_at_low_speed(made: tuple[Bench, Operator]) -> None:
+    bench, _ = made
+    home = bench.arm.state().base_T_tcp
+    began_ns = bench.clock.now_ns()
+    there = step_by_keys(bench, Person(keys="xxY3z1T?"), "question", home)
+    assert np.allclose(np.subtract(there.position_m, home.position_m), (0.004, -0.002, 0.01), atol=1e-9)
+    turn = (there.rotation * home.rotation.inv()).as_rotvec(degrees=True)
+    assert np.allclose(turn, (0.0, 0.5, 0.0), atol=1e-6)
+    assert (bench.clock.now_ns() - began_ns) / NS_PER_S >= 0.016 / STEP_SPEED_M_S
+
+
+def test_a_step_out_of_the_limits_is_refused_and_said(made: tuple[Bench, Operator]) -> None:
+    bench, _ = made
+    home = bench.arm.state().base_T_tcp
+    person = Person(keys="3" + "z" * 40)
+    there = step_by_keys(bench, person, "question", home)
+    assert home.position_m[2] + 0.2 < there.position_m[2] < bench.arm.limits.workspace_max_m[2]
+    assert person.questions[0].startswith("question x y z step")
+    assert person.questions[-1].startswith("refused: arm: ")
+
+
+def test_a_stop_between_two_steps_leaves_the_arm_standing(made: tuple[Bench, Operator]) -> None:
+    bench, _ = made
+
+    class Leaves(Person):
+        def key(self, question: str, where: Pose, here: Pose) -> str:
+            if not self.keys:
+                raise OperatorStopError("q")
+            return super().key(question, where, here)
+
+    with pytest.raises(OperatorStopError) as stopped:
+        step_by_keys(bench, Leaves(keys="x"), "", bench.arm.state().base_T_tcp)
+    assert "stopped where it was" in str(stopped.value.__notes__)
+    assert not moves_when_pushed(bench)
+
+
+def test_keys_turn_the_hand_about_where_the_fingers_close(made: tuple[Bench, Operator]) -> None:
+    home = made[0].arm.state().base_T_tcp
+    turned = stepped(home, "t", "3")
+    assert turned is not None
+    assert turned.position_m == home.position_m
+    assert stepped(home, "?", "3") is None
+
+
+def test_the_simulated_person_steps_to_the_place(made: tuple[Bench, Operator]) -> None:
+    bench, operator = made
+    where = bench.arm.state().base_T_tcp.translated(x_m=0.0233, y_m=-0.0042, z_m=-0.031)
+    there = step_by_keys(bench, operator, "there", where)
+    assert np.abs(np.subtract(there.position_m, where.position_m)).max() <= 0.0005

@@ -13,6 +13,7 @@ from rig.benchmark.others.files import run_files
 from rig.benchmark.others.pose_sets import run_kinhec
 from rig.benchmark.others.real_sets import run_boards, run_streams
 from rig.benchmark.others.recordings import run_recordings
+from rig.benchmark.others.robot_world import run_robot_world
 from rig.benchmark.others.rows import Row, Say
 from rig.benchmark.readme import markdown_table
 
@@ -31,7 +32,7 @@ class Sources:
 PARTS: dict[str, Callable[[Sources, Say], list[Row]]] = {
     "clients": lambda at, say: run_clients(at.clones, say),
     "kinhec": lambda at, say: run_kinhec(at.kinhec, say),
-    "boards": lambda at, say: run_boards(at.clones, say),
+    "boards": lambda at, say: [*run_boards(at.clones, say), *run_robot_world(at.clones, say)],
     "streams": lambda at, say: run_streams(at.clones, say),
     "recordings": lambda at, say: run_recordings(at.clones, say),
     "files": lambda at, say: run_files(at.session, say),

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.errors import InputError
 from rig.benchmark.others.benchmark import Sources, as_json, others_section, others_table, run_others
 from rig.benchmark.others.pose_sets import _coverage, _figures, _table
 from rig.benchmark.others.real_sets import run_streams
 from rig.benchmark.others.recordings import CSV_PLACE, RECORDED, run_recordings
+from rig.benchmark.others.robot_world import FOLDER, REPOSITORY, run_robot_world
 from rig.benchmark.others.rows import Row, commit_of, skipped
 
 NOTHING = Sources(None, None, Path("nowhere"))
@@ -18,10 +20,10 @@ NOTHING = Sources(None, None, Path("nowhere"))
 
 def test_what_is_not_here_is_skipped_and_says_how_to_get_it() -> None:
     rows = run_others(["boards", "streams", "files"], NOTHING, lambda text: None)
-    assert [row.met for row in rows] == [None, None, None]
+    assert [row.met for row in rows] == [None] * 4
     assert "git clone https://github.com/eirikwha/hand_eye_calibration" in rows[0].result
-    assert "git clone https://github.com/ethz-asl/hand_eye_calibration" in rows[1].result
-    assert "--session" in rows[2].result
+    assert "git clone https://github.com/ethz-asl/hand_eye_calibration" in rows[2].result
+    assert "--session" in rows[3].result
 
 
 def test_clients_that_are_not_installed_are_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,3 +92,37 @@ def test_protective_stops_are_found_where_a_recording_has_them(tmp_path: Path) -
     assert (row.ours, row.theirs, row.met) == ("2", "2", True)
     assert row.result.startswith("7 states, 125 Hz: 3 running, 0 without a program")
     assert all(other.result.startswith("skipped: ") for other in others)
+
+
+def test_a_robot_world_set_is_solved_as_its_published_answer_says(tmp_path: Path) -> None:
+    """A made set of the same layout: exact poses, so that every method finds the answer that made them."""
+    rng = np.random.default_rng(3)
+    place = tmp_path / REPOSITORY / FOLDER
+    (place / "rwhe_AA_RPI").mkdir(parents=True)
+
+    def pose(turn: float, move: float) -> np.ndarray:
+        made = np.eye(4)
+        made[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, turn, 3)).as_matrix()
+        made[:3, 3] = rng.normal(0.0, move, 3)
+        return made
+
+    x, z = pose(1.0, 400.0), pose(0.3, 30.0)
+    robots = [pose(0.5, 300.0) for _ in range(40)]
+    noise = [pose(0.002, 0.5) for _ in robots]
+    seen = [n @ z @ b @ np.linalg.inv(x) for n, b in zip(noise, robots, strict=True)]
+
+    def lines(matrix: np.ndarray) -> str:
+        return "\n".join(" ".join(f"{value:.6f}" for value in row) for row in matrix)
+
+    (place / "robot_cali.txt").write_text("\n".join(["40", *(lines(b) + "\n" for b in robots)]))
+    views = [" ".join(f"{v:.6f}" for v in (*a[:3, :3].reshape(-1), *a[:3, 3])) for a in seen]
+    (place / "cali.txt").write_text(
+        "\n".join(["40", *(f"image.png  1 0 0 0 1 0 0 0 1 {v} 0 0" for v in views)])
+    )
+    (place / "rwhe_AA_RPI/transformations.txt").write_text(f"X\n{lines(x)}\nZ 0\n{lines(z)}\n")
+    rows = run_robot_world(tmp_path, lambda text: None)
+    assert len(rows) == 3
+    for row in rows:
+        ours, theirs = (float(said.split(",")[0]) for said in (row.ours, row.theirs))
+        assert ours < 3.0
+        assert ours < 1.3 * theirs

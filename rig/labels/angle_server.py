@@ -3,10 +3,8 @@
 import json
 import secrets
 import threading
-from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from drivers.errors import InputError, RigError
@@ -17,12 +15,11 @@ from rig.labels.angle_clicks import Click, LineLog, ends_in
 from rig.labels.angle_clip import ClipToLabel, difference
 from rig.labels.angle_lines import PASSES, AngleLabel, angle_labels, labels_csv
 from rig.pages.page import render
+from rig.pages.serving import PageHandler, PageServer
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
 """A click is a hundred bytes."""
-WAIT_S = 5.0
-"""For what a browser sends: a connection that stays silent keeps a thread."""
 
 
 class AngleServer:
@@ -37,18 +34,15 @@ class AngleServer:
         self.token = secrets.token_urlsafe(12)
         self.done = threading.Event()
         self.labels: list[AngleLabel] = []
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
-        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/{self.token}/"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
+        self._server = PageServer(("127.0.0.1", 0), partial(_Handler, self))
+        self.address = f"http://127.0.0.1:{self._server.port}/{self.token}/"
 
     def __enter__(self) -> "AngleServer":
-        self._thread.start()
+        self._server.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._server.close()
 
     def page(self) -> str:
         """Return the page."""
@@ -89,57 +83,43 @@ class AngleServer:
         return {"file": str(file), "labels": rows, "left_out": len(self.clip.frames) - len(rows)}
 
 
-class _Handler(BaseHTTPRequestHandler):
-    timeout = WAIT_S
-
+class _Handler(PageHandler):
     def __init__(self, owner: AngleServer, *connection: Any) -> None:
         self._owner = owner
         super().__init__(*connection)
 
-    def do_GET(self) -> None:
+    def do_GET(self) -> None:  # noqa: N802 - as http.server calls it
         owner, path = self._owner, self._path()
         if path == "":
-            self._send(HTTPStatus.OK, "text/html; charset=utf-8", owner.page().encode())
+            self.answer(HTTPStatus.OK, "text/html; charset=utf-8", owner.page().encode())
             return
         kind, _, name = (path or "").partition("/")
         number = name.removesuffix(".png")
         picture = owner.picture(kind, int(number)) if number.isdecimal() and len(number) < 9 else None
         if picture is None:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
+            self.answer(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
         else:
-            self._send(HTTPStatus.OK, "image/png", picture)
+            self.answer(HTTPStatus.OK, "image/png", picture)
 
-    def do_POST(self) -> None:
+    def do_POST(self) -> None:  # noqa: N802 - as http.server calls it
         length, what = self.headers.get("Content-Length", ""), self._path()
         if what not in ("click", "undo", "write") or not length.isdecimal() or len(length) > 9:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
+            self.answer(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
             return
         try:
             if int(length) > MOST_BYTES:
                 raise InputError("what was sent is too long: load the page anew")
-            status, answer = HTTPStatus.OK, self._owner.take(what, self.rfile.read(int(length)))
+            status, said = HTTPStatus.OK, self._owner.take(what, self.rfile.read(int(length)))
         except RigError as error:
-            status, answer = HTTPStatus.BAD_REQUEST, {"error": str(error)}
-        self._send(status, "application/json", json.dumps(answer).encode())
+            status, said = HTTPStatus.BAD_REQUEST, {"error": str(error)}
+        self.answer(status, "application/json", json.dumps(said).encode())
         if what == "write" and status is HTTPStatus.OK:
             self._owner.done.set()
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: the terminal is the person's."""
 
     def _path(self) -> str | None:
         """Return the path behind the token; None without it."""
         start = f"/{self._owner.token}/"
         return self.path.removeprefix(start) if self.path.startswith(start) else None
-
-    def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
-        with suppress(ConnectionError):  # a browser that shows something else by now has hung up
-            self.end_headers()
-            self.wfile.write(body)
 
 
 def _click(sent: bytes) -> Click:

@@ -14,7 +14,7 @@ import typer
 
 from drivers.errors import InputError, OperatorStopError, RigError, SessionError
 from rig.cli.output import discard
-from rig.live.screen import set_aside
+from rig.live.onlookers import asked
 
 
 class Exit(IntEnum):
@@ -192,7 +192,7 @@ def waited(question: str) -> Iterator[Callable[[], bool]]:
             raise OperatorStopError("stopped by the operator; the arm is held where it is")
         return True
 
-    with set_aside():
+    with asked(question):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(question, file=sys.stderr, flush=True)
         yield answered
@@ -209,7 +209,7 @@ def press(question: str) -> str:
 
     if not _terminal():
         raise OperatorStopError(f"stopped: {question} [no terminal to press keys at]")
-    with set_aside():
+    with asked(question):
         if question:
             say(question)
         before = termios.tcgetattr(sys.stdin)
@@ -235,7 +235,7 @@ def _typed(prompt: str) -> str:
     """
     import termios
 
-    with set_aside():
+    with asked(prompt):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
         print(prompt, end=" ", file=sys.stderr, flush=True)
         return sys.stdin.readline().strip().lower()

@@ -23,6 +23,7 @@ from rig.cli.common import (
 from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.report import NoReportOption, report_after
 from rig.cli.resuming import continued, given, may_be_continued
+from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption, Work, telling, watched
 
 if TYPE_CHECKING:
     from rig.sessions.records import PoseRow
@@ -62,6 +63,9 @@ def record(
     dry: DryRunOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Grasp one object in all poses of its file at varied grip, and keep the images.
 
@@ -79,6 +83,8 @@ def record(
 
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
 
+      rig record --object 7 --watch-at 127.0.0.1:8080
+
     """
     import time
 
@@ -91,6 +97,7 @@ def record(
     from rig.config.objects import with_more, with_objects
     from rig.experiments.pose_attempt import RecordSettings
     from rig.experiments.record import recording_plan, run_record
+    from rig.live.feed import LiveFeed
     from rig.sessions.manifest import RecordManifest
     from rig.sessions.remarks import remarks_of
 
@@ -120,8 +127,10 @@ def record(
         dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
     said = OneMessage(_note, lambda row: row.fault)
+    work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", poses)
     with (
         may_be_continued(folder, out, resume, no_report),
+        watched(context, work, watch, watch_at, notify) as listeners,
         session_bench(
             config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
         ) as benches,
@@ -132,8 +141,9 @@ def record(
             settings,
             resume,
             benches,
-            lambda done, total, row: bar.show(done, total, said(row)),
+            telling(lambda done, total, row: bar.show(done, total, said(row)), _note, lambda row: row.fault),
             remarks,
+            LiveFeed(listeners),
         )
     figures = {
         "session": str(folder),

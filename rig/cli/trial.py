@@ -27,6 +27,7 @@ from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.places import file_place
 from rig.cli.report import NoReportOption, report_after
 from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done
+from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption, Work, telling, watched
 
 
 def trial(
@@ -116,6 +117,9 @@ def trial(
         Path | None,
         typer.Option("--live-to", help="The same into FILE.rrd, without a display.", callback=file_place),
     ] = None,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Lift each object several times and measure its rotation from both fingertips.
 
@@ -137,6 +141,8 @@ def trial(
       rig trial --resume --out sessions/campaign
 
       rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
+
+      rig trial --lifts 5 --watch --notify notify-send
 
     """
     import time
@@ -186,10 +192,12 @@ def trial(
     if dry:
         dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
+    work = Work(f"{simulated}trial on bench '{config.name}', {folder}", "lifts", len(ids) * lifts, lifts_done)
     with (
         may_be_continued(folder, out, resume, no_report),
+        watched(context, work, watch, watch_at, notify) as others,
         session_bench(config, person, f"{plan.text()}\nBegin?", realtime) as benches,
-        live_session(live, live_to) as (feed, inbox),
+        live_session(live, live_to, others) as (feed, inbox),
         TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done) as progress,
     ):
         summary = run_trial(
@@ -200,7 +208,7 @@ def trial(
             jobs=trial_jobs(jobs, config.in_process, realtime),
             resume=resume,
             benches=benches,
-            progress=progress,
+            progress=telling(progress, lift_note, lift_fault),
             live=feed,
             remarks=remarks,
         )

@@ -28,7 +28,7 @@ from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result, stage_times
 from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.live.feed import LiveFeed
+from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.layout import recording_file
@@ -41,7 +41,6 @@ from rig.tactile.estimators import EstimatorChoice
 LEAST_LIFT = 0.4
 """A lift rises to a random share of the object file's height, from this share to all of it."""
 MAX_TRIAL_TURN_DEG = 15.0
-NOBODY = LiveFeed()
 TOLD_OF_A_LIFT = (
     "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
 )  # fmt: skip

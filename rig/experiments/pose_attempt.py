@@ -1,6 +1,7 @@
 """One attempt at a grasp pose, from its plan to its row and images."""
 
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
 from rig.experiments.pose_capture import PoseCapture
 from rig.experiments.seeds import derived_seed
+from rig.live.feed import NOBODY, LiveFeed
+from rig.live.observer import PictureSender
 from rig.sessions.layout import true_mask_file
 from rig.sessions.records import PoseImage, PoseRow
 from rig.sessions.timing import PoseTiming
@@ -84,17 +87,22 @@ def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_tab
 
 
 def attempt_pose(
-    settings: RecordSettings, finders: dict[str, ContactFinder], benches: BenchSource, task: PoseTask
+    settings: RecordSettings,
+    finders: dict[str, ContactFinder],
+    benches: BenchSource,
+    task: PoseTask,
+    live: LiveFeed = NOBODY,
 ) -> Attempt[PoseRow]:
     """Record one pose. A device's failure is a row that is not accepted; nothing else is caught.
 
-    finders: of contacts, by serial.
+    finders: of contacts, by serial. live: who looks on.
     """
     began = time.perf_counter()
     seed = derived_seed(settings.seed, task.object_id, "pose", task.number, attempt=task.attempt)
     plan = plan_pose(settings, task.pose, task.images, Pose(settings.bench.table.position_m))
-    observer = PoseCapture(finders)
-    fault = _carry_out(benches, task, seed, plan, observer)
+    with closing(PictureSender(live)) as pictures:
+        observer = PoseCapture(finders, shown=pictures if live.pictures else None)
+        fault = _carry_out(benches, task, seed, plan, observer)
     if fault:
         benches.displaced()
     images, files = ((), {}) if fault else _images(settings.grasps, task.number, observer)

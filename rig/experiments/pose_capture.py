@@ -17,7 +17,7 @@ class PoseCapture:
     """An observer that takes images with contact, turn about from each fingertip.
 
     true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
-    taken. Nothing here looks at them.
+    taken. Nothing here looks at them. shown: is given each frame after it was looked at, and changes nothing.
     """
 
     finders: dict[str, ContactFinder]
@@ -25,6 +25,7 @@ class PoseCapture:
     true_masks: dict[str, Callable[[int], Image]] = field(default_factory=dict)
     masks: list[Image] = field(default_factory=list)
     rejected: int = 0
+    shown: Callable[[Frame], None] | None = None
     _grip_counts: int = 0
     _wanted: int = 0
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
@@ -54,6 +55,11 @@ class PoseCapture:
 
     def frame(self, frame: Frame) -> None:
         """Look for contact; take the image when one of this fingertip is wanted."""
+        self._look(frame)
+        if self.shown is not None:
+            self.shown(frame)
+
+    def _look(self, frame: Frame) -> None:
         finder = self.finders.get(frame.serial)
         if finder is None:
             return

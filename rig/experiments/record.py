@@ -27,6 +27,7 @@ from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
+from rig.live.feed import NOBODY, LiveFeed
 from rig.sessions.layout import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
@@ -90,11 +91,12 @@ def run_record(
     benches: BenchSource | None = None,
     progress: Progress[PoseRow] = lambda done, total, row: None,
     remarks: Remarks = NO_REMARKS,
+    live: LiveFeed = NOBODY,
 ) -> list[PoseRow]:
     """Record the poses that are still to do; return the rows of all attempts.
 
     benches: where poses get their bench (`session_bench`); simulated ones when None. remarks: kept with
-    the session.
+    the session. live: who looks on.
     Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
     finished poses stay on disk and `resume` goes on from them.
     """
@@ -105,7 +107,7 @@ def run_record(
             benches.begin()
             finders = _references(session, settings, benches)
             left = left_to_do(tasks, session.rows, lambda row: row.pose)
-            work = partial(attempt_pose, settings, finders, benches)
+            work = partial(attempt_pose, settings, finders, benches, live=live)
             repeat_until_accepted(session, left, work, WORDING, progress)
             session.finish(order=lambda row: (row.pose, row.attempt))
             for row in session.rows:

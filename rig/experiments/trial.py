@@ -16,10 +16,10 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
-from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift, plan_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.lift.marker_truth import TRUTH
-from rig.live.feed import LiveFeed
+from rig.live.feed import NOBODY, LiveFeed
 from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow

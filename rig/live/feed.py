@@ -63,6 +63,9 @@ class LiveFeed:
         return any(listener.pictures for listener in self.listeners)
 
 
+NOBODY = LiveFeed()
+
+
 @dataclass(slots=True)
 class Sender:
     """Sends to everybody who looks on. `lost` counts the messages that somebody did not get."""

@@ -25,6 +25,40 @@ RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""
 
 
+class Sparing:
+    """Lets each thing through at most `MOST_PER_S` times in a second of the clock, by default a real one."""
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self._clock = clock or SystemClock()
+        self._passed_ns: dict[str, int] = {}
+
+    def due(self, what: str) -> bool:
+        """Whether enough time has passed since it last went through; if so, it goes through now."""
+        now = self._clock.now_ns()
+        if now - self._passed_ns.get(what, -NS_PER_S) < NS_PER_S / MOST_PER_S:
+            return False
+        self._passed_ns[what] = now
+        return True
+
+
+class PictureSender:
+    """Sends small pictures of frames to those who look on, where no lift is measured."""
+
+    def __init__(self, feed: LiveFeed) -> None:
+        self._sender, self._pictures = Sender(feed), feed.pictures
+        self._sparing = Sparing()
+
+    def __call__(self, frame: Frame) -> None:
+        """Send a frame, unless one of its source was sent just now, or nobody looks on."""
+        if self._pictures and self._sparing.due(frame.serial):
+            values = {"serial": frame.serial, "time_ns": frame.time_ns, "sender": os.getpid()}
+            self._sender.send("frame", values, encode_jpeg(_shrunk(frame.image)[0], PICTURE_QUALITY))
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._sender.close()
+
+
 class LiveObserver(LiftObserver):
     """Passes everything to a lift's measurement first, then sends what a viewer shows.
 
@@ -39,8 +73,7 @@ class LiveObserver(LiftObserver):
         self._sender = Sender(feed)
         self._pictures = feed.pictures
         self._lift = {**{key: getattr(head, key) for key in LIFT_KEYS}, "sender": os.getpid()}
-        self._clock = clock or SystemClock()
-        self._sent_ns: dict[str, int] = {}
+        self._due = Sparing(clock).due
         self._times: dict[str, deque[int]] = {}
         self._phase = ""
         self._fused_sent = 0
@@ -84,14 +117,6 @@ class LiveObserver(LiftObserver):
         """Send what is left."""
         self._figures(max((times[-1] for times in self._times.values()), default=0))
         self._sender.close()
-
-    def _due(self, what: str) -> bool:
-        """Whether enough real time has passed since it was last sent; if so, it is sent now."""
-        now = self._clock.now_ns()
-        if now - self._sent_ns.get(what, -NS_PER_S) < NS_PER_S / MOST_PER_S:
-            return False
-        self._sent_ns[what] = now
-        return True
 
     def _show(self, frame: Frame) -> None:
         small, scale = _shrunk(frame.image)

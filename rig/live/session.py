@@ -37,17 +37,19 @@ def check_viewer(window: bool, file: Path | None) -> None:
 
 
 @contextmanager
-def live_session(window: bool, file: Path | None) -> Iterator[tuple[LiveFeed, Inbox]]:
+def live_session(
+    window: bool, file: Path | None, others: tuple[Listener, ...] = ()
+) -> Iterator[tuple[LiveFeed, Inbox]]:
     """Give the feed that lifts send to, and the inbox of the terminal's view.
 
-    window, file: as `check_viewer`, which this asks first. The viewer's process ends with the
-    session, and a viewer that ends earlier changes nothing.
+    window, file: as `check_viewer`, which this asks first. others: who looks on besides. The
+    viewer's process ends with the session, and a viewer that ends earlier changes nothing.
     """
     check_viewer(window, file)
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
         inbox = Inbox(f"{folder}/terminal")
         stack.callback(inbox.close)
-        listeners = [Listener(inbox.address, pictures=False)]
+        listeners = [Listener(inbox.address, pictures=False), *others]
         if window or file is not None:
             address = f"{folder}/viewer"
             stack.enter_context(_viewer(address, file))

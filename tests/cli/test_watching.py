@@ -1,0 +1,134 @@
+"""`--watch` and `--notify`: looked on at from a browser, a trial's results are the same."""
+
+import json
+import shlex
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import urlopen
+
+import pytest
+
+from support.command_line import rig
+
+AtTerminal = Callable[[list[str], int], Any]
+KEEPS = "import json, sys; print(json.dumps(sys.argv[2:]), file=open(sys.argv[1], 'a'))"
+
+
+class Browser:
+    """Asks for a page again and again, as soon as its address is said."""
+
+    def __init__(self) -> None:
+        self.states: list[dict[str, Any]] = []
+        self.pictures: set[str] = set()
+        self.stuck: list[socket.socket] = []
+        self._thread: threading.Thread | None = None
+
+    def hear(self, text: str) -> None:
+        print(text, file=sys.stderr)
+        if text.startswith("watch it at "):
+            address = text.removeprefix("watch it at ")
+            at = urlsplit(address)
+            self.stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(2)]
+            self.stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
+            self._thread = threading.Thread(target=self._look, args=(address,))
+            self._thread.start()
+
+    def close(self) -> None:
+        assert self._thread is not None
+        self._thread.join(60)
+        for each in self.stuck:
+            each.close()
+
+    def _look(self, address: str) -> None:
+        try:
+            while True:
+                with urlopen(address + "state.json", timeout=20) as answer:
+                    self.states.append(json.load(answer))
+                for serial in self.states[-1]["pictures"]:
+                    with urlopen(f"{address}picture/{serial}.jpg", timeout=20) as answer:
+                        assert answer.read(2) == b"\xff\xd8"
+                        self.pictures.add(serial)
+        except OSError:  # it has ended
+            pass
+
+
+@pytest.fixture
+def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
+    made = Browser()
+    monkeypatch.setattr("rig.cli.watching.say", made.hear)
+    return made
+
+
+def test_a_trial_that_is_watched_is_the_same_trial(
+    browser: Browser, one_lift: Path, light_bench_file: Path, tmp_path: Path
+) -> None:
+    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
+    done = rig(
+        "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
+        "--no-report", "--out", tmp_path / "s", "--json", "--watch", "--notify", notify,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    browser.close()
+    assert (tmp_path / "s" / "lifts.jsonl").read_bytes() == (one_lift / "lifts.jsonl").read_bytes()
+    assert (tmp_path / "told").read_text() == '["end", "done"]\n'
+    lifts = [lift for state in browser.states for lift in state["lifts"]]
+    assert any(isinstance(lift["estimate_deg"], float) for lift in lifts)
+    assert {"SIM-D0001", "SIM-D0002"} < browser.pictures
+    assert browser.states[0]["title"].startswith("SIMULATED trial on bench")
+    assert (browser.states[0]["done"], browser.states[0]["total"]) == (0, 1)
+
+
+def test_a_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+    done = rig(
+        "record", "--object", 7, "--poses", 1, "--images", 4, "--bench", light_bench_file, "--no-report",
+        "--out", tmp_path / "s", "--watch-at", "127.0.0.1:0",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    browser.close()
+    assert {"SIM-D0001", "SIM-D0002"} <= browser.pictures
+    assert browser.states[0]["what"] == "poses"
+
+
+def test_what_cannot_be_watched_or_run_is_refused_and_no_session_begun(tmp_path: Path) -> None:
+    for options, why in (
+        (("--watch-at", "nowhere"), "write host and port"),
+        (("--notify", "no-such-command-here"), "no such program"),
+    ):
+        done = rig("trial", "--lifts", 1, "--object", "toothbrush", "--out", tmp_path / "s", *options)
+        assert done.returncode == 2
+        assert why in done.stderr
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_question_at_the_terminal_is_told_while_it_waits(at_terminal: AtTerminal) -> None:
+    code = """if True:
+        from rig.cli.common import ask
+        from rig.live.onlookers import looking_on
+        def tell(event):
+            print("told", event.kind, event.text, flush=True)
+        with looking_on(tell):
+            ask("Place it. Ready?")
+    """
+    terminal = at_terminal([sys.executable, "-c", code], 80)
+    terminal.wait_for("Place it. Ready? [y/N]:", 20.0)
+    assert "told question Place it. Ready?" in terminal.text()
+    assert "told answered" not in terminal.text()
+    terminal.type("y\n")
+    terminal.wait_for("told answered", 20.0)
+    terminal.wait_for("told end done", 20.0)
+
+
+def test_nothing_of_the_page_is_imported_where_nobody_looks_on() -> None:
+    code = "import sys, rig.cli.main, rig.experiments.trial, rig.live.session; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    loaded = set(done.stdout.split())
+    assert "rig.live.observer" in loaded
+    assert not loaded & {"rig.live.watch", "rig.live.watch_state", "rig.live.notify", "rig.pages.serving"}

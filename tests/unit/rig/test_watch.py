@@ -1,0 +1,190 @@
+"""The page of `--watch`: it shows the newest of everything, changes nothing, and nobody waits for it."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError, OperatorStopError
+from drivers.images import encode_jpeg
+from rig.cli.watching import telling
+from rig.live.feed import LiveFeed, Message, Sender
+from rig.live.onlookers import Event, asked, looking_on, tell
+from rig.live.watch import WatchPage, watch_address
+from rig.live.watch_state import KEPT_FAULTS, WatchState
+from rig.pages.serving import MOST_AT_ONCE
+from support.browser import NEEDS_CHROMIUM, Browser
+
+LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
+FIGURES = {
+    "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
+    "rates_hz": {"D1": 60.0}, "dropped": {"D1": 2},
+}  # fmt: skip
+JPEG = b"\xff\xd8 a picture"
+
+
+@pytest.fixture
+def page() -> Iterator[WatchPage]:
+    made = WatchPage(watch_address(None), "SIMULATED trial <b>", "lifts", 1, 5)
+    yield made
+    made.close()
+
+
+def get(page: WatchPage, path: str, method: str = "GET", host: str | None = None) -> tuple[int, bytes]:
+    at = urlsplit(page.address)
+    connection = HTTPConnection(str(at.hostname), at.port, timeout=20)
+    connection.request(method, path, headers={} if host is None else {"Host": host})
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, body
+
+
+def values(page: WatchPage) -> dict[str, object]:
+    return json.loads(get(page, "/state.json")[1])
+
+
+def until(seen: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20.0
+    while not seen():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_the_page_shows_the_newest_of_everything(page: WatchPage) -> None:
+    assert b"SIMULATED trial &lt;b&gt;" in get(page, "/")[1]
+    sender = Sender(LiveFeed((page.listener,)))
+    sender.send("figures", {**LIFT, **FIGURES})
+    sender.send("frame", {**LIFT, "serial": "D1/x", "time_ns": 5}, JPEG)
+    until(lambda: bool(values(page)["pictures"]))
+    sender.close()
+    seen = values(page)
+    assert seen["lifts"] == [
+        {"title": "t1 wrench lift 2", "phase": "B", "estimate_deg": -3.14, "truth_deg": -3.06,
+         "frames": "frames/s D1 60; dropped 2"}
+    ]  # fmt: skip
+    assert (seen["done"], seen["total"], seen["what"], seen["ended"]) == (1, 5, "lifts", "")
+    assert get(page, "/picture/D1%2Fx.jpg?1") == (200, JPEG)
+
+
+def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) -> None:
+    with looking_on(page.state.tell):
+        with asked("Place object t1 on its mark. Ready?"):
+            assert values(page)["question"] == "Place object t1 on its mark. Ready?"
+        assert values(page)["question"] == ""
+        progress = telling(lambda *_: None, lambda row: f"a {row}", lambda row: "it fell" if row else None)
+        progress(2, 5, "")
+        progress(3, 5, "lift")
+        seen = values(page)
+        assert (seen["done"], seen["newest"], seen["ended"]) == (3, "a lift", "")
+        (fault,) = seen["faults"]  # type: ignore[misc]
+        assert fault.endswith(" it fell")
+    assert values(page)["ended"] == "done"
+    with pytest.raises(OperatorStopError), looking_on(page.state.tell):
+        raise OperatorStopError("stopped by the operator")
+    assert values(page)["ended"] == "stopped by the operator"
+    tell(Event("fault", "nobody looks on"))
+    assert len(values(page)["faults"]) == 1  # type: ignore[arg-type]
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
+    black = encode_jpeg(np.zeros((8, 6, 3), np.uint8), 80)
+    browser = Browser(tmp_path / "profile")
+    sender = Sender(LiveFeed((page.listener,)))
+    try:
+        browser.open(page.address, width, scheme)
+
+        def shown(what: str) -> bool:
+            return what in browser.value("document.body.innerText")
+
+        sender.send("figures", {**LIFT, **FIGURES})
+        sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
+        page.state.tell(Event("fault", "<i>fell</i>"))
+        page.state.tell(Event("question", "Place it. Ready?"))
+        until(lambda: shown("Place it. Ready?") and shown("<i>fell</i>") and shown("t1 wrench lift 2"))
+        assert shown("\u22123.1\u00b0")
+        until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
+        page.state.tell(Event("end", "done"))
+        until(lambda: not shown("Place it. Ready?") and shown("It has ended"))
+        assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
+        assert browser.said() == []
+    finally:
+        browser.close()
+        sender.close()
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "HEAD"])
+def test_nothing_can_be_changed_from_the_page(page: WatchPage, method: str) -> None:
+    assert get(page, "/state.json", method)[0] == 501
+
+
+@pytest.mark.parametrize(
+    "path", ["/nope", "/picture/D9.jpg", "/picture/../watch.html", "/index.html", "/state.json/"]
+)
+def test_nothing_else_is_served(page: WatchPage, path: str) -> None:
+    assert get(page, path)[0] == 404
+
+
+def test_a_name_from_elsewhere_does_not_lead_to_the_loopback(page: WatchPage) -> None:
+    assert get(page, "/state.json", host="evil.example:80")[0] == 403
+    assert get(page, "/state.json", host="localhost:9000")[0] == 200
+
+
+def test_clients_that_never_read_hold_nobody_up(page: WatchPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.pages.serving.PageHandler.timeout", 0.3)
+    at = urlsplit(page.address)
+    before = threading.active_count()
+    stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(3 * MOST_AT_ONCE)]
+    stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
+    sender = Sender(LiveFeed((page.listener,)))
+    for number in range(2000):  # one that waited for these clients would not come to the end
+        sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
+        page.state.tell(Event("progress", "on", number, 2000))
+    assert threading.active_count() <= before + MOST_AT_ONCE
+
+    def answered() -> bool:
+        try:
+            return get(page, "/state.json")[0] == 200
+        except OSError:  # refused while so many are at work
+            return False
+
+    until(answered)
+    sender.close()
+    for each in stuck:
+        each.close()
+
+
+def test_only_the_newest_is_kept() -> None:
+    came = [Message("frame", {**LIFT, "serial": "D1", "time_ns": n}, JPEG + bytes([n])) for n in range(9)]
+    came += [Message("frame", {**LIFT, "sender": 8, "serial": "D1", "time_ns": 9}, b"another process's")]
+    came += [Message("phase", {**LIFT, "sender": n, "number": n, "phase": "A"}) for n in range(40)]
+    state = WatchState("a", "lifts", 0, 1, lambda: [came.pop(0) for _ in range(len(came))])
+    for number in range(2 * KEPT_FAULTS):
+        state.tell(Event("fault", f"fault {number}"))
+    assert state.picture("D1") == JPEG + bytes([8])
+    seen = state.values()
+    assert [lift["title"] for lift in seen["lifts"]] == ["t1 wrench lift 2"] * 16
+    assert len(seen["faults"]) == KEPT_FAULTS
+    assert seen["faults"][0].endswith(f"fault {2 * KEPT_FAULTS - 1}")
+
+
+@pytest.mark.parametrize("at", ["8080", ":8080", "host", "host:", "host:99999", "host:-1", "host:1e3", "h:²"])
+def test_an_address_that_is_none_is_refused(at: str) -> None:
+    with pytest.raises(InputError, match="write host and port"):
+        watch_address(at)
+
+
+def test_an_address_that_is_taken_is_refused(page: WatchPage) -> None:
+    at = watch_address(urlsplit(page.address).netloc)
+    for each in (at, ("a..b", 0)):
+        with pytest.raises(InputError, match=r"nothing can be served there .*; choose another address"):
+            WatchPage(each, "a", "lifts", 0, 1)

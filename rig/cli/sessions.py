@@ -18,6 +18,8 @@ MB = 1e6
 SIDE_BY_SIDE = 200
 """Sessions from which on it pays to look at them in several processes."""
 AT_ONCE = 20
+MOST_CHECKED = 20
+"""Of more sessions the bytes are only read when asked for: a second for each 45 lifts."""
 
 
 class Sort(StrEnum):
@@ -45,11 +47,13 @@ def sessions(
     sort: Annotated[Sort, typer.Option("--sort", help="In this order.")] = Sort.FOLDER,
     reverse: Annotated[bool, typer.Option("--reverse", help="The other way round.")] = False,
     check: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--check/--quick", help="Read every byte and hold it to its checksum: 1 s for 45 lifts."
+            "--check/--quick",
+            help="Read every byte and hold it to its checksum: 1 s for 45 lifts. Default: of up to 20 "
+            "sessions.",
         ),
-    ] = False,
+    ] = None,
     wear: Annotated[
         Path | None,
         typer.Option(
@@ -60,8 +64,8 @@ def sessions(
 ) -> None:
     """List sessions: date, kind, objects, lifts, MARE, size; broken ones with what is wrong.
 
-    A recording or image that is missing makes a session broken; whether their bytes are as they were
-    written is only seen with --check.
+    A recording or image that is missing, or whose bytes are not as they were written, makes a session
+    broken. Of more than 20 sessions the bytes are only read with --check.
 
     Examples:
       rig sessions
@@ -75,7 +79,7 @@ def sessions(
     """
     from rig.cli.fitting import table_console
 
-    entries = _in_order(_wanted(_listed(folder, not check), tags or [], objects or []), sort, reverse)
+    entries = _in_order(_wanted(_listed(folder, check), tags or [], objects or []), sort, reverse)
     console = table_console(to_stderr=json)
     if entries:
         console.print(_table(folder, entries))
@@ -90,11 +94,14 @@ def sessions(
         emit_json({**listed, "wear": page} if page else listed)
 
 
-def _listed(folder: Path, quick: bool) -> "list[SessionEntry]":
+def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     from rig.experiments.process_pool import run_tasks
     from rig.results.listing import find_sessions, list_sessions
 
     found = find_sessions(folder)
+    if check is None and len(found) > MOST_CHECKED:
+        say(f"note: {len(found)} sessions, whose bytes are not read; --check holds them to their checksums")
+    quick = len(found) > MOST_CHECKED if check is None else not check
     jobs = (os.cpu_count() or 1) if len(found) >= SIDE_BY_SIDE else 1
     portions = [found[i : i + AT_ONCE] for i in range(0, len(found), AT_ONCE)]
     listed = run_tasks(partial(list_sessions, quick=quick), portions, jobs, fork=True)

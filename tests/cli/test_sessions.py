@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rig.benchmark.sessions.made import make_session
+from rig.cli.sessions import MOST_CHECKED
 from rig.config import load_bench
 from rig.report.wear import read_wear
 from support.command_line import rig
@@ -79,19 +80,25 @@ def test_words_given_to_a_trial_reach_its_report(tmp_path: Path, light_bench_fil
     assert not (tmp_path / "other").exists()
 
 
-def test_missing_files_are_seen_at_once_damaged_bytes_when_asked(tmp_path: Path, one_lift: Path) -> None:
+def test_damaged_bytes_are_seen_unless_it_has_to_be_quick(tmp_path: Path, one_lift: Path) -> None:
     folder = tmp_path / "s"
     shutil.copytree(one_lift, folder)
     recording = next((folder / "lifts").iterdir())
     data = bytearray(recording.read_bytes())
     data[len(data) // 2] ^= 1
     recording.write_bytes(data)
-    assert listed(folder)[0]["state"] == "complete"
-    (entry,) = listed(folder, "--check")
+    assert listed(folder, "--quick")[0]["state"] == "complete"
+    (entry,) = listed(folder)
     assert entry["state"] == "broken"
     assert recording.name in entry["problem"]
+    for number in range(MOST_CHECKED):
+        shutil.copytree(folder, tmp_path / f"{number:02d}")
+    many = rig("sessions", tmp_path, "--json")
+    assert {entry["state"] for entry in json.loads(many.stdout)["sessions"]} == {"complete"}
+    assert "note: 21 sessions, whose bytes are not read" in many.stderr
+    assert {entry["state"] for entry in listed(tmp_path, "--check")} == {"broken"}
     recording.unlink()
-    assert "recording is missing" in listed(folder)[0]["problem"]
+    assert "recording is missing" in listed(folder, "--quick")[0]["problem"]
 
 
 def test_many_are_looked_at_side_by_side_with_the_same_answer(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ COPY rig rig
 RUN pip install --no-cache-dir -c requirements.lock .
 
 # Not root: limits and file modes are to mean something.
-RUN useradd --create-home --groups video,dialout rig && mkdir /work && chown rig /work
+RUN useradd --create-home --groups video,dialout rig && mkdir /bench && chown rig /bench
 USER rig
-WORKDIR /work
+WORKDIR /bench
 
 STOPSIGNAL SIGINT
 ENTRYPOINT ["rig"]

@@ -27,6 +27,13 @@ def pose_from_matrix(matrix: ArrayLike, name: str) -> Pose:
     return _pose(values[:3, 3], Rotation.from_matrix(turn), name)
 
 
+def pose_matrix(pose: Pose) -> Array:
+    """Return a pose as a matrix (4, 4), m."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation.as_matrix(), pose.position_m
+    return matrix
+
+
 def pose_from_quaternion(position_m: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> Pose:
     """Make a pose; either sign of a quaternion is the same turn. Raises `CalibrationError`."""
     values = finite(quaternion_xyzw, (4,), name)

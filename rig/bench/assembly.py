@@ -39,27 +39,18 @@ def build_bench(
     attempt: int = 0,
     realtime: bool = False,
     variation_seed: int | None = None,
+    watch: Callable[[World], None] | None = None,
 ) -> tuple[Bench, Operator]:
     """Make a bench of simulated devices in this process, and the operator who goes with it.
 
     seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
-    variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own.
+    variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own. watch: is given
+    the world, as a benchmark needs that asks what truly happened.
     """
-    bench, operator, _ = build_world(config, seed, lift, attempt, realtime, variation_seed)
-    return bench, operator
-
-
-def build_world(
-    config: BenchConfig,
-    seed: int = 0,
-    lift: str = "",
-    attempt: int = 0,
-    realtime: bool = False,
-    variation_seed: int | None = None,
-) -> tuple[Bench, Operator, World]:
-    """Make the same, with the world that a benchmark asks what truly happened."""
     plan = simulated_bench_plan(config)
     world = World(plan.layout, seed)
+    if watch is not None:
+        watch(world)
     clock = SimulatedClock(realtime)
     faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
     arm = simulated_arm(config, world, clock, faults)
@@ -92,7 +83,7 @@ def build_world(
         arm.lead(to, LED_S)
         return lambda: clock.now_ns() >= there_ns
 
-    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead), world
+    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead)
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:

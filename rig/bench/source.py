@@ -13,7 +13,7 @@ from drivers.realtime import realtime
 from drivers.types import HandState, Holding
 from fakes.world.world import World
 from protocols.operator import Operator
-from rig.bench.assembly import build_bench, build_real_bench, build_world
+from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.hand_memory import HandMemory
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
@@ -59,12 +59,14 @@ class BenchSource(Protocol):
 class FreshBenches(BenchSource):
     """A simulated bench of its own for each lift, in whatever process the lift runs.
 
-    variation_seed: draws tactile sensors unlike those of a bench, the same for all lifts.
+    variation_seed: draws tactile sensors unlike those of a bench, the same for all lifts. watch: is given
+    the world of each lift.
     """
 
     config: BenchConfig
     realtime: bool = False
     variation_seed: int | None = None
+    watch: Callable[[World], None] | None = None
 
     def begin(self) -> None:
         """Nothing to reach: each lift makes its bench."""
@@ -72,33 +74,9 @@ class FreshBenches(BenchSource):
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Make a bench, connect it, and let go of it after the lift."""
-        bench, operator = build_bench(self.config, seed, lift, attempt, self.realtime, self.variation_seed)
-        with bench.connected():
-            yield bench, operator
-
-    @property
-    def after_fault(self) -> bool:
-        """No bench outlives a fault."""
-        return False
-
-    def displaced(self) -> None:
-        """Nothing to note: each lift begins with a world of its own."""
-
-
-class WatchedBenches(BenchSource):
-    """Fresh simulated benches whose worlds can be asked: `world` is that of the last lift."""
-
-    def __init__(self, config: BenchConfig) -> None:
-        self._config = config
-        self.world: World | None = None
-
-    def begin(self) -> None:
-        """Nothing to reach: each lift makes its bench."""
-
-    @contextmanager
-    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Make a bench, connect it, and let go of it after the lift."""
-        bench, operator, self.world = build_world(self._config, seed, lift, attempt)
+        bench, operator = build_bench(
+            self.config, seed, lift, attempt, self.realtime, self.variation_seed, self.watch
+        )
         with bench.connected():
             yield bench, operator
 

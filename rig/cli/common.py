@@ -31,6 +31,9 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything simulated or drawn.")]
+JobsOption = Annotated[
+    int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side; default: cores.")
+]
 BenchOption = Annotated[str, typer.Option("--bench", help="fake, wire, or the path of a bench file.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
 ObjectsOption = Annotated[

@@ -12,7 +12,7 @@ from calibration.camera.intrinsics import calibrate_camera
 from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
-from calibration.poses import pose_from_matrix
+from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.targets.views import View
 from drivers.errors import InputError
 from drivers.types import Pose
@@ -108,8 +108,8 @@ def solve_hand_eye(
     result = calibrate_pose_pairs(pairs, Setup(setup))
     sigma = None if result.covariance is None else np.sqrt(np.diag(result.covariance))
     return HandEyeSolution(
-        matrix=_matrix(result.pose),
-        target=_matrix(result.target),
+        matrix=None if result.pose is None else pose_matrix(result.pose),
+        target=None if result.target is None else pose_matrix(result.target),
         sigma_m=None if sigma is None else sigma[3:],
         sigma_deg=None if sigma is None else np.degrees(sigma[:3]),
         verdict=result.assessment.verdict.value,
@@ -139,11 +139,3 @@ def _poses(name: str, matrices: ArrayLike) -> list[Pose]:
     if stack.ndim != 3:
         raise InputError(f"solve_hand_eye: {name} has shape {stack.shape}: give (N, 4, 4)")
     return [pose_from_matrix(matrix, f"{name}[{i}]") for i, matrix in enumerate(stack)]
-
-
-def _matrix(pose: Pose | None) -> Array | None:
-    if pose is None:
-        return None
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = pose.rotation.as_matrix(), pose.position_m
-    return matrix

@@ -14,7 +14,7 @@ from scipy.stats import f as f_distribution
 from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
-from calibration.poses import pose_from_matrix
+from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.time_offset import time_offset
 from calibration.turning_rate import turning_rate
 from drivers.errors import CalibrationError
@@ -96,9 +96,7 @@ def _wanted(result: PosePairResult, sequence: Any) -> tuple[Array, Array]:
     )
     if pose is None or covariance is None:
         raise CalibrationError("hand-eye: no answer")
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = pose.rotation.as_matrix(), pose.position_m
-    return matrix, covariance
+    return pose_matrix(pose), covariance
 
 
 def _holds(result: PosePairResult, sequence: Any) -> bool:

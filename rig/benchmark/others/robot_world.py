@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
-from calibration.poses import pose_from_matrix
+from calibration.poses import pose_from_matrix, pose_matrix
 from drivers.errors import CalibrationError
-from drivers.types import Pose
 from rig.benchmark.others.rows import Row, Say, clone_of, commit_of, how_to_clone, skipped
 
 PART = "real sets"
@@ -83,7 +82,7 @@ def _ours(pairs: Pairs) -> Answer:
     found = calibrate_pose_pairs(samples, Setup.EYE_IN_HAND)
     if found.pose is None or found.target is None:
         raise CalibrationError(f"refused: {found.assessment}")
-    return _matrix(found.target.inverse()), _matrix(found.pose.inverse())
+    return pose_matrix(found.target.inverse()), pose_matrix(found.pose.inverse())
 
 
 def _read(folder: Path) -> Pairs:
@@ -133,9 +132,3 @@ def _missed(answer: Answer, pairs: Pairs) -> tuple[float, float]:
     turned = [Rotation.from_matrix(one[:3, :3].T @ other[:3, :3]).magnitude() for one, other in both]
     mm, rad = (float(np.sqrt(np.mean(np.square(values)))) for values in (1e3 * np.array(moved), turned))
     return mm, float(np.degrees(rad))
-
-
-def _matrix(pose: Pose) -> Array:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = pose.rotation.as_matrix(), pose.position_m
-    return matrix

@@ -1,17 +1,16 @@
 """One simulated lift, with or without a reaction, and what truly happened in its world."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 
 from protocols.grasps import find_grasp_file
 from protocols.reaction import ReactionKind
-from rig.bench.source import WatchedBenches
+from rig.bench.source import FreshBenches
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.lift.result import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
-
-TURNED_DEG = 5.0
-"""A lift that turns by more without a reaction slips, and a caught one turns by no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +47,12 @@ class ReactedLift:
     @property
     def slips(self) -> bool:
         """Whether it turned by more than a caught one may."""
-        return self.outcome is LiftOutcome.FALLEN or abs(self.turn_deg or 0.0) > TURNED_DEG
+        return self.outcome is LiftOutcome.FALLEN or abs(self.turn_deg or 0.0) > CAUGHT_DEG
 
     @property
     def caught(self) -> bool:
         """Whether it turned by no more, at full height wherever friction could carry it there."""
-        kept = self.turn_deg is not None and abs(self.turn_deg) <= TURNED_DEG
+        kept = self.turn_deg is not None and abs(self.turn_deg) <= CAUGHT_DEG
         risen = self.outcome is LiftOutcome.CAUGHT or not self.would_hold
         return bool(self.told) and kept and risen and self.outcome is not LiftOutcome.FALLEN
 
@@ -66,11 +65,11 @@ def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift
 
 def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     cv2.setNumThreads(1)
-    benches = WatchedBenches(settings.bench)
-    row = attempt_lift(settings, task, benches).row
+    worlds: list[Any] = []
+    row = attempt_lift(settings, task, FreshBenches(settings.bench, watch=worlds.append)).row
     grasps = find_grasp_file(task.object_id, settings.bench.objects)
     offset_m = next(p.offset_m for p in grasps.position if p.name == row.position)
-    world = benches.world
+    (world,) = worlds
     furthest = grasps.largest_grip_counts or max(grasps.grip_counts)
     finished = row if isinstance(row, FinishedLift) else None
     told = tuple(
@@ -88,7 +87,7 @@ def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
         row.outcome,
         turn_deg,
         told,
-        damaged=world is not None and world.damaged,
-        would_hold=world is not None and world.would_hold(offset_m, furthest),
+        damaged=world.damaged,
+        would_hold=world.would_hold(offset_m, furthest),
         late=settings.react is not ReactionKind.NONE and not told and abs(turn_deg or 0.0) > 0.5,
     )

@@ -6,7 +6,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import print_tables
-from rig.cli.common import JsonOption, SeedOption, emit_json
+from rig.cli.common import JobsOption, JsonOption, SeedOption, emit_json
 
 
 def reaction(
@@ -25,9 +25,7 @@ def reaction(
         float | None,
         typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side; default: cores.")
-    ] = None,
+    jobs: JobsOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:

@@ -6,7 +6,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import print_tables, say_faults
-from rig.cli.common import JsonOption, SeedOption, emit_json
+from rig.cli.common import JobsOption, JsonOption, SeedOption, emit_json
 
 if TYPE_CHECKING:
     from rig.benchmark.renderer.benchmark import RendererResult
@@ -22,9 +22,7 @@ def renderer(
         ),
     ] = None,
     lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="How many are drawn.")] = 45,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side; default: cores.")
-    ] = None,
+    jobs: JobsOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:

@@ -99,7 +99,7 @@ def test_the_image_copies_what_is_there_and_the_services_are_as_the_page_says() 
     assert services["simulated"]["command"] == ["trial", "--lifts", "5"]
     bench = services["bench"]
     assert (bench["network_mode"], bench["tty"], bench["stdin_open"]) == ("host", True, True)
-    assert bench["environment"]["XDG_STATE_HOME"].startswith("/work/")
+    assert bench["environment"]["XDG_STATE_HOME"].startswith("/bench/")
 
 
 def test_the_citation_is_of_the_paper() -> None:

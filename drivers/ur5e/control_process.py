@@ -61,6 +61,7 @@ def serve(
         with nullcontext() if request["call"] in URGENT else ordinary():
             reply = answer(commands, request)
         connection.sendall(json.dumps(reply).encode() + b"\n")
+        heartbeat.answered()
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,8 @@ state in the loop that works is a beat; no thread beats beside it.
 A beat that comes late is not one that never comes. Where the program is stopped the motion ends at once.
 Where it could have looked and did not, the arm stands within `MOST_WAY_M`. The time in which it wanted to
 look and got no core does not count, for a computer is busy for a moment now and then; but in no case does a
-motion go on unwatched for longer than `LONGEST_S`.
+motion go on unwatched for longer than `LONGEST_S`. While a program waits for the answer to a command it can
+not look, and is not blamed for a slow controller: there the controller's own watchdog counts.
 """
 
 from typing import Any
@@ -45,7 +46,7 @@ class Heartbeat:
         self._clock: Clock = clock or SystemClock()
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
-        self._began_ns = self._checked_ns = self._waited_ns = 0
+        self._began_ns = self._checked_ns = self._waited_ns = self._answered_ns = 0
         self.halted = ""
         """Why the newest motion was stopped, where this stopped it."""
 
@@ -63,6 +64,10 @@ class Heartbeat:
         self._began_ns = self._checked_ns = self._clock.now_ns()
         self._waited_ns = 0
 
+    def answered(self) -> None:
+        """The program has its answer: until now it waited for it, and could not look."""
+        self._answered_ns = self._clock.now_ns()
+
     def end(self) -> None:
         """The motion is over, or told to stop."""
         self._limit_ns = None
@@ -72,7 +77,7 @@ class Heartbeat:
         if self._limit_ns is None:
             return
         now_ns = self._clock.now_ns()
-        silent_ns = now_ns - max(self._began_ns, self._state.looked_ns())
+        silent_ns = now_ns - max(self._began_ns, self._answered_ns, self._state.looked_ns())
         why = self._wrong(silent_ns, now_ns - self._checked_ns, self._limit_ns)
         self._checked_ns = now_ns
         if not why:

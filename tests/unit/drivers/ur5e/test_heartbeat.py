@@ -118,6 +118,18 @@ def test_a_program_without_a_core_gets_its_time_but_no_motion_goes_on_unwatched(
     assert "too busy" in watched.heartbeat.halted
 
 
+def test_who_waits_for_a_slow_controller_is_not_blamed_for_it_and_may_hang_no_longer(
+    state: SharedState,
+) -> None:
+    watched = Watched(state, ScriptedProgram())
+    watched.clock.time_ns += to_ns(0.75)  # the process that commands waits as well: it checks nothing
+    watched.heartbeat.answered()
+    watched.wait(0.9 * LIMIT_S)
+    assert watched.control.stops == 0
+    watched.wait(0.2 * LIMIT_S)
+    assert watched.control.stops == 1
+
+
 def test_half_a_core_is_half_the_time(state: SharedState) -> None:
     watched = Watched(state, ScriptedProgram(waits=0.5))
     watched.wait(1.5 * LIMIT_S)

@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
+from drivers.vectors import Vector3 as Vector3
+from drivers.vectors import Vector6 as Vector6
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 Image = NDArray[np.uint8]
 
 
@@ -20,15 +24,18 @@ class Pose:
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     @classmethod
-    def from_rotation(cls, position_m: NDArray[np.float64] | Vector3, rotation: Rotation) -> "Pose":
+    def from_rotation(cls, position_m: NDArray[np.float64] | Vector3, rotation: "Rotation") -> "Pose":
         """Build a pose from a position in m and a scipy rotation."""
         x, y, z = (float(v) for v in position_m)
         qx, qy, qz, qw = (float(v) for v in rotation.as_quat(canonical=True))
         return cls((x, y, z), (qx, qy, qz, qw))
 
     @property
-    def rotation(self) -> Rotation:
+    def rotation(self) -> "Rotation":
         """The orientation as a scipy rotation."""
+        # takes half of what a program takes to start, and most commands turn nothing
+        from scipy.spatial.transform import Rotation
+
         return Rotation.from_quat(self.quaternion_xyzw)
 
     def __matmul__(self, other: "Pose") -> "Pose":

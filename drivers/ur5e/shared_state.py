@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.types import Vector3
+from drivers.vectors import Vector3
 
 # Native, so that it is written as one word: a standard format is written byte by byte, and
 # another process could read a count that never was.

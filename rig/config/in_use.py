@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from calibration.camera.model import CameraModel, CameraUncertainty
-from calibration.poses import pose_fault
 from drivers.types import Pose
 from rig.config.fields import Strict
 
@@ -89,6 +88,9 @@ class PlaceInUse(Strict):
 
     @model_validator(mode="after")
     def _is_a_place(self) -> Self:
+        # brings scipy's rotations, which a command without a calibrated camera starts faster without
+        from calibration.poses import pose_fault
+
         fault = pose_fault(self.pose(), "base_T_camera")
         if fault is not None:
             raise ValueError(fault)

@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
@@ -53,6 +52,8 @@ class ArmConfig(BenchSection):
 
     def flange_T_tcp(self) -> Pose:  # noqa: N802 - frame names keep their case
         """Pose of the tool centre point on the arm's flange."""
+        from scipy.spatial.transform import Rotation
+
         return Pose.from_rotation(self.tcp_m, Rotation.from_rotvec(self.tcp_rotation_vector_rad))
 
 
@@ -110,6 +111,8 @@ class CameraConfig(BenchSection):
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
         """Pose of the camera in the arm's base: z towards `look_at_m`, x level to the right."""
+        from scipy.spatial.transform import Rotation
+
         forward = np.subtract(self.look_at_m, self.position_m)
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, (0.0, 0.0, 1.0))

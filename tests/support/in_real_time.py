@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import CalibrationError, DeviceError
+from support.waking import MOST_OTHERS_CORES
 
 MOST_LATE_S = 0.05
 """Later than this nobody on the computer keeps the deadlines of an arm and of 60 frames a second."""
-MOST_OTHERS_CORES = 0.3
-"""What programs beside the tests may take of the cores."""
 LATENESS = (DeviceError, AssertionError, pytest.fail.Exception, OSError, subprocess.SubprocessError)
 """What a computer without time can cause: a device that was not heard, a count that falls short."""
 REASON = "real time needs a computer with time"

@@ -15,6 +15,8 @@ from pathlib import Path
 
 PERIOD_S = 0.01
 WINDOW_S = 1.0
+MOST_OTHERS_CORES = 0.3
+"""What programs beside the tests may take of the cores, and the computer still has time for real time."""
 SHORTEST_S = 0.3
 """Shorter than this a window says nothing: the kernel counts in steps of 10 ms."""
 

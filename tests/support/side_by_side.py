@@ -3,8 +3,9 @@
 Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers take
 more than one, and fall behind where they get less. What they leave of these two goes to one worker that the
 system runs only where nobody else wants to (SCHED_IDLE), as long as nothing else keeps the computer busy.
-Then come the folders whose files take longest. Hardware is driven by one process: with `--bench` there are
-no workers.
+Tests in real time that mostly wait, `real_time(beside=True)`, run beside the others in real time, on a
+second worker. Then come the folders whose files take longest. Hardware is driven by one process: with
+`--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
 another computes.
@@ -24,7 +25,7 @@ from support.waking import MOST_OTHERS_CORES, others_s
 
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
-REAL_TIME = "real_time"
+REAL_TIME, BESIDE = "real_time", "beside real_time"
 REAL_TIME_CORES, POLL_S = 2, 0.05
 LOOK_S = 1.0
 """How often it is seen what else the computer does."""
@@ -48,8 +49,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Keep files together, as they share what they make; real time first, then what takes longest."""
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
-            real_time = item.get_closest_marker(REAL_TIME) is not None
-            item.add_marker(pytest.mark.xdist_group(REAL_TIME if real_time else _file(item)))
+            item.add_marker(pytest.mark.xdist_group(_real_time(item) or _file(item)))
     groups = list(dict.fromkeys(map(_group, items)))
     items.sort(key=lambda item: (_rank(item), groups.index(_group(item))))
 
@@ -77,6 +77,8 @@ def pytest_runtest_protocol(
         return (yield)
     # Of a worker this is a folder of its own, beside those of the others.
     over = Path(str(item.config.getoption("basetemp"))).parent / "real_time_is_over"
+    if _group(item) == BESIDE:
+        return (yield)
     if _group(item) != REAL_TIME:
         with _core(over):
             return (yield)
@@ -173,8 +175,16 @@ def _group(item: pytest.Item) -> str:
     return str(marker.args[0]) if marker else ""
 
 
+def _real_time(item: pytest.Item) -> str | None:
+    """The group of a test in real time; None of another."""
+    marker = item.get_closest_marker(REAL_TIME)
+    if marker is None:
+        return None
+    return BESIDE if marker.kwargs.get("beside") else REAL_TIME
+
+
 def _rank(item: pytest.Item) -> int:
-    if _group(item) == REAL_TIME:
+    if _real_time(item):
         return 0
     long = (rank for rank, folder in enumerate(LONGEST_FIRST, 1) if item.nodeid.startswith(folder))
     return next(long, len(LONGEST_FIRST) + 1)

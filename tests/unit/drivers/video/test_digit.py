@@ -92,7 +92,7 @@ def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit)
     assert digit.counters()["green"] == 0
 
 
-@pytest.mark.real_time
+@pytest.mark.real_time(beside=True)
 def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
@@ -192,7 +192,7 @@ def test_a_lasting_shift_is_ended_by_opening_the_sensor_again(server: MjpegServe
     until(digit, "frames", 5)
 
 
-@pytest.mark.real_time
+@pytest.mark.real_time(beside=True)
 def test_a_sensor_slower_than_asked_drops_nothing(server: MjpegServer, digit: Digit) -> None:
     server.inject("slow")
     until(digit, "frames", 10)
@@ -201,7 +201,7 @@ def test_a_sensor_slower_than_asked_drops_nothing(server: MjpegServer, digit: Di
     assert digit.counters()["dropped"] == 0
 
 
-@pytest.mark.real_time
+@pytest.mark.real_time(beside=True)
 def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")

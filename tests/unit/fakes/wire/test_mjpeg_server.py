@@ -77,7 +77,7 @@ def test_a_browser_finds_a_page_and_an_image(server: MjpegServer) -> None:
     assert get(server, "/snapshot.jpg").startswith(b"\xff\xd8")
 
 
-@pytest.mark.real_time
+@pytest.mark.real_time(beside=True)
 def test_numbers_go_on_while_nobody_looks(server: MjpegServer) -> None:
     get(server, "/snapshot.jpg")
     first = json.loads(get(server, "/status"))["last"]

@@ -38,7 +38,8 @@ TICK_S = 0.005
 STOP_S = 1.0
 STOP_DECELERATION_M_S2 = 10.0
 STATE_LOST, PARENT_LOST = 3, 4
-URGENT = ("stop_linear", "end_program")
+AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
+"""What stops the arm, and what is known here already: a motion in progress is asked about all the time."""
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
@@ -57,8 +58,8 @@ def serve(
             answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
             return
         request = json.loads(line)
-        # ur-rtde computes while it waits for the controller: only what stops the arm goes before all else
-        with nullcontext() if request["call"] in URGENT else ordinary():
+        # ur-rtde computes while it waits for the controller, and would take the core from all else
+        with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
         connection.sendall(json.dumps(reply).encode() + b"\n")
         heartbeat.answered()

@@ -82,9 +82,8 @@ class UR5e(Arm):
         """Reach the arm without moving it.
 
         Succeeds in a protective stop, and where the controller has another TCP or payload, so that
-        `recover` can follow. Raises `DeviceTimeoutError`
-        when nobody answers, `DeviceError` when remote control is off, the arm is not powered, or
-        another program is moving it.
+        `recover` can follow. Raises `DeviceTimeoutError` when nobody answers, `DeviceError` when remote
+        control is off, the arm is not powered, or another program is moving it.
         """
         self.disconnect()
         self._clock_ahead_ns = self._clock.now_ns() - SystemClock().now_ns()
@@ -260,8 +259,13 @@ class UR5e(Arm):
         """Start the control program; set the tool unless somebody has to be asked first."""
         if arm_mode(link.sample()) is ArmMode.PROTECTIVE_STOP:
             return
-        take_over(link, self._require_dashboard(), self._clock)
-        self._tool.compare(link)
+        for tries_left in (1, 0):
+            take_over(link, self._require_dashboard(), self._clock)
+            try:
+                return self._tool.compare(link)
+            except DeviceError:  # on a busy computer the watchdog may end the program; nothing moves yet
+                if not tries_left or ended(link, self._clock) is None:
+                    raise
 
     def _let_go(self) -> None:
         link, dashboard, self._link, self._dashboard = self._link, self._dashboard, None, None

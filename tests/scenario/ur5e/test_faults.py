@@ -10,6 +10,9 @@ from drivers.errors import (
 )
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
+from drivers.ur5e.link import ArmLink
+from drivers.ur5e.status import PLAYING
+from drivers.ur5e.tool import ToolSetting
 from fakes.wire.ur.controller import URController
 from support.ur5e import HOME, agree, first_error, make_arm, stands
 from support.waiting import until
@@ -44,6 +47,25 @@ def test_one_can_connect_in_a_protective_stop_and_recover(controller: URControll
     with pytest.raises(ProtectiveStopError):
         arm.move_linear(HOME, 0.1, 1.0)
     arm.recover(agree)
+    arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    arm.disconnect()
+
+
+def test_a_program_that_ends_before_the_tool_is_known_is_started_again(
+    controller: URController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kill = iter([True])
+
+    def compare(tool: ToolSetting, link: ArmLink) -> None:
+        if next(kill, False):
+            controller.inject("program_killed")
+            until(lambda: link.sample().runtime_state != PLAYING)
+        original(tool, link)
+
+    original = ToolSetting.compare
+    monkeypatch.setattr(ToolSetting, "compare", compare)
+    arm = make_arm(controller.host)
+    arm.connect()
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
     arm.disconnect()
 

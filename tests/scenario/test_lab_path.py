@@ -32,7 +32,7 @@ grip_counts = [3, 5]
 [[position]]
 name = "end"   # where it balances
 offset_m = -0.05
-width_m = 0.13
+width_m = 0.11
 surface = "edge"
 """
 ONE_LIFT = ("--lifts", 1, "--object", "lever", "--estimator", "lab-turns", "--tag", "gel-1")
@@ -48,12 +48,9 @@ def lab(tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path / "site")
     forget()
-    for phase in (
-        "protocols.slip_trial.GRASP_S",
-        "protocols.slip_trial.HOLD_S",
-        "rig.bench.fakes_process.LED_S",
-    ):
+    for phase in ("protocols.slip_trial.GRASP_S", "protocols.slip_trial.HOLD_S"):
         monkeypatch.setattr(phase, 0.5)
+    monkeypatch.setattr("rig.bench.fakes_process.LED_S", 1.5)
     with started_fakes(unhurried_bench) as served:
         write_bench(tmp_path / "bench.toml", served)
         yield tmp_path
@@ -78,7 +75,7 @@ def test_a_lab_comes_from_an_empty_folder_to_its_own_results(lab: Path) -> None:
     assert found["problems"] == []
     assert found["offset_m"] == pytest.approx(-0.05, abs=0.005)
     assert found["height_m"] == pytest.approx(0.0, abs=0.005)
-    assert found["width_m"] == pytest.approx(0.13, abs=0.003)
+    assert found["width_m"] == pytest.approx(0.11, abs=0.003)
     assert found["lift_height_m"] == pytest.approx(0.05, abs=0.008)
     text = (lab / "objects" / "lever.toml").read_text()
     assert parse_object(text, "").position[0].width_m == found["width_m"]

@@ -21,6 +21,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
 from rig.config import BenchConfig
+from rig.live.onlookers import Event, tell
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TouchDebounce
@@ -32,7 +33,8 @@ class Station:
 
     config: of the bench. seed: of what is drawn. folder: of calibration files; raw
     samples go into subfolders of it. person: who is asked. say: takes lines of progress. before: is given
-    the whole plan before anything is reached.
+    the whole plan before anything is reached. show: is given each frame, and changes nothing; None where
+    nobody looks on.
     """
 
     config: BenchConfig
@@ -41,7 +43,18 @@ class Station:
     person: ConsoleOperator
     say: Callable[[str], None]
     before: Callable[[Plan], None] = lambda plan: None
+    show: Callable[[Frame], None] | None = None
     _folders: list[Path] = field(default_factory=list)
+
+    def note(self, text: str, done: int, total: int) -> None:
+        """Say what was done, and how far it is."""
+        self.say(f"  {text}")
+        tell(Event("progress", text, done, total))
+
+    def left_out(self, name: str, reason: str) -> None:
+        """Say what gave nothing, and why."""
+        self.say(f"  {name}: {reason}")
+        tell(Event("fault", f"{name}: {reason}"))
 
     def camera(self) -> CameraModel:
         """The bench's camera: as calibrated where its file is here, else the bench file's pinhole.
@@ -113,13 +126,15 @@ def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[Planned
 class TouchObserver:
     """Watches the fingertips while the fingers close on something. newest: last frame by serial.
 
-    reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing.
+    reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing. shown: is given
+    each frame after it was looked at, and changes nothing.
     """
 
     serials: tuple[str, ...]
     newest: dict[str, Frame] = field(default_factory=dict)
     reference: dict[str, Image] = field(default_factory=dict)
     phase_now: Phase | None = None
+    shown: Callable[[Frame], None] | None = None
     _still: dict[str, list[Image]] = field(default_factory=dict)
     _finders: dict[str, ContactFinder] = field(default_factory=dict)
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
@@ -138,7 +153,13 @@ class TouchObserver:
                 self._finders[serial] = ContactFinder(self.reference[serial])
 
     def frame(self, frame: Frame) -> None:
-        """Look for contact."""
+        """Look at a frame, then pass it to those who look on."""
+        self.look(frame)
+        if self.shown is not None:
+            self.shown(frame)
+
+    def look(self, frame: Frame) -> None:
+        """Keep the newest frame, and look for contact in a fingertip's."""
         self.newest[frame.serial] = frame
         if frame.serial not in self.serials:
             return

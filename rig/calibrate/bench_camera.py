@@ -44,10 +44,14 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
             "is in the picture: see position_m and look_at_m of [camera], or take a smaller board"
         )
     left = [(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]
+    kept: list[str] = []
 
     def keep(capture: HandEyeCapture) -> None:
         write_picture(raw / f"{capture.id}.png", capture.frame.image)
-        station.say(f"  {capture.id}: kept")
+        if station.show is not None:
+            station.show(capture.frame)
+        kept.append(capture.id)
+        station.note(f"{capture.id}: kept", len(kept), len(poses))
 
     with station.connected(
         f"The arm will visit {len(poses)} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
@@ -56,12 +60,7 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
-        capture_hand_eye(
-            bench,
-            lambda: left.pop(0) if left else None,
-            keep,
-            lambda name, why: station.say(f"  {name}: {why}"),
-        )
+        capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
     result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
     return result.marked(config.simulated)
 
@@ -119,8 +118,9 @@ def collect_markers(station: Station, object_name: str) -> CalibrationResult:
     raw = station.raw("markers")
     with station.connected("Nothing moves; the camera looks at an object.") as (bench, operator):
         operator.place(grasps.id, grasps.name)
-        for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES)):
+        for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
             write_picture(raw / f"{number:03d}.png", frame.image)
+        station.note(f"{grasps.name}: {_STILL_FRAMES} pictures", 1, 1)
     camera = config.camera
     result = markers_from_folder(
         raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera(), camera.serial

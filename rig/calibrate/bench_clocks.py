@@ -50,8 +50,11 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         camera = config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         tips = tuple(t.serial for t in config.tactile)
-        watch = WiggleObserver(tips, arm_device=bench.arm, tracker=tracker, camera=camera.serial)
+        watch = WiggleObserver(
+            tips, shown=station.show, arm_device=bench.arm, tracker=tracker, camera=camera.serial
+        )
         capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
+        station.note(f"{touch.name}: moved up and down", 1, 1)
     for name, stream in watch.streams().items():
         _write(raw / f"{name}.csv", *stream)
     sensors = [config.camera.serial, *(t.serial for t in config.tactile)]
@@ -106,10 +109,10 @@ class WiggleObserver(TouchObserver):
         if self.phase_now is Phase.LIFT:
             self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
 
-    def frame(self, frame: Frame) -> None:
+    def look(self, frame: Frame) -> None:
         """Keep the markers' height in the picture, or a small copy of the tactile picture."""
         if self.phase_now is not Phase.LIFT:
-            TouchObserver.frame(self, frame)
+            TouchObserver.look(self, frame)
             return
         if self.arm_device is not None:
             self.arm(self.arm_device.state())

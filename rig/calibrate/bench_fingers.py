@@ -27,7 +27,7 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
 
     def note(touch: Touch, counts: float, direction: str) -> None:
         rows.append(f"{counts:g},{1e3 * touch.width_m:g},{direction}")
-        station.say(f"  {touch.name}: {counts:g} counts {direction}")
+        station.note(f"{touch.name}: {counts:g} counts {direction}", len(rows), 2 * len(touches))
 
     touches = [
         Touch(
@@ -40,7 +40,7 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
         from_home=True,
         motions=touch_motions(config, touches),
     ) as (bench, operator):
-        watch = TouchObserver(tuple(tip.sensor.serial for tip in bench.fingertips))
+        watch = TouchObserver(tuple(tip.sensor.serial for tip in bench.fingertips), shown=station.show)
         capture_openings(
             bench, operator, watch, touches,
             lambda touch, counts: note(touch, counts, "closing"),

@@ -112,7 +112,7 @@ class _Session:
         station: Station,
     ) -> None:  # fmt: skip
         self._target, self._camera, self._setup = target, camera, setup
-        self._left, self._count, self._say = candidates, count, station.say
+        self._left, self._count, self._station = candidates, count, station
         self.raw: Path = station.raw("hand-eye")
         self.samples: list[HandEyeSample] = []
         self.rejected: list[Rejected] = []
@@ -130,18 +130,21 @@ class _Session:
         """Keep picture and pose, and look for the target in the picture."""
         grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         write_picture(self.raw / f"{capture.id}.png", grey)
+        if self._station.show is not None:
+            self._station.show(capture.frame)
         self._rows.append(pose_row(capture.id, capture.base_T_tcp))
         view = self._target.find(grey, capture.id)
         if isinstance(view, View):
             self.samples.append(HandEyeSample(capture.id, capture.base_T_tcp, view))
-            self._say(f"  {capture.id}: kept, {len(self.samples)} of {self._count}")
+            kept = len(self.samples)
+            self._station.note(f"{capture.id}: kept, {kept} of {self._count}", kept, self._count)
         else:
             self.skip(capture.id, view)
 
     def skip(self, name: str, reason: str) -> None:
         """Note why a pose gave no sample."""
         self.rejected.append(Rejected(name, reason))
-        self._say(f"  {name}: {reason}")
+        self._station.left_out(name, reason)
 
     def write(self) -> None:
         """Write the poses beside the pictures, as `--from` reads them."""

@@ -34,9 +34,10 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     results = []
     with station.connected("Nothing moves; the fingertips are looked at, untouched.") as (bench, _):
         for tip in bench.fingertips:
-            frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES)]
+            frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
             reference, simulated = make_reference(frames), station.config.simulated
             results.append(_reference_result(reference, tip.sensor.serial, station.folder, simulated))
+            station.note(f"{tip.sensor.serial}: looked at", len(results), len(bench.fingertips))
     return results
 
 
@@ -61,14 +62,15 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
         from_home=True,
         motions=touch_motions(config, touches),
     ) as (bench, operator):
-        watch = TouchObserver(tuple(folders))
+        watch = TouchObserver(tuple(folders), shown=station.show)
 
         def keep(touch: Touch) -> None:
             for tip in config.tactile:
                 rows[tip.serial].append(
                     _kept(touch, tip.serial, tip.sign, config, watch, folders[tip.serial])
                 )
-            station.say(f"  {touch.id}: pressed")
+            pressed = len(rows[config.tactile[0].serial])
+            station.note(f"{touch.id}: pressed", pressed, len(touches))
 
         capture_presses(bench, operator, watch, touches, keep)
     for serial, folder in folders.items():

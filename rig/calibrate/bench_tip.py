@@ -31,7 +31,7 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
 
     def keep(capture: PivotCapture) -> Vector3 | None:
         seated.append((capture.id, capture.base_T_tcp))
-        station.say(f"  {capture.id}: seated, {len(seated)} of {count}")
+        station.note(f"{capture.id}: seated, {len(seated)} of {count}", len(seated), count)
         return _tip(seated)
 
     with station.connected(
@@ -40,9 +40,7 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
         motions=_tilted(config, count),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
-        capture_pivot(
-            bench, tilts(count), operator.nudge, keep, lambda name, why: station.say(f"  {name}: {why}")
-        )
+        capture_pivot(bench, tilts(count), operator.nudge, keep, station.left_out)
     write_poses(raw, [pose_row(name, pose) for name, pose in seated])
     return tcp_from_folder(raw, config.name).marked(config.simulated)
 

@@ -4,59 +4,18 @@ import os
 from collections import deque
 from collections.abc import Mapping
 
-import cv2
-import numpy as np
-
-from drivers.clock import NS_PER_S, Clock, SystemClock
-from drivers.images import encode_jpeg
-from drivers.types import ArmState, Frame, GripperState, Image
+from drivers.clock import NS_PER_S, Clock
+from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftObserver, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
+from rig.live.pictures import Sparing, small_jpeg
 from rig.sessions.records import LiftHead
 
-MOST_PER_S = 10.0
-"""Pictures of one source, and sets of figures, in a second of real time."""
-PICTURE_LONG_SIDE_PX = 320
-PICTURE_QUALITY = 80
 LIFT_KEYS = ("number", "attempt", "object", "name", "lift", "simulated")
 """What tells lookers-on which lift a message is about."""
 RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""
-
-
-class Sparing:
-    """Lets each thing through at most `MOST_PER_S` times in a second of the clock, by default a real one."""
-
-    def __init__(self, clock: Clock | None = None) -> None:
-        self._clock = clock or SystemClock()
-        self._passed_ns: dict[str, int] = {}
-
-    def due(self, what: str) -> bool:
-        """Whether enough time has passed since it last went through; if so, it goes through now."""
-        now = self._clock.now_ns()
-        if now - self._passed_ns.get(what, -NS_PER_S) < NS_PER_S / MOST_PER_S:
-            return False
-        self._passed_ns[what] = now
-        return True
-
-
-class PictureSender:
-    """Sends small pictures of frames to those who look on, where no lift is measured."""
-
-    def __init__(self, feed: LiveFeed) -> None:
-        self._sender, self._pictures = Sender(feed), feed.pictures
-        self._sparing = Sparing()
-
-    def __call__(self, frame: Frame) -> None:
-        """Send a frame, unless one of its source was sent just now, or nobody looks on."""
-        if self._pictures and self._sparing.due(frame.serial):
-            values = {"serial": frame.serial, "time_ns": frame.time_ns, "sender": os.getpid()}
-            self._sender.send("frame", values, encode_jpeg(_shrunk(frame.image)[0], PICTURE_QUALITY))
-
-    def close(self) -> None:
-        """Let go of the socket."""
-        self._sender.close()
 
 
 class LiveObserver(LiftObserver):
@@ -119,14 +78,14 @@ class LiveObserver(LiftObserver):
         self._sender.close()
 
     def _show(self, frame: Frame) -> None:
-        small, scale = _shrunk(frame.image)
+        jpeg, scale = small_jpeg(frame.image)
         values: dict[str, object] = {"serial": frame.serial, "time_ns": frame.time_ns}
         if frame.serial not in self._measurement.tips:
             values["source"] = "camera"
             corners = self._measurement.truth.latest_corners_px()
             # OpenCV has whole numbers at a pixel's middle, viewers have halves
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
-        self._send("frame", values, encode_jpeg(small, PICTURE_QUALITY))
+        self._send("frame", values, jpeg)
 
     def _figures(self, time_ns: int) -> None:
         fused = self._measurement.fused[self._fused_sent :]
@@ -158,12 +117,3 @@ def _rate(times: "deque[int] | None") -> float | None:
         return None
     span = times[-1] - times[0]
     return None if span <= 0 else round((len(times) - 1) * NS_PER_S / span, 1)
-
-
-def _shrunk(image: Image) -> tuple[Image, float]:
-    """Return a copy no larger than a viewer needs, and its scale."""
-    scale = min(1.0, PICTURE_LONG_SIDE_PX / max(image.shape[:2]))
-    if scale == 1.0:
-        return image, 1.0
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8), scale

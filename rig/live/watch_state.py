@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
+from drivers.clock import NS_PER_S
 from rig.live.feed import Message
 from rig.live.onlookers import Event
 from rig.live.terminal import LiftInView
@@ -15,8 +16,50 @@ from rig.live.terminal import LiftInView
 KEPT_FAULTS = 20
 KEPT_LIFTS = 16
 """Processes whose newest lift is shown."""
+POINTS_APART_S, KEPT_POINTS = 0.05, 600
+"""Of the curve of a lift's angles: no more than a screen shows, and the newest half minute of them."""
 SILENT_S = 3.0
 """Pictures are those of one process; after so long without any, those of another."""
+
+
+Curve = deque[tuple[float, float | None]]
+"""Times in s from a lift's first frame, angles in degrees, None where there was no answer."""
+
+
+@dataclass(slots=True)
+class LiftOnPage:
+    """A lift in progress, with its angles so far."""
+
+    lift: LiftInView
+    estimate: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    truth: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+
+    def take(self, message: Message) -> None:
+        """Bring it up to date."""
+        self.lift.take(message)
+        if message.kind == "figures":
+            for curve, points in ((self.estimate, "estimate"), (self.truth, "truth")):
+                for time_ns, angle_deg, *_ in message.values[points]:
+                    self._add(curve, time_ns, angle_deg)
+
+    def values(self) -> dict[str, Any]:
+        """Return it as the page takes it."""
+        return {
+            "title": self.lift.title,
+            "phase": self.lift.phase,
+            "estimate_deg": self.lift.estimate_deg,
+            "truth_deg": self.lift.truth_deg,
+            "frames": self.lift.frames(),
+            "estimate": list(self.estimate),
+            "truth": list(self.truth),
+        }
+
+    def _add(self, curve: Curve, time_ns: int, angle_deg: float | None) -> None:
+        time_s = round((time_ns - (self.lift.began_ns or 0)) / NS_PER_S, 2)
+        answered = angle_deg is not None
+        if curve and time_s < curve[-1][0] + POINTS_APART_S and answered == (curve[-1][1] is not None):
+            return
+        curve.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
 
 
 @dataclass(slots=True)
@@ -36,7 +79,7 @@ class WatchState:
     question: str = ""
     ended: str = ""
     faults: deque[str] = field(default_factory=lambda: deque(maxlen=KEPT_FAULTS))
-    _lifts: dict[int, LiftInView] = field(default_factory=dict)
+    _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     _followed: int | None = None
     _followed_at_s: float = 0.0
@@ -58,7 +101,7 @@ class WatchState:
         """Return everything but the pictures, as JSON takes it."""
         with self._lock:
             self._read()
-            lifts = sorted(self._lifts.values(), key=lambda lift: lift.number)
+            lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
             return {
                 "title": self.title,
                 "what": self.what,
@@ -68,7 +111,7 @@ class WatchState:
                 "question": self.question,
                 "ended": self.ended,
                 "faults": list(self.faults),
-                "lifts": [_shown(lift) for lift in lifts],
+                "lifts": [lift.values() for lift in lifts],
                 "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
             }
 
@@ -94,21 +137,11 @@ class WatchState:
 
     def _keep_lift(self, message: Message) -> None:
         values = message.values
-        lift = self._lifts.get(values["sender"])
-        if lift is None or lift.number != values["number"]:
+        known = self._lifts.get(values["sender"])
+        if known is None or known.lift.number != values["number"]:
             self._lifts.pop(values["sender"], None)
             title = f"{values['object']} {values['name']} lift {values['lift']}"
-            lift = self._lifts[values["sender"]] = LiftInView(values["number"], title)
+            known = self._lifts[values["sender"]] = LiftOnPage(LiftInView(values["number"], title))
             if len(self._lifts) > KEPT_LIFTS:
                 self._lifts.pop(next(iter(self._lifts)))
-        lift.take(message)
-
-
-def _shown(lift: LiftInView) -> dict[str, Any]:
-    return {
-        "title": lift.title,
-        "phase": lift.phase,
-        "estimate_deg": lift.estimate_deg,
-        "truth_deg": lift.truth_deg,
-        "frames": lift.frames(),
-    }
+        known.take(message)

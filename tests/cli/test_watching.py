@@ -14,6 +14,7 @@ from urllib.request import urlopen
 
 import pytest
 
+from rig.live.onlookers import Event
 from support.command_line import rig
 
 AtTerminal = Callable[[list[str], int], Any]
@@ -93,6 +94,43 @@ def test_a_recording_can_be_watched(browser: Browser, light_bench_file: Path, tm
     browser.close()
     assert {"SIM-D0001", "SIM-D0002"} <= browser.pictures
     assert browser.states[0]["what"] == "poses"
+
+
+def test_a_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
+    blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
+    done = rig(
+        "calibrate", "gripper", *blocks, "--bench", light_bench_file, "--out", tmp_path, "--json",
+        "--watch", "--notify", notify,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    browser.close()
+    assert (tmp_path / "told").read_text() == '["end", "done"]\n'
+    assert browser.pictures == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
+    titles = {(state["title"], state["what"], state["total"]) for state in browser.states}
+    assert titles == {("SIMULATED calibrate gripper on bench 'fake'", "contacts", 6)}
+    assert browser.states[-1]["done"] > 0
+    assert any("counts closing" in state["newest"] for state in browser.states)
+
+
+@pytest.mark.parametrize("what", [("markers",), ("tactile",), ("tcp", "--poses", 4)])
+def test_every_calibration_tells_those_who_look_on(
+    what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Event] = []
+    monkeypatch.setattr("rig.live.onlookers._onlookers", [told.append])
+    done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    progress = [event for event in told if event.kind == "progress"]
+    assert progress[-1].done == progress[-1].total == len(progress)
+
+
+def test_samples_of_a_folder_are_nothing_to_look_on_at(tmp_path: Path) -> None:
+    for options in (("--watch",), ("--watch-at", "127.0.0.1:0"), ("--notify", "true")):
+        for what in ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync"):
+            done = rig("calibrate", what, "--from", tmp_path, *options)
+            assert done.returncode == 2
+            assert f"{options[0]} looks on at a bench" in done.stderr, what
 
 
 def test_what_cannot_be_watched_or_run_is_refused_and_no_session_begun(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Many sessions: listed, replayed into one table, through kills, damage and a cluster."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
 from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
+from support.own_estimators import MODULE, own_estimators
 
 
 @pytest.fixture(scope="module")
@@ -123,19 +125,39 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
 
 
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
+    """Also where the estimator is a lab's own, which the workers import themselves."""
     distributed = pytest.importorskip("distributed")
     pytest.importorskip("joblib")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1"
-    ) as cluster:
-        engine = cluster.scheduler_address.replace("tcp://", "dask://")
-        what = ("replay", str(sessions / "a"), "--engine", engine, "--out", str(tmp_path / "there"), "--json")
-        there = subprocess.run(command_of(*what), capture_output=True, text=True, timeout=200, check=False)
+    what = ("replay", str(sessions / "a"), "--json", "--out")
+    mine = ("--estimator", f"{MODULE}:Mine")
+    with (
+        own_estimators(tmp_path),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            host="127.0.0.1",
+        ) as cluster,
+    ):
+        engine = ("--engine", cluster.scheduler_address.replace("tcp://", "dask://"))
+        there, own = (
+            subprocess.run(
+                command_of(*what, str(tmp_path / out), *engine, *which),
+                capture_output=True, text=True, timeout=200, check=False,
+                env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            )
+            for out, which in (("there", ()), ("own", mine))
+        )  # fmt: skip
+        assert rig(*what, tmp_path / "own here", *mine, "--jobs", "1").returncode == 0
     assert there.returncode == 0, there.stderr
     assert json.loads(there.stdout)["identical"] == 2
-    here = rig("replay", str(sessions / "a"), "--jobs", "1", "--out", str(tmp_path / "here"), "--json")
+    assert own.returncode == 0, own.stderr
+    here = rig(*what, tmp_path / "here", "--jobs", "1")
     assert here.returncode == 0, here.stderr
     assert read_results(tmp_path / "there") == read_results(tmp_path / "here")
+    assert read_results(tmp_path / "own") == read_results(tmp_path / "own here")
+    assert {line.estimator for line in read_results(tmp_path / "own")} == {mine[1]}
 
 
 def test_an_engine_that_is_not_there_is_refused(sessions: Path, tmp_path: Path) -> None:

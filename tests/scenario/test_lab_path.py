@@ -1,98 +1,97 @@
 """A lab's own way, from an empty folder: its bench file, objects, an estimator in a package, results.
 
-On a simulated bench in this process; behind wires the same commands take real time.
+Behind wires, in real time: what a person types, one command after the other.
 """
 
 import json
-import os
-import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import rig as in_python
+from rig.bench.fakes_process import started_fakes
+from rig.config import BenchConfig
+from rig.config.objects import parse_object
+from rig.config.write import write_bench
 from support.command_line import rig
+from support.notebook import run_notebook
+from support.own_estimators import forget
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+pytestmark = pytest.mark.real_time
 
 OBJECT = """id = "{id}"
-name = "{name}"
+name = "my {id}"
 orientations_deg = [0.0]
 grip_counts = [3, 5]
 
 [[position]]
-name = "end"
+name = "end"   # where it balances
 offset_m = -0.05
-width_m = 0.03
-lift_height_m = 0.05
+width_m = 0.11
 surface = "edge"
 """
+ONE_LIFT = ("--lifts", 1, "--object", "lever", "--estimator", "lab-turns", "--tag", "gel-1")
 
 
-@pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory, light_bench_file: Path) -> Path:
-    """The folder, with the estimator's package installed into `site`."""
-    folder = tmp_path_factory.mktemp("lab")
-    shutil.copy(light_bench_file, folder / "bench.toml")
-    (folder / "objects").mkdir()
+@pytest.fixture
+def lab(tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder, with the estimator's package installed into `site`; the fakes of its bench are served."""
+    (tmp_path / "objects").mkdir()
     for name in ("lever", "hook"):
-        (folder / "objects" / f"{name}.toml").write_text(OBJECT.format(id=name, name=f"my {name}"))
+        (tmp_path / "objects" / f"{name}.toml").write_text(OBJECT.format(id=name))
+    installed(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    forget()
+    for phase in ("protocols.slip_trial.GRASP_S", "protocols.slip_trial.HOLD_S"):
+        monkeypatch.setattr(phase, 0.5)
+    monkeypatch.setattr("rig.bench.fakes_process.LED_S", 1.5)
+    with started_fakes(unhurried_bench) as served:
+        write_bench(tmp_path / "bench.toml", served)
+        yield tmp_path
+
+
+def installed(folder: Path) -> None:
     assert rig("new", "estimator", folder / "lab_turns").returncode == 0
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip, "--target", str(folder / "site"), str(folder / "lab_turns")], check=True)
-    return folder
 
 
-def run(lab: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, "-m", *map(str, words)], cwd=lab, capture_output=True, text=True, timeout=240,
-        env={**os.environ, "PYTHONPATH": str(lab / "site")}, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done
+def done(*words: object) -> Any:
+    """Run a command; return what it printed as JSON."""
+    ended = rig(*words, "--json")
+    assert ended.returncode == 0, ended.stderr
+    return json.loads(ended.stdout)
 
 
 def test_a_lab_comes_from_an_empty_folder_to_its_own_results(lab: Path) -> None:
     bench = ("--bench", "bench.toml")
-    run(lab, "rig", "teach", "lever", *bench, "--yes")
-    assert {"lever", "hook"} <= {
-        o["id"] for o in json.loads(run(lab, "rig", "objects", *bench, "--json").stdout)["objects"]
-    }
+    (found,) = done("teach", "lever", *bench, "--yes")["positions"]
+    assert found["problems"] == []
+    assert found["offset_m"] == pytest.approx(-0.05, abs=0.005)
+    assert found["height_m"] == pytest.approx(0.0, abs=0.005)
+    assert found["width_m"] == pytest.approx(0.11, abs=0.003)
+    assert found["lift_height_m"] == pytest.approx(0.05, abs=0.008)
+    text = (lab / "objects" / "lever.toml").read_text()
+    assert parse_object(text, "").position[0].width_m == found["width_m"]
+    assert "# where it balances" in text
+    assert {"lever", "hook"} <= {each["id"] for each in done("objects", *bench)["objects"]}
 
-    run(lab, "rig", "record", *bench, "--object", "hook", "--poses", 1, "--out", "poses")
-    both = ("--object", "lever", "--object", "my hook", "--lifts", 1)
-    trial = (
-        "rig",
-        "trial",
-        *bench,
-        *both,
-        "--estimator",
-        "lab-turns",
-        "--out",
-        "trial",
-        "--tag",
-        "gel-1",
-        "--json",
-    )
-    run(lab, *trial)
-    rows = [json.loads(line) for line in (lab / "trial" / "lifts.jsonl").read_text().splitlines()]
-    assert sorted(row["object"] for row in rows if row["accepted"]) == ["hook", "lever"]
+    poses = ("--poses", 1, "--images", 4, "--no-report", "--out", "poses")
+    assert done("record", *bench, "--object", "my hook", *poses)["poses_accepted"] == 1
+    assert done("trial", *bench, *ONE_LIFT, "--no-report", "--out", "trial")["lifts_accepted"] == 1
 
-    run(lab, "rig", "compare", "slip", "lab-turns", "--on", "trial", "--out", "compared")
-    run(lab, "rig", "report", "trial")
-    run(lab, "rig", "export", "trial", "--to", "csv", "--out", "tables")
+    compared = done("compare", "slip", "lab-turns", "--on", "trial", "--jobs", 1, "--out", "compared")
+    assert compared["lifts"] == 1
+    assert rig("report", "trial").returncode == 0
     assert (lab / "trial" / "report.html").is_file()
+    assert rig("export", "trial", "--to", "csv", "--out", "tables").returncode == 0
     assert list((lab / "tables").rglob("*.csv"))
-    listed = json.loads(run(lab, "rig", "sessions", ".", "--tag", "gel-1", "--json").stdout)
-    assert "trial" in json.dumps(listed)
-
-
-def test_and_its_session_opens_in_python(lab: Path) -> None:
-    code = (
-        "import rig\n"
-        "session = rig.open_session('trial')\n"
-        "lifts = list(session)\n"
-        "assert {lift.object for lift in lifts} == {'lever', 'hook'}\n"
-        "assert all(len(lift.estimate.time_s) for lift in lifts)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=lab, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert "trial" in json.dumps(done("sessions", ".", "--tag", "gel-1"))
+    assert [lift.object for lift in in_python.open_session("trial")] == ["lever"]
+    assert "SIMULATED" in repr(run_notebook(lab / "trial")[1])

@@ -13,13 +13,16 @@ from rig.cli.calibrate.options import (
     PosesOption,
     TargetOption,
     file_and_say,
+    recorded,
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
 from rig.cli.dry_run import DryRunOption
+from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption
 
 
 def camera(
+    context: typer.Context,
     source: FromOption = None,
     target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100",
     pattern: PicturesOption = "*",
@@ -34,6 +37,9 @@ def camera(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
 
@@ -50,6 +56,8 @@ def camera(
     Examples:
       rig calibrate camera --bench fake --poses 20
 
+      rig calibrate camera --bench fake --watch
+
       rig calibrate camera --from photos --target chessboard:9x6:25 --pictures 'left*.jpg'
 
     """
@@ -59,13 +67,15 @@ def camera(
 
     wanted = parse_target(target)
     if source is None:
-        result = collect_camera(station(bench, seed, out, yes, dry, json), wanted, poses)
+        with station(context, "views", poses) as at:
+            file_and_say(collect_camera(at, wanted, poses), out, bench, json)
     else:
-        result = camera_from_folder(source, pattern, wanted, serial, keep_all)
-    file_and_say(result, out, bench, json)
+        result = camera_from_folder(recorded(context, source), pattern, wanted, serial, keep_all)
+        file_and_say(result, out, bench, json)
 
 
 def hand_eye(
+    context: typer.Context,
     source: FromOption = None,
     target: TargetOption = "marker:60:DICT_4X4_50:0",
     camera_file: CameraFile = None,
@@ -78,6 +88,9 @@ def hand_eye(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Find where the camera is: base_T_camera of one that stands, tcp_T_camera of one in the hand.
 
@@ -112,8 +125,10 @@ def hand_eye(
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
     if source is None:
-        result = collect_hand_eye(station(bench, seed, out, yes, dry, json), wanted, Setup(setup), poses)
-    elif (source / TARGETS).is_file():
+        with station(context, "poses", poses) as at:
+            file_and_say(collect_hand_eye(at, wanted, Setup(setup), poses), out, bench, json)
+        return
+    if (recorded(context, source) / TARGETS).is_file():
         result = hand_eye_from_poses(source, serial, Setup(setup))
     else:
         if camera_file is None:
@@ -126,6 +141,7 @@ def hand_eye(
 
 
 def markers(
+    context: typer.Context,
     source: FromOption = None,
     ids: Annotated[tuple[int, int], typer.Option("--ids", help="The two marker ids.")] = (0, 1),
     dictionary: Annotated[
@@ -142,6 +158,9 @@ def markers(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Measure how well the two-marker angle is known, from pictures of the object at rest.
 
@@ -160,8 +179,9 @@ def markers(
     from rig.calibrate.markers import markers_from_folder
 
     if source is None:
-        result = collect_markers(station(bench, seed, out, yes, dry, json, objects), object_name)
+        with station(context, "objects", 1) as at:
+            file_and_say(collect_markers(at, object_name), out, bench, json)
     else:
         lens = None if camera_file is None else read_camera(camera_file)
-        result = markers_from_folder(source, pattern, ids, dictionary, lens, serial)
-    file_and_say(result, out, bench, json)
+        result = markers_from_folder(recorded(context, source), pattern, ids, dictionary, lens, serial)
+        file_and_say(result, out, bench, json)

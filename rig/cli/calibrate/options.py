@@ -1,6 +1,7 @@
 """What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,11 +11,14 @@ import typer
 from rig.cli.common import ask, emit_json, say, tell
 from rig.cli.dry_run import dry_run
 from rig.cli.places import folder_place
+from rig.cli.watching import Work, watched
 
 if TYPE_CHECKING:
+    from drivers.types import Frame
     from rig.bench.plan import Plan
     from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult, Filed
+    from rig.live.feed import Listener
 
 FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
 OutFolder = Annotated[
@@ -34,27 +38,54 @@ PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures 
 PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
 
 
-def station(
-    bench: str,
-    seed: int,
-    out: Path | None,
-    yes: bool,
-    dry: bool = False,
-    json: bool = False,
-    objects: Path | None = None,
-) -> "Station":
-    """Where a calibration is collected, and who is asked before something moves. Raises `InputError`.
+@contextmanager
+def station(context: typer.Context, what: str, total: int, agreed: bool = False) -> "Iterator[Station]":
+    """Where a calibration is collected, who is asked before something moves, and who looks on.
 
-    dry: show what would be done, as `dry_run` does, and end. objects: the folder of a lab's own.
+    context: of the command, whose options of a bench are read by their names. what, total: what its pieces
+    of work are called, and how many there are. agreed: to everything, as with --yes. With --dry-run the
+    plan is shown, as `dry_run` does, and that is all. Raises `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
     from rig.config import load_bench
     from rig.config.objects import with_objects
 
-    config = with_objects(load_bench(bench), bench, objects)
-    before = partial(dry_run, config, json=json) if dry else _nothing
-    return Station(config, seed, _folder(out, bench), ConsoleOperator(ask, yes, tell), say, before)
+    typed = context.params
+    bench, dry = typed["bench"], typed["dry"]
+    config = with_objects(load_bench(bench), bench, typed.get("objects"))
+    simulated = "SIMULATED " if config.simulated else ""
+    title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
+    asked = (False, None, None) if dry else (typed["watch"], typed["watch_at"], typed["notify"])
+    with ExitStack() as stack:
+        listeners = stack.enter_context(watched(context, Work(title, what, total), *asked))
+        yield Station(
+            config, typed["seed"], _folder(typed["out"], bench),
+            ConsoleOperator(ask, agreed or typed["yes"], tell), say,
+            partial(dry_run, config, json=typed["json"]) if dry else _nothing,
+            _show(stack, listeners),
+        )  # fmt: skip
+
+
+def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Frame], None] | None":
+    """Who takes frames for those who look on; nobody, and nothing of it imported, where nobody does."""
+    if not listeners:
+        return None
+    from rig.live.feed import LiveFeed
+    from rig.live.pictures import PictureSender
+
+    return stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
+
+
+def recorded(context: typer.Context, source: Path) -> Path:
+    """Return the folder of --from. Raises `InputError` where somebody is to look on at it."""
+    from drivers.errors import InputError
+
+    for option in ("watch", "watch_at", "notify"):
+        if context.params[option]:
+            named = option.replace("_", "-")
+            raise InputError(f"--{named} looks on at a bench, and --from {source} needs none: leave it out")
+    return source
 
 
 def _nothing(plan: "Plan") -> None:

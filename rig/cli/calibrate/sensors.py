@@ -9,15 +9,18 @@ from rig.cli.calibrate.options import (
     OutFolder,
     file_all,
     file_and_say,
+    recorded,
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
 from rig.cli.dry_run import DryRunOption
+from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
 
 def tactile(
+    context: typer.Context,
     source: FromOption = None,
     balls_mm: Annotated[
         list[float] | None,
@@ -35,6 +38,9 @@ def tactile(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Find a gel's scale along x and y, and how its colours tell its slopes, from ball presses.
 
@@ -59,17 +65,18 @@ def tactile(
     from rig.calibrate.tactile import tactile_from_folder
 
     if source is not None:
-        file_and_say(tactile_from_folder(source, serial, mm_per_px), out, bench, json)
+        file_and_say(tactile_from_folder(recorded(context, source), serial, mm_per_px), out, bench, json)
     elif balls_mm:
-        file_all(
-            collect_presses(station(bench, seed, out, yes, dry, json), balls_mm, presses), out, bench, json
-        )
+        with station(context, "presses", presses * len(balls_mm)) as at:
+            file_all(collect_presses(at, balls_mm, presses), out, bench, json)
     else:
         # nothing moves, so there is nothing to agree to
-        file_all(collect_references(station(bench, seed, out, True, dry, json)), out, bench, json)
+        with station(context, "fingertips", 2, agreed=True) as at:
+            file_all(collect_references(at), out, bench, json)
 
 
 def gripper(
+    context: typer.Context,
     source: FromOption = None,
     blocks_mm: Annotated[
         list[float] | None,
@@ -82,6 +89,9 @@ def gripper(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Make the table of opening over counts, closing and opening, monotone, with its hysteresis.
 
@@ -101,13 +111,15 @@ def gripper(
     from rig.calibrate.from_tables import gripper_from_folder
 
     if source is not None:
-        result = gripper_from_folder(source, serial)
+        file_and_say(gripper_from_folder(recorded(context, source), serial), out, bench, json)
     else:
-        result = collect_openings(station(bench, seed, out, yes, dry, json), blocks_mm or _BLOCKS_MM)
-    file_and_say(result, out, bench, json)
+        blocks_mm = blocks_mm or _BLOCKS_MM
+        with station(context, "contacts", 2 * len(blocks_mm)) as at:
+            file_and_say(collect_openings(at, blocks_mm), out, bench, json)
 
 
 def tcp(
+    context: typer.Context,
     source: FromOption = None,
     poses: Annotated[int, typer.Option("--poses", min=4, max=60, help="Tilts on a bench.")] = 12,
     serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
@@ -117,6 +129,9 @@ def tcp(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Find the tool's tip by pivoting: the tip in one small hole at many tilts.
 
@@ -136,13 +151,14 @@ def tcp(
     from rig.calibrate.from_tables import tcp_from_folder
 
     if source is not None:
-        result = tcp_from_folder(source, serial)
+        file_and_say(tcp_from_folder(recorded(context, source), serial), out, bench, json)
     else:
-        result = collect_tip(station(bench, seed, out, yes, dry, json), poses)
-    file_and_say(result, out, bench, json)
+        with station(context, "tilts", poses) as at:
+            file_and_say(collect_tip(at, poses), out, bench, json)
 
 
 def sync(
+    context: typer.Context,
     source: FromOption = None,
     first: Annotated[str, typer.Option("--reference", help="Stream whose clock counts.")] = "robot",
     second: Annotated[str, typer.Option("--stream", help="Stream to be moved.")] = "camera",
@@ -160,6 +176,9 @@ def sync(
     yes: YesOption = False,
     out: OutFolder = None,
     json: JsonOption = False,
+    watch: WatchOption = False,
+    watch_at: WatchAtOption = None,
+    notify: NotifyOption = None,
 ) -> None:
     """Find the time offset, and the drift, between streams that saw one wiggle.
 
@@ -180,7 +199,8 @@ def sync(
     from rig.calibrate.from_tables import sync_from_folder
 
     if source is not None:
-        file_and_say(sync_from_folder(source, first, second, search), out, bench, json)
+        samples = recorded(context, source)
+        file_and_say(sync_from_folder(samples, first, second, search), out, bench, json)
     else:
-        at = station(bench, seed, out, yes, dry, json, objects)
-        file_all(collect_streams(at, object_name, search), out, bench, json)
+        with station(context, "wiggles", 1) as at:
+            file_all(collect_streams(at, object_name, search), out, bench, json)

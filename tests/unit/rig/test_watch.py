@@ -18,7 +18,7 @@ from rig.cli.watching import telling
 from rig.live.feed import LiveFeed, Message, Sender
 from rig.live.onlookers import Event, asked, looking_on, tell
 from rig.live.watch import WatchPage, watch_address
-from rig.live.watch_state import KEPT_FAULTS, WatchState
+from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, WatchState
 from rig.pages.serving import MOST_AT_ONCE
 from support.browser import NEEDS_CHROMIUM, Browser
 
@@ -68,7 +68,7 @@ def test_the_page_shows_the_newest_of_everything(page: WatchPage) -> None:
     seen = values(page)
     assert seen["lifts"] == [
         {"title": "t1 wrench lift 2", "phase": "B", "estimate_deg": -3.14, "truth_deg": -3.06,
-         "frames": "frames/s D1 60; dropped 2"}
+         "frames": "frames/s D1 60; dropped 2", "estimate": [[0.0, -3.0]], "truth": [[0.0, -3.06]]}
     ]  # fmt: skip
     assert (seen["done"], seen["total"], seen["what"], seen["ended"]) == (1, 5, "lifts", "")
     assert get(page, "/picture/D1%2Fx.jpg?1") == (200, JPEG)
@@ -106,12 +106,24 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
         def shown(what: str) -> bool:
             return what in browser.value("document.body.innerText")
 
-        sender.send("figures", {**LIFT, **FIGURES})
+        later = [(100_000_000 * n, -0.1 * n, 0.2) for n in range(1, 31)]
+        sender.send("figures", {**LIFT, **FIGURES, "estimate": later})
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
         page.state.tell(Event("fault", "<i>fell</i>"))
         page.state.tell(Event("question", "Place it. Ready?"))
         until(lambda: shown("Place it. Ready?") and shown("<i>fell</i>") and shown("t1 wrench lift 2"))
-        assert shown("\u22123.1\u00b0")
+        assert shown("\u22123.0\u00b0")
+        assert (
+            browser.value(
+                "document.querySelector('.curve path.estimate').getAttribute('d').match(/L/g).length"
+            )
+            == 29
+        )
+        box = browser.value(
+            "(({width, height}) => [width, height])(document.querySelector('.curve').getBoundingClientRect())"
+        )
+        assert box[0] > 300
+        assert box[1] > 100
         until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
         page.state.tell(Event("end", "done"))
         until(lambda: not shown("Place it. Ready?") and shown("It has ended"))
@@ -175,6 +187,26 @@ def test_only_the_newest_is_kept() -> None:
     assert [lift["title"] for lift in seen["lifts"]] == ["t1 wrench lift 2"] * 16
     assert len(seen["faults"]) == KEPT_FAULTS
     assert seen["faults"][0].endswith(f"fault {2 * KEPT_FAULTS - 1}")
+
+
+def test_a_lifts_angles_are_kept_as_a_curve_no_finer_than_a_screen() -> None:
+    def figures(first: int) -> Message:
+        frames = range(first, first + 60)
+        answers = [(n * 16_666_667, None if n == 30 else n / 10, 0.2) for n in frames]
+        return Message("figures", {**LIFT, **FIGURES, "time_ns": 0, "estimate": answers, "truth": []})
+
+    came = [figures(0), figures(60)]
+    state = WatchState("a", "lifts", 0, 1, lambda: [came.pop(0) for _ in range(len(came))])
+    (lift,) = state.values()["lifts"]
+    times = [time_s for time_s, _ in lift["estimate"]]
+    assert times == sorted(times)
+    assert 35 <= len(times) <= 44
+    assert lift["estimate"].count((0.5, None)) == 1, "a gap stays one"
+    assert lift["truth"] == []
+    came += [figures(60 * second) for second in range(2, 100)]
+    (lift,) = state.values()["lifts"]
+    assert len(lift["estimate"]) == KEPT_POINTS
+    assert lift["estimate"][-1][0] == pytest.approx(100.0, abs=0.06), "the newest stay"
 
 
 @pytest.mark.parametrize("at", ["8080", ":8080", "host", "host:", "host:99999", "host:-1", "host:1e3", "h:²"])

@@ -103,6 +103,11 @@ def test_what_is_no_lift_is_refused_with_its_place(
     assert "lift.csv" in str(found.value)
 
 
+def test_a_name_that_looks_like_a_formula_stays_a_name(tmp_path: Path) -> None:
+    page = write_report([ramp(tmp_path / "$x_{$.csv")], tmp_path / "page.html").path.read_text()
+    assert "$x_{$" in page
+
+
 def test_a_table_of_which_nothing_compares_is_said_to_have_no_answer(tmp_path: Path) -> None:
     rows = [f"{i},{'nan'},0.0" for i in range(5)]
     path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)

@@ -97,6 +97,7 @@ def test_the_margin_moves_the_outline_by_a_share_of_the_width(drawn_mask) -> Non
         (np.zeros((320, 240), np.uint8), "shape"),
         (np.zeros((320, 240, 3), np.float32), "float32"),
         (np.zeros((160, 120, 3), np.uint8), "one size"),
+        (np.zeros((1640, 10, 3), np.uint8), "no side may be 40 times the other"),
         (None, "uint8"),
     ],
 )

@@ -1,7 +1,7 @@
 """A simulated DIGIT on a finger: what its gel shows of the object the world holds."""
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,16 +10,20 @@ from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.devices.source import FakeSource, Shutter
 from fakes.faults import FaultScript
+from fakes.gel.codec import coded
 from fakes.gel.dots import Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Variation
-from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+from fakes.objects.soft_faces import Bulge
+from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
+from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
+from fakes.world.slip import PAD_M, SLIDE_M_PER_RAD
 from fakes.world.state import Grasp, WorldState, WorldView
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
 
-@cache
+@lru_cache(maxsize=8)
 def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
     """A unit is the same on every bench, and costs fifty frames to make."""
     return GelSensor(unit_seed, variation=variation, markers=markers)
@@ -28,7 +32,8 @@ def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
 class FakeDigit(FakeSource, TactileSensor):
     """Sees the object through a gel of its own; `side` +1 looks the way the camera looks.
 
-    markers: whether dots are printed on its gel.
+    markers: whether dots are printed on its gel. difficulty: of its lifts; a hard one has a gel and light of
+    its own, in place of the unit's.
     """
 
     def __init__(
@@ -42,12 +47,14 @@ class FakeDigit(FakeSource, TactileSensor):
         shutter: Shutter,
         variation: Variation = FAMILY,
         markers: bool = False,
+        difficulty: Difficulty = "easy",
     ) -> None:
         super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
-        self._gel = _gel(unit_seed, variation, markers)
-        self._markers = markers
+        self._unit, self._variation, self._markers = unit_seed, variation, markers
+        self._difficulty: Difficulty = difficulty
+        self._drawn: tuple[int, Conditions] | None = None
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -59,6 +66,8 @@ class FakeDigit(FakeSource, TactileSensor):
         """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
         state = self._world.state_at(time_ns)
         image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
+        if self._conditions.codec is not None:
+            image = coded(image, time_ns, self._conditions.codec)
         if self._light == 1.0:
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
@@ -67,15 +76,41 @@ class FakeDigit(FakeSource, TactileSensor):
         """Where object and gel touch at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
         return self._gel.touching(self._imprint(self._world.state_at(time_ns)))
 
+    @property
+    def _conditions(self) -> Conditions:
+        """What the present lift is like."""
+        if self._difficulty == "easy":
+            return EASY
+        if self._drawn is None or self._drawn[0] != self._world.seed:
+            seed = self._world.seed
+            self._drawn = (seed, draw_conditions(self._difficulty, seed, self._side))
+        return self._drawn[1]
+
+    @property
+    def _gel(self) -> GelSensor:
+        varied = self._conditions is EASY or self._variation is not FAMILY
+        unit = self._variation if varied else self._conditions.unit
+        return _gel(self._unit, unit, self._markers)
+
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """The touched surface, and the depth it is pressed to over a grid of forces."""
         key = (grasp, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
-            surface = build_surface(grasp.site, self._side, self._world.seed)
-            place = self._off_mm(grasp)
-            depths = np.array([depth_for_force(surface, float(f), centre_mm=place) for f in _FORCE_GRID_N])
+            kind, bulge = self._face(grasp)
+            if kind is None:
+                surface = build_surface(grasp.site, self._side, self._world.seed)
+            else:
+                surface = soft_surface(kind, self._side, self._world.seed)
+            at = {"centre_mm": self._off_mm(grasp), "bulge": bulge}
+            depths = np.array([depth_for_force(surface, float(force), **at) for force in _FORCE_GRID_N])
             self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
+
+    def _face(self, grasp: Grasp) -> tuple[str | None, Bulge | None]:
+        """The soft face of a hard lift; none on what is made to size, or smooth and round."""
+        contact, conditions = grasp.site.contact, self._conditions
+        soft = not (contact.exact or contact.smooth_round)
+        return (conditions.kind, conditions.bulge) if soft else (None, None)
 
     def _imprint(self, state: WorldState) -> Imprint | None:
         grasp = self._world.grasp
@@ -83,14 +118,20 @@ class FakeDigit(FakeSource, TactileSensor):
             return None
         surface, depths = self._surface(grasp)
         turn = state.object_turn_rad - state.wrist_rad
+        force_n = state.force_n
+        if not grasp.site.contact.exact:
+            force_n *= self._conditions.pressed_more(math.degrees(_slipped(state)))
+        bulge = self._face(grasp)[1]
         return Imprint(
             surface=surface,
             angle_deg=math.degrees(self._side * turn),
             centre_mm=self._centre_mm(grasp, state, turn),
-            depth_mm=float(np.interp(state.force_n, _FORCE_GRID_N, depths)),
+            depth_mm=float(np.interp(force_n, _FORCE_GRID_N, depths)),
             tilt=self._tilt(state, turn),
             lag_deg=math.degrees(self._side * state.torsion_rad),
             shear=self._shear(grasp, state, turn) if self._markers else None,
+            bulge=bulge,
+            bulge_mm=self._bulge_mm(grasp, state) if bulge else (0.0, 0.0),
         )
 
     def _shear(self, grasp: Grasp, state: WorldState, turn_rad: float) -> Shear:
@@ -113,7 +154,18 @@ class FakeDigit(FakeSource, TactileSensor):
         x, y = _turned(px, py, turn_rad)
         across = variation.misplacement_m[0] * 1e3 + px - x
         down = variation.misplacement_m[1] * 1e3 + py - y + state.slide_m * 1e3
+        if self._face(grasp)[1] is not None:
+            roll_x, roll_y = self._conditions.roll_mm_per_rad
+            across, down = across + roll_x * _slipped(state), down + roll_y * _slipped(state)
         return self._side * across + off_x, down + off_y
+
+    def _bulge_mm(self, grasp: Grasp, state: WorldState) -> tuple[float, float]:
+        """The middle of a bulge on the gel: it creeps down with the object and rocks, but does not turn."""
+        variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
+        rock_x, rock_y = self._conditions.rock_mm_per_rad
+        right = variation.misplacement_m[0] * 1e3 + rock_x * _slipped(state)
+        down = (variation.misplacement_m[1] + state.slide_m) * 1e3 + rock_y * _slipped(state)
+        return self._side * right + off_x, down + off_y
 
     def _tilt(self, state: WorldState, turn_rad: float) -> tuple[float, float]:
         """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
@@ -122,6 +174,11 @@ class FakeDigit(FakeSource, TactileSensor):
         ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
         x, y = _turned(tx, ty, turn_rad)
         return self._side * x, y
+
+
+def _slipped(state: WorldState) -> float:
+    """How far the object has turned since it was grasped, rad, whichever way: it slides as it turns."""
+    return min(state.slide_m, PAD_M) / SLIDE_M_PER_RAD
 
 
 def _turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """What a simulated bench is made of, in values that travel to another process, and its sensors."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -15,6 +15,7 @@ from fakes.devices.digit import FakeDigit
 from fakes.devices.source import Shutter
 from fakes.faults import FaultScript
 from fakes.gel.variation import FAMILY, draw_variation
+from fakes.studio.conditions import Difficulty, draw_conditions
 from fakes.world.fixture import PrintedSheet, nothing_printed
 from fakes.world.state import BenchLayout, WorldView
 
@@ -30,7 +31,7 @@ class DigitPlan:
     """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase.
 
     variation_seed: draws a unit unlike its family, None for one of the family. markers: whether dots
-    are printed on its gel.
+    are printed on its gel. difficulty: of its lifts.
     """
 
     serial: str
@@ -39,6 +40,12 @@ class DigitPlan:
     number: int
     variation_seed: int | None = None
     markers: bool = False
+    difficulty: Difficulty = "easy"
+
+    def slowed(self, seed: int) -> "DigitPlan":
+        """Return the fingertip at the rate that it has in the lift of a seed: codecs give fewer frames."""
+        given_hz = draw_conditions(self.difficulty, seed, self.side).rate_hz
+        return self if given_hz is None else replace(self, rate_hz=min(given_hz, self.rate_hz))
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
         """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
@@ -47,7 +54,18 @@ class DigitPlan:
         if seed is not None:
             unit = unit_seed(f"{self.serial}/{seed}")
         variation = FAMILY if seed is None else draw_variation(np.random.default_rng((seed, self.number)))
-        return FakeDigit(world, clock, faults, self.serial, unit, self.side, shutter, variation, self.markers)
+        return FakeDigit(
+            world,
+            clock,
+            faults,
+            self.serial,
+            unit,
+            self.side,
+            shutter,
+            variation,
+            self.markers,
+            self.difficulty,
+        )
 
 
 @dataclass(frozen=True, slots=True)

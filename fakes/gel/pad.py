@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fakes.gel.dots import Shear
+from fakes.gel.marks import draw_marks
 from fakes.gel.variation import FAMILY, Variation
+from fakes.objects.soft_faces import Bulge
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
 
 HALF = 2
 """Image pixels per pixel of the geometry."""
 _MIN_LAG_DEG = 1e-3
 _TOUCHING_MM = 0.004
+_MARKS_SHOW_MM = 0.15
+"""Where the gel is pressed in by so much, its marks show as they are."""
 
 DepthMap = NDArray[np.float32]
 
@@ -31,7 +35,8 @@ class Imprint:
     the highest point of the undented gel. tilt: slope of the object's face against the gel along
     image x and y, mm/mm (positive recedes to the right and downwards). lag_deg: how far the gel
     around the contact trails behind the object's angle (it sticks and is dragged along). shear: how the
-    gel's surface has moved with the object, which only markers on it show.
+    gel's surface has moved with the object, which only markers on it show. bulge: a broad body behind the
+    face, around bulge_mm from the image centre, that does not turn; None without one.
     """
 
     surface: Surface
@@ -41,6 +46,8 @@ class Imprint:
     tilt: tuple[float, float] = (0.0, 0.0)
     lag_deg: float = 0.0
     shear: Shear | None = None
+    bulge: Bulge | None = None
+    bulge_mm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +61,7 @@ class GelPad:
     _x_mm: DepthMap = field(init=False)
     _y_mm: DepthMap = field(init=False)
     _dome_mm: DepthMap = field(init=False)
+    _marks_mm: DepthMap | None = field(init=False)
 
     def __post_init__(self) -> None:
         x_mm, y_mm = pixel_grid_mm(self.shape, self.mm_per_px, HALF)
@@ -61,6 +69,8 @@ class GelPad:
         object.__setattr__(self, "_y_mm", y_mm[:, None])
         dome = (self._x_mm**2 + self._y_mm**2) / np.float32(2.0 * self.dome_radius_mm)
         object.__setattr__(self, "_dome_mm", dome)
+        marks = draw_marks(dome.shape, HALF * self.mm_per_px[0], self.variation.marks_seed)
+        object.__setattr__(self, "_marks_mm", marks)
 
     def dent(self, imprint: Imprint) -> DepthMap:
         """Return how far the gel is pushed in, mm, (H/2, W/2) float32, never negative.
@@ -76,7 +86,14 @@ class GelPad:
         near = cv2.blur(cv2.blur(dragged, (gel.near_skirt_px,) * 2), (gel.near_skirt_px,) * 2)
         far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
         membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))
-        return np.asarray(cv2.blur(cv2.max(pressed, membrane), (5, 5)), np.float32)
+        dent = np.asarray(cv2.blur(cv2.max(pressed, membrane), (gel.film_px,) * 2), np.float32)
+        return dent if self._marks_mm is None else self._marked(dent, self._marks_mm)
+
+    @staticmethod
+    def _marked(dent: DepthMap, marks_mm: DepthMap) -> DepthMap:
+        """Specks on the gel show where it is pressed, and rest where they are."""
+        pressed = np.minimum(dent * np.float32(1.0 / _MARKS_SHOW_MM), np.float32(1.0))
+        return np.asarray(dent + marks_mm * pressed, np.float32)
 
     def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
         """Return where object and gel touch, (H, W): the geometric contact."""
@@ -99,6 +116,9 @@ class GelPad:
         depth -= self._dome_mm
         depth += np.float32(imprint.depth_mm + tx * cx) - np.float32(tx) * self._x_mm
         depth += np.float32(ty * cy) - np.float32(ty) * self._y_mm
+        if imprint.bulge is not None:
+            across, down = imprint.bulge_mm
+            depth -= imprint.bulge.height(self._x_mm - np.float32(across), self._y_mm - np.float32(down))
         return depth
 
     def _warped(self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]) -> DepthMap:

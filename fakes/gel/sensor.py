@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from fakes.gel.dots import MarkerPrint
 from fakes.gel.light import Light, make_light, vary_light
+from fakes.gel.makes import other_make
 from fakes.gel.pad import HALF, GelPad, Imprint
 from fakes.gel.shadow import shade
 from fakes.gel.variation import FAMILY, Variation
@@ -47,7 +48,8 @@ class GelSensor:
         dome_mm = GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12))
         self._variation = variation
         self._pad = GelPad(shape, mm_per_px, dome_mm, variation)
-        self._light: Light = vary_light(make_light(self._pad, rng), variation.light_seed)
+        light = vary_light(make_light(self._pad, rng), variation.light_seed)
+        self._light: Light = other_make(light, variation.make_seed)
         self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
         self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
         self._glow = _planes_at_half(self._light.background)

@@ -20,7 +20,9 @@ class Variation:
     which a contact's middle becomes flat, 0 for never. rim_per_mm, shadow_per_mm: light lost at the
     foot of a dent, and right behind it. streak_per_mm: light lost in long streaks behind a contact,
     0 for none. noise: factor on the read-out noise. light_seed: draws colours, directions and
-    background anew, None for those of the unit.
+    background anew, None for those of the unit. make_seed: draws the light of another make, None for a
+    DIGIT's. film_px: of the geometry, over which the gel's film smooths relief. marks_seed: draws specks
+    and scratches of the gel, None for a clean one.
     """
 
     slope_at_knee: float = 0.24
@@ -34,6 +36,9 @@ class Variation:
     streak_per_mm: float = 0.0
     noise: float = 1.0
     light_seed: int | None = None
+    make_seed: int | None = None
+    film_px: int = 5
+    marks_seed: int | None = None
 
 
 FAMILY = Variation()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 from fakes.objects.catalogue import GraspSite
 from fakes.objects.shapes import ContactShape, Field, Shape
+from fakes.objects.soft_faces import Bulge, soft_relief
 from fakes.objects.texture import texture_height
 
 SURFACE_PX = 256
@@ -64,23 +65,36 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
     return Surface(np.ascontiguousarray(height, np.float32), SURFACE_MM_PER_PX)
 
 
+def soft_surface(kind: str, side: int, seed: int) -> Surface:
+    """Make the relief of a soft face that one finger meets; the other meets relief of its own.
+
+    kind: of `soft_faces.KINDS`. side: +1 or -1.
+    """
+    x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
+    height = soft_relief(kind, x_mm, z_mm, np.random.default_rng((seed, 71, side + 1)))
+    height = np.minimum(height - height.min(), np.float32(FAR_MM))
+    return Surface(np.ascontiguousarray(height, np.float32), SURFACE_MM_PER_PX)
+
+
 def depth_for_force(
     surface: Surface,
     force_n: float,
     tilt: tuple[float, float] = (0.0, 0.0),
     angle_deg: float = 0.0,
     centre_mm: tuple[float, float] = (0.0, 0.0),
+    bulge: Bulge | None = None,
 ) -> float:
     """Return how far the surface's origin is pressed into the gel by a normal force, in mm.
 
     Winkler foundation: each patch of gel carries its own depth times the stiffness; the total
-    grows with depth, so the answer is found in the sorted heights. tilt, angle_deg and centre_mm
-    as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted face, and is 0 where no
-    part of the surface is over the gel. Raises `InputError` for a negative or non-finite force.
+    grows with depth, so the answer is found in the sorted heights. tilt, angle_deg, centre_mm and bulge
+    (around centre_mm) as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted
+    face, and is 0 where no part of the surface is over the gel. Raises `InputError` for a negative or
+    non-finite force.
     """
     if not (np.isfinite(force_n) and force_n >= 0.0):
         raise InputError(f"force on the gel is {force_n} N: it must be finite and not negative")
-    clearance = np.sort(_clearance(surface, tilt, angle_deg, centre_mm))
+    clearance = np.sort(_clearance(surface, tilt, angle_deg, centre_mm, bulge))
     if not clearance.size:
         return 0.0
     cell_mm2 = (_FORCE_STRIDE * surface.mm_per_px) ** 2
@@ -93,7 +107,11 @@ def depth_for_force(
 
 
 def _clearance(
-    surface: Surface, tilt: tuple[float, float], angle_deg: float, centre_mm: tuple[float, float]
+    surface: Surface,
+    tilt: tuple[float, float],
+    angle_deg: float,
+    centre_mm: tuple[float, float],
+    bulge: Bulge | None,
 ) -> Field:
     """Gap between object and gel in mm at depth 0, for the points over the gel."""
     heights = surface.height_mm[::_FORCE_STRIDE, ::_FORCE_STRIDE]
@@ -108,6 +126,8 @@ def _clearance(
     over_gel = (np.abs(x) <= GEL_HALF_MM[0]) & (np.abs(y) <= GEL_HALF_MM[1])
     dome = (x * x + y * y) / np.float32(2.0 * GEL_DOME_RADIUS_MM)
     gap = heights + dome + np.float32(tilt[0]) * from_x + np.float32(tilt[1]) * from_y
+    if bulge is not None:
+        gap = gap + bulge.height(from_x, from_y)
     return gap[over_gel]
 
 

@@ -17,12 +17,14 @@ from fakes.clock import SimulatedClock
 from fakes.devices.plan import CameraPlan, DigitPlan
 from fakes.faults import FaultScript
 from fakes.objects.catalogue import find_object
+from fakes.studio.conditions import Difficulty
 from fakes.wire.mjpeg.sensor import Kind, MjpegSensor
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import BenchLayout, World
 
 OBJECTS = ("t1", "t2", "t5", "12")
+SENSORS: tuple[tuple[Kind, Difficulty], ...] = (("digit", "easy"), ("digit", "hard"), ("camera", "easy"))
 SQUEEZE_COUNTS = 4
 LIFT_M = 0.08
 DURATION_S = 3.0
@@ -32,20 +34,20 @@ _DOWN = Rotation.from_euler("x", 180, degrees=True)
 def main() -> int:
     """Print a row per object and sensor; return the exit code."""
     cv2.setNumThreads(1)
-    print("object sensor   frames  mean ms  p99 ms  max ms")
+    print("object sensor   lifts  frames  mean ms  p99 ms  max ms")
     for name in OBJECTS:
-        for kind in ("digit", "camera"):
-            costs = lift_costs_ms(name, kind)
+        for kind, difficulty in SENSORS:
+            costs = lift_costs_ms(name, kind, difficulty)
             mean, p99, worst = costs.mean(), np.quantile(costs, 0.99), costs.max()
-            print(f"{name:6s} {kind:8s} {len(costs):6d} {mean:8.2f} {p99:7.2f} {worst:7.2f}")
+            print(f"{name:6s} {kind:8s} {difficulty:6s} {len(costs):6d} {mean:8.2f} {p99:7.2f} {worst:7.2f}")
     return 0
 
 
-def lift_costs_ms(name: str, kind: Kind) -> np.ndarray:
+def lift_costs_ms(name: str, kind: Kind, difficulty: Difficulty = "easy") -> np.ndarray:
     """Return what each frame of a lift of an object costs, (N,) in ms of processor time."""
-    world, clock = _lifting(name), SimulatedClock()
+    world, clock = lifting_world(name), SimulatedClock()
     if kind == "digit":
-        source = DigitPlan("SIM-D0001", 1, 60.0, 0).make(world, clock, FaultScript())
+        source = DigitPlan("SIM-D0001", 1, 60.0, 0, difficulty=difficulty).make(world, clock, FaultScript())
     else:
         source = _camera().make(world, clock, FaultScript())
 
@@ -63,13 +65,13 @@ def lift_costs_ms(name: str, kind: Kind) -> np.ndarray:
     return np.array(costs)
 
 
-def _lifting(name: str) -> World:
-    """A world in which the fingers have closed on an object and lift it from 0.5 s on."""
+def lifting_world(name: str, seed: int = 1) -> World:
+    """Return a world in which the fingers have closed on an object and lift it from 0.5 s on."""
     model = find_object(name)
     site = model.sites[0]
     table = Pose((0.45, 0.0, 0.06))
     start = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, _DOWN)
-    world = World(BenchLayout(base_T_table=table, home=start), seed=1)
+    world = World(BenchLayout(base_T_table=table, home=start), seed)
     world.place(model)
     layout = world.layout
     closed = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m

@@ -62,7 +62,7 @@ def build_bench(
         gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
         fingertips=tuple(
             Fingertip(
-                replace(digit, variation_seed=variation_seed).make(world, clock, faults),
+                replace(digit.slowed(seed), variation_seed=variation_seed).make(world, clock, faults),
                 tactile.finger,
                 tactile.sign,
             )
@@ -189,7 +189,7 @@ def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
             closed_counts=fingers.max_counts,
         ),
         tuple(
-            DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers)
+            DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers, difficulty=config.difficulty)
             for number, t in enumerate(config.tactile)
         ),
         CameraPlan(

@@ -22,7 +22,7 @@ MOST_FAULTS = 4
 
 
 def load_bench(name_or_path: str) -> BenchConfig:
-    """Read a bench by name (`fake`, `wire`) or from a file.
+    """Read a bench by name (`fake`, `hard`, `wire`) or from a file.
 
     Raises `InputError` naming the file and, for each key that is wrong, its line.
     """
@@ -31,7 +31,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
         path = Path(name_or_path)
     if not path.is_file():
         raise InputError(
-            f"no bench '{name_or_path}': use 'fake', 'wire' or the path of a bench file "
+            f"no bench '{name_or_path}': use 'fake', 'hard', 'wire' or the path of a bench file "
             "(rig bench new FILE writes one)"
         )
     return parse_bench(read_text(path, MOST_BYTES), str(path))

@@ -161,10 +161,12 @@ class FaultConfig(BenchSection):
 class BenchConfig(BenchSection):
     """One bench file."""
 
-    later = frozenset({"keep_out", "objects", "reactions_allowed"})
+    later = frozenset({"difficulty", "keep_out", "objects", "reactions_allowed"})
     name: FileName
     reactions_allowed: bool | None = None
     """Whether arm and fingers may react to slip by themselves; where nothing is said, in simulation only."""
+    difficulty: Literal["easy", "hard"] = "easy"
+    """Of simulated lifts: hard ones have what makes real recordings hard (`fakes/studio/conditions.py`)."""
     arm: ArmConfig
     gripper: GripperConfig
     tactile: tuple[TactileConfig, TactileConfig]

@@ -24,6 +24,9 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
             ("objects",),
             "are not written in a bench file, but in files of their own (rig objects new FILE)",
         )
+    if not config.simulated:
+        why = "is for simulated lifts; real ones are as they are: remove it"
+        yield from _written(config, (), ["difficulty"], why)
     yield from _arm(config.arm)
     yield from _gripper(config.gripper)
     for number, tactile in enumerate(config.tactile):

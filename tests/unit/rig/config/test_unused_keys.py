@@ -46,6 +46,7 @@ def after(text: str, head: str, line: str) -> str:
         (WIRE, "[camera]", 'address = "/dev/video0"', "camera.address: does not count"),
         (REAL, "[gripper]", 'device = "/dev/ttyUSB0"', "gripper.device: has no effect with transport 'tcp'"),
         (REAL, "[[tactile]]", "markers = true", "tactile.0.markers: is for simulated gels"),
+        (REAL, "name", 'difficulty = "hard"', "difficulty: is for simulated lifts"),
     ],
 )
 def test_a_key_that_would_do_nothing_is_refused_with_its_line(

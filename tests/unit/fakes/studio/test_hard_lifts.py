@@ -1,0 +1,181 @@
+"""Hard lifts: what rests rests, what turns turns by the true angle; easy lifts are what they always were."""
+
+import hashlib
+from collections import Counter
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.clock import to_ns
+from fakes.clock import SimulatedClock
+from fakes.devices.digit import FakeDigit
+from fakes.devices.plan import DigitPlan
+from fakes.faults import FaultScript
+from fakes.gel.codec import Codec, coded
+from fakes.gel.pad import GelPad, Imprint
+from fakes.gel.sensor import GelSensor
+from fakes.gel.variation import Variation
+from fakes.objects.soft_faces import KINDS, LINES, Bulge
+from fakes.objects.surfaces import depth_for_force, soft_surface
+from fakes.studio.conditions import EASY, Difficulty, draw_conditions
+from fakes.tools.frame_cost import lifting_world
+from fakes.wire.host.mirror import MirroredWorld, snapshot_of
+from protocols.grasps import TRIAL_OBJECTS
+from rig.experiments.seeds import derived_seed
+
+SHAPE, MM_PER_PX = (320, 240), (0.06, 0.06)
+BULGE = Bulge((60.0, 30.0), 25.0)
+PAD = GelPad(SHAPE, MM_PER_PX, variation=Variation(film_px=3))
+TIMES_S = (0.1, 0.4, 0.9, 1.6, 2.4)
+GOLDEN = {
+    ("SIM-D0001", 1, "t1"): "b3e590f828570d6c",
+    ("SIM-D0002", -1, "t5"): "37e52a0327b0eb28",
+}
+"""Of frames drawn before there were hard lifts."""
+
+
+def digit(name: str, serial: str, side: int, difficulty: Difficulty = "easy", seed: int = 1) -> FakeDigit:
+    plan = DigitPlan(serial, side, 60.0, 0, difficulty=difficulty)
+    return plan.make(lifting_world(name, seed), SimulatedClock(), FaultScript())
+
+
+def frames(source: FakeDigit) -> list[np.ndarray]:
+    return [source.draw(to_ns(t), np.random.default_rng(to_ns(t))) for t in TIMES_S]
+
+
+def soft_seed() -> int:
+    return next(seed for seed in range(50) if draw_conditions("hard", seed, 1).kind in LINES)
+
+
+def relief(kind: str, angle_deg: float) -> np.ndarray:
+    """What the face adds to the dent of its bulge alone, mm."""
+    surface = soft_surface(kind, 1, 4)
+    flat = soft_surface(kind, 1, 4)
+    flat.height_mm[:] = np.median(surface.height_mm[112:144, 112:144])
+    return dent(surface, angle_deg) - dent(flat, angle_deg)
+
+
+def dent(surface, angle_deg: float) -> np.ndarray:
+    return PAD.dent(Imprint(surface, angle_deg, depth_mm=0.5, bulge=BULGE))
+
+
+def turned(field: np.ndarray, angle_deg: float) -> np.ndarray:
+    rows, columns = field.shape
+    middle = ((columns - 1) / 2, (rows - 1) / 2)
+    return cv2.warpAffine(field, cv2.getRotationMatrix2D(middle, angle_deg, 1.0), (columns, rows))
+
+
+@pytest.mark.parametrize("unit", GOLDEN)
+def test_easy_lifts_are_drawn_as_ever(unit: tuple[str, int, str]) -> None:
+    serial, side, name = unit
+    drawn = b"".join(frame.tobytes() for frame in frames(digit(name, serial, side)))
+    assert hashlib.sha256(drawn).hexdigest()[:16] == GOLDEN[unit]
+
+
+def test_a_hard_lift_is_drawn_from_its_seed() -> None:
+    seed = soft_seed()
+    one, again, other = (
+        frames(digit("t1", "SIM-D0001", 1, "hard", number)) for number in (seed, seed, seed + 1)
+    )
+    np.testing.assert_array_equal(one, again)
+    assert np.abs(np.subtract(one, other, dtype=int)).mean() > 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_relief_turns_by_the_angle_of_the_object(kind: str) -> None:
+    middle = np.hypot(*np.mgrid[-79.5:80, -59.5:60]) < 22
+    still, moved = relief(kind, 10.0), relief(kind, 35.0)
+    likeness = {
+        off: np.corrcoef(turned(still, 25.0 + off)[middle], moved[middle])[0, 1] for off in (-6, -3, 0, 3, 6)
+    }
+    assert max(likeness, key=likeness.__getitem__) == 0
+    assert likeness[0] > 0.9
+
+
+@pytest.mark.parametrize("kind", LINES)
+def test_a_bulge_rests_while_lines_turn(kind: str) -> None:
+    surface = soft_surface(kind, 1, 4)
+    one, other = (cv2.GaussianBlur(dent(surface, angle), (0, 0), 8.0) for angle in (0.0, 60.0))
+    assert np.corrcoef(one.ravel(), other.ravel())[0, 1] > 0.95
+
+
+def test_specks_of_the_gel_rest_under_a_turning_face() -> None:
+    worn = GelPad(SHAPE, MM_PER_PX, variation=Variation(film_px=3, marks_seed=5))
+    marks = []
+    for angle in (0.0, 40.0):
+        pressed = Imprint(soft_surface("lines", 1, 4), angle, depth_mm=0.5, bulge=BULGE)
+        marks.append(worn.dent(pressed) - PAD.dent(pressed))
+    assert np.abs(marks[0]).max() > 0.02
+    assert np.corrcoef(marks[0].ravel(), marks[1].ravel())[0, 1] > 0.9
+
+
+def test_a_contact_grows_with_the_turn() -> None:
+    conditions = next(c for c in (draw_conditions("hard", seed, 1) for seed in range(50)) if c.growth > 0.5)
+    presses = [conditions.pressed_more(turn) for turn in (0.0, -10.0, 20.0, 90.0)]
+    assert presses == sorted(presses)
+    assert presses[2] / presses[0] == pytest.approx(1.0 + conditions.growth)
+
+
+def test_a_bulge_carries_some_of_the_force() -> None:
+    surface = soft_surface("lines", 1, 4)
+    assert depth_for_force(surface, 1.0, bulge=BULGE) > depth_for_force(surface, 1.0)
+
+
+def test_a_codec_moves_blocks_at_each_key_frame_and_not_between() -> None:
+    codec = Codec(quality=90, refresh_s=1.0, block_levels=3.0, seed=2)
+    grey = np.full((320, 240, 3), 120, np.uint8)
+    first, same, next_key = (coded(grey, to_ns(t), codec) for t in (0.3, 0.9, 1.3))
+    np.testing.assert_array_equal(first, same)
+    assert np.abs(first.astype(int) - next_key).mean() > 1.0
+    assert first[:16, :16].std(axis=(0, 1)).max() < 2.0
+
+
+def test_another_make_has_other_light_on_the_same_gel() -> None:
+    pressed = Imprint(soft_surface("lines", 1, 4), 10.0, depth_mm=0.5, bulge=BULGE)
+    family, other = (GelSensor(5, variation=Variation(make_seed=seed)) for seed in (None, 3))
+    np.testing.assert_array_equal(family.touching(pressed), other.touching(pressed))
+    backgrounds = [unit.render(None, 0.0, np.random.default_rng(0)).astype(int) for unit in (family, other)]
+    assert np.abs(backgrounds[0] - backgrounds[1]).mean() > 10
+
+
+def test_what_is_made_to_size_stays_so_on_a_hard_bench() -> None:
+    easy, hard = (digit("gauge:30", "SIM-D0001", 1, how, soft_seed()) for how in ("easy", "hard"))
+    np.testing.assert_array_equal(easy.true_mask(to_ns(0.3)), hard.true_mask(to_ns(0.3)))
+
+
+def test_a_mirrored_world_shows_the_same_hard_lift() -> None:
+    world = lifting_world("t1", soft_seed())
+    mirror = MirroredWorld(world.layout, snapshot_of(world, 0))
+    plan = DigitPlan("SIM-D0001", 1, 60.0, 0, difficulty="hard")
+    here, there = (plan.make(seen, SimulatedClock(), FaultScript()) for seen in (world, mirror))
+    for time_s in TIMES_S:
+        mirror.feed(snapshot_of(world, to_ns(time_s)))
+        one, other = (each.draw(to_ns(time_s), np.random.default_rng(0)) for each in (here, there))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_codecs_slow_a_fingertip_and_never_quicken_it() -> None:
+    rates = [DigitPlan("SIM-D0001", 1, 60.0, 0, difficulty="hard").slowed(n).rate_hz for n in range(60)]
+    assert {10.0, 60.0} < set(rates)
+    assert {DigitPlan("SIM-D0001", 1, 8.0, 0, difficulty="hard").slowed(n).rate_hz for n in range(9)} == {8.0}
+    assert DigitPlan("SIM-D0001", 1, 60.0, 0).slowed(3).rate_hz == 60.0
+
+
+def test_a_third_of_the_trial_s_lifts_at_least_are_soft() -> None:
+    seeds = [derived_seed(0, name, lift) for name in TRIAL_OBJECTS for lift in range(1, 6)]
+    kinds = Counter(draw_conditions("hard", seed, 1).kind for seed in seeds)
+    assert sum(count for kind, count in kinds.items() if kind) >= 15
+    assert set(kinds) == {*KINDS, None}
+    assert draw_conditions("easy", seeds[0], 1) is EASY
+
+
+def test_both_fingertips_see_one_lift_through_units_of_their_own() -> None:
+    one, other = (draw_conditions("hard", soft_seed(), side) for side in (1, -1))
+    assert (one.kind, one.press, one.growth, one.rate_hz) == (
+        other.kind,
+        other.press,
+        other.growth,
+        other.rate_hz,
+    )
+    assert one.unit != other.unit

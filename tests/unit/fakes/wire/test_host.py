@@ -160,6 +160,16 @@ def test_a_part_that_dies_ends_the_fakes_with_its_reason() -> None:
     assert time.monotonic() - began < 10.0
 
 
+def test_a_controller_that_dies_ends_the_fakes_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(world: object, time_ns: int) -> None:
+        raise ZeroDivisionError("by no force")
+
+    with hosted_fakes(load_bench("wire"), host=None) as (_, fakes):
+        monkeypatch.setattr("fakes.world.world.World.grip_at", broken)
+        with pytest.raises(DeviceError, match="a part has ended: ZeroDivisionError: by no force"):
+            fakes.wait()
+
+
 def test_a_thread_says_what_ended_it(caplog: pytest.LogCaptureFixture) -> None:
     thread = VitalThread(lambda: 1 / 0, "what divides")  # type: ignore[arg-type,return-value]
     thread.start()

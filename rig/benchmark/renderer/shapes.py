@@ -107,25 +107,45 @@ def _grooves(x: Plane, y: Plane, rng: Random) -> Plane:
     return relief
 
 
+def _ending(x: Plane, y: Plane, rng: Random) -> Plane:
+    """A soft flat that ends on the gel: an edge that bites in, and beyond it a gentle fall."""
+    away = y - rng.uniform(1.0, 3.0) - rng.uniform(-0.2, 0.2) * x - rng.uniform(-0.006, 0.006) * x**2
+    bite = rng.uniform(0.04, 0.11) * np.exp(-((away / rng.uniform(0.25, 0.45)) ** 2))
+    fall = np.minimum(rng.uniform(0.08, 0.4) * np.maximum(away, 0.0), AWAY_MM)
+    return np.asarray(fall - bite, np.float32)
+
+
+def _peel(x: Plane, y: Plane, rng: Random) -> Plane:
+    """A fruit's skin: low bumps, here and there a deeper pit."""
+    rough = rng.standard_normal(x.shape).astype(np.float32)
+    bumps = cv2.GaussianBlur(rough, (0, 0), rng.uniform(0.25, 0.5) / PATCH_PX_MM)
+    pits = np.maximum(cv2.GaussianBlur(rough[::-1], (0, 0), 0.4 / PATCH_PX_MM) / 0.07 - 2.0, 0.0)
+    return np.asarray(rng.uniform(0.008, 0.025) * bumps / bumps.std() + 0.04 * pits, np.float32)
+
+
 Draw = Callable[[Plane, Plane, Random], Plane]
 STIFF: tuple[Draw, ...] = (_bar, _blade, _thread, _braid, _oval, _strokes, _porous)
+SOFT: tuple[Draw, ...] = (_grooves, _ending, _peel)
 
 
 def draw_face(kind: int, seed: int, side: int) -> Face:
-    """Draw a face: `kind` counts through the kinds, the last of them a soft body with thin lines.
+    """Draw a face: `kind` counts through the kinds, the last of them soft bodies with a little relief.
 
     side: 0 or 1; the second fingertip meets the first one's face mirrored, with a roughness of its own.
     """
     x, y = _grid()
     x = -x if side else x
     rng = np.random.default_rng((seed, 1))
-    draw = (*STIFF, _grooves)[kind % KINDS]
+    draw = (*STIFF, *SOFT)[kind % KINDS]
     relief = draw(x, y, rng)
-    if draw is not _grooves:
+    if draw not in SOFT:
         return Face((relief - relief.min()).astype(np.float32))
     radii = (float(rng.uniform(14.0, 40.0)), float(rng.uniform(10.0, 18.0)))
     return Face((relief - relief.min()).astype(np.float32), radii, float(rng.uniform(0.0, 180.0)))
 
 
-KIND_NAMES = ("bar", "blade", "thread", "braid", "oval", "strokes", "porous", "soft with lines")
+KIND_NAMES = (
+    "bar", "blade", "thread", "braid", "oval", "strokes", "porous",
+    "soft with lines", "soft with an edge", "soft peel",
+)  # fmt: skip
 KINDS = len(KIND_NAMES)

@@ -13,14 +13,12 @@ from drivers.types import GripperLimits, GripperState
 from fakes.faults import FaultScript
 from fakes.world.motion import FingerPath
 from fakes.world.trapezoid import TrapezoidProfile
-from fakes.world.world import FINGER_STIFFNESS_N_M, World
+from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0
 """About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
 ACCELERATION_COUNTS_S2 = 2000.0
 ACTIVATION_S = 3.0
-STALL_FORCE_N = 15.0
-"""The weakest the gripper can be told to push (manual: rFR = 0 is 15 N)."""
 ACTIVATION_NEEDED = 0x05
 ACTIVATION_FAULT = 0x0D
 
@@ -28,7 +26,8 @@ ACTIVATION_FAULT = 0x0D
 class FakeGripper(Gripper):
     """Moves the world's fingers; the third finger stays parked.
 
-    openings: measured, see `GripperLimits`.
+    openings: measured, see `GripperLimits`. period_s: of the line that carries commands and states: fingers
+    begin and stop one late, and what is read of them is one old.
     """
 
     def __init__(
@@ -37,8 +36,10 @@ class FakeGripper(Gripper):
         clock: Clock,
         faults: FaultScript,
         openings: tuple[tuple[float, float], ...] = (),
+        period_s: float = 0.0,
     ) -> None:
         self._openings = openings
+        self._period_ns = to_ns(period_s)
         self._world = world
         self._clock = clock
         self._faults = faults
@@ -78,7 +79,7 @@ class FakeGripper(Gripper):
     def state(self) -> GripperState:
         """State now."""
         self._require_usable()
-        now = self._clock.now_ns()
+        now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
         return GripperState(
             time_ns=now,
@@ -103,7 +104,7 @@ class FakeGripper(Gripper):
             raise OutOfLimitsError(
                 f"gripper: position {position_counts} is outside {lowest} to {highest} counts"
             )
-        now = self._clock.now_ns()
+        now = self._clock.now_ns() + self._period_ns
         start = self._world.fingers.position_at(now)
         end = min(float(position_counts), max(start, self._stall_counts(now)))
         if self._faults.active("blocked", now, "gripper"):
@@ -114,11 +115,11 @@ class FakeGripper(Gripper):
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
-        self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns())
+        self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
     def _arrived(self) -> bool:
         self._require_usable()
-        return self._world.fingers.profile.done_at(self._clock.now_ns())
+        return self._world.fingers.profile.done_at(self._clock.now_ns() - self._period_ns)
 
     def _stall_counts(self, time_ns: int) -> float:
         squeeze = self._world.squeeze_at(time_ns)

@@ -25,8 +25,11 @@ from fakes.world.trapezoid import TrapezoidProfile
 STEP_NS = 2_000_000
 HISTORY_STEPS = 1500
 FINGER_STIFFNESS_N_M = 420.0
-MOST_COUNTS = 255
 """Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
+STALL_FORCE_N = 15.0
+"""The weakest the gripper can be told to push (manual: rFR = 0 is 15 N); no finger closes on beyond it."""
+SWAY = 0.04
+"""Share by which the force swings while the object hangs."""
 REACH_OF_GRASP_M = 0.03
 _OFF_DIGITS = 6
 """Hands that close a micrometre from the middle of a grasp close at its middle."""
@@ -51,6 +54,7 @@ class World:
     fixture: Fixture | None = None
     damaged: bool = False
     """Whether the object keeps a mark of the fingers. The world alone knows; no sensor shows it."""
+    _slips_ns: list[tuple[int, int]] = field(default_factory=list)
     _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
@@ -92,6 +96,7 @@ class World:
                 self.variation = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
             self.damaged = False
+            self._slips_ns = []
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""
@@ -185,29 +190,45 @@ class World:
             raise DeviceError("simulated world: an object is held by no grasp site")
         height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
         loaded = min(height / 0.015, 1.0)
-        sway = 0.04 * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
+        sway = SWAY * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
         force = FINGER_STIFFNESS_N_M * squeeze_m * (1.0 + self.variation.force_shift * loaded + sway)
         self.damaged |= model.marked_above_n is not None and force > model.marked_above_n
         slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
+        if slip.slipping or slip.fallen:
+            self._note_slip(time_ns)
         if slip.fallen:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
         turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
         return WorldState(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
 
-    def would_hold(self, offset_m: float, beyond_counts: int) -> bool:
-        """Whether friction carries the torque of the object that lies here, grasped at a place of it.
+    def _note_slip(self, time_ns: int) -> None:
+        goes_on = self._slips_ns and self._slips_ns[-1][1] == time_ns - STEP_NS
+        began_ns = self._slips_ns.pop()[0] if goes_on else time_ns
+        self._slips_ns.append((began_ns, time_ns))
 
-        offset_m: of the place, from the centre of mass. beyond_counts: how far the fingers close past
-        contact. Raises `DeviceError` where nothing lies.
+    def would_hold(self, offset_m: float, beyond_counts: int) -> bool:
+        """Whether friction carries the torque of the object that lies here, all the time it hangs.
+
+        offset_m: of the place where it is grasped, from the centre of mass. beyond_counts: how far the
+        fingers close past contact, unless they are at their end or stall before. Raises `DeviceError`
+        where nothing lies.
         """
         with self._lock:
             if self.model is None:
                 raise DeviceError("simulated world: no object lies here")
             site = min(self.model.sites, key=lambda each: abs(each.offset_m - offset_m))
-            free_counts = (self.layout.max_opening_m - site.width_m) / self.layout.opening_per_count_m
-            reachable = MOST_COUNTS - self.layout.open_counts - free_counts
-            squeeze_m = max(0.0, min(beyond_counts, reachable)) * self.layout.opening_per_count_m
-            return self._load(self.model, site, FINGER_STIFFNESS_N_M * squeeze_m).holds_turn()
+            layout = self.layout
+            free_counts = (layout.max_opening_m - site.width_m) / layout.opening_per_count_m
+            reachable = layout.closed_counts - layout.open_counts - free_counts
+            squeeze_m = max(0.0, min(beyond_counts, reachable)) * layout.opening_per_count_m
+            pushed_n = min(FINGER_STIFFNESS_N_M * squeeze_m, STALL_FORCE_N)
+            least_n = pushed_n * (1.0 + self.variation.force_shift - SWAY)
+            return self._load(self.model, site, least_n).holds_turn()
+
+    def slipped_between(self, since_ns: int, until_ns: int) -> bool:
+        """Whether the object slipped in the fingers, or fell out of them, within a span of time."""
+        with self._lock:
+            return any(began <= until_ns and ended >= since_ns for began, ended in self._slips_ns)
 
     def _load(self, model: ObjectModel, site: GraspSite, force_n: float) -> GripLoad:
         left_end = model.com_from_left_m + site.offset_m

@@ -59,7 +59,7 @@ def build_bench(
         simulated=True,
         clock=clock,
         arm=arm,
-        gripper=FakeGripper(world, clock, faults, config.calibrations.opening),
+        gripper=FakeGripper(world, clock, faults, config.calibrations.opening, config.gripper.period_s),
         fingertips=tuple(
             Fingertip(
                 replace(digit.slowed(seed), variation_seed=variation_seed).make(world, clock, faults),

@@ -60,7 +60,7 @@ class ArmConfig(BenchSection):
 class GripperConfig(BenchSection):
     """The gripper: its driver, how it is reached, and the two fingers that grasp."""
 
-    later = frozenset({"below_tcp_m", "half_width_m", "options"})
+    later = frozenset({"below_tcp_m", "half_width_m", "options", "period_s"})
     driver: Annotated[str, driver_names("fake", "robotiq_3f")]
     options: Options = Field(default={})
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -71,6 +71,8 @@ class GripperConfig(BenchSection):
     fingers: tuple[Finger, Finger]
     below_tcp_m: float = Field(default=0.015, ge=0, le=0.2)
     half_width_m: float = Field(default=0.10, ge=0, le=0.3)
+    period_s: float = Field(default=0.0, ge=0, le=0.1)
+    """By which a gripper simulated in process obeys late (a real one: some 0.01)."""
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 

@@ -1,0 +1,75 @@
+"""How late the simulated hand obeys: the gripper's line and finger speed, the arm's way of braking."""
+
+import pytest
+
+from drivers.clock import to_ns
+from drivers.types import Pose
+from fakes.clock import SimulatedClock
+from fakes.devices.arm import STOP_DECELERATION_M_S2, FakeArm
+from fakes.devices.gripper import ACCELERATION_COUNTS_S2, SPEED_COUNTS_S, FakeGripper
+from fakes.faults import FaultScript
+from fakes.world.state import BenchLayout
+from fakes.world.world import World
+from rig.bench.assembly import TOOL_DOWN
+
+PERIOD_S = 0.01
+
+
+def world() -> World:
+    home = Pose.from_rotation((0.45, 0.0, 0.30), TOOL_DOWN)
+    return World(BenchLayout(Pose((0.45, 0.0, 0.05)), home), seed=1)
+
+
+def gripper(period_s: float) -> tuple[FakeGripper, SimulatedClock]:
+    clock = SimulatedClock()
+    made = FakeGripper(world(), clock, FaultScript(()), period_s=period_s)
+    made.connect()
+    made.activate()
+    return made, clock
+
+
+@pytest.mark.parametrize("counts", [1, 6, 60])
+def test_fingers_begin_a_line_period_late_and_stand_a_period_before_it_is_seen(counts: int) -> None:
+    made, clock = gripper(PERIOD_S)
+    began = clock.now_ns()
+    motion = made.move_to(made.limits.min_counts + counts)
+    clock.sleep_until(began + to_ns(PERIOD_S))
+    assert made.state().position_counts == made.limits.min_counts
+    assert made.state().moving
+    motion.wait(5.0)
+    ramp_s = min(SPEED_COUNTS_S / ACCELERATION_COUNTS_S2, (counts / ACCELERATION_COUNTS_S2) ** 0.5)
+    closing_s = 2 * ramp_s + max(counts - ACCELERATION_COUNTS_S2 * ramp_s**2, 0.0) / SPEED_COUNTS_S
+    assert (clock.now_ns() - began) / 1e9 == pytest.approx(closing_s + 2 * PERIOD_S, abs=0.005)
+    assert made.state().position_counts == made.limits.min_counts + counts
+
+
+def test_fingers_told_to_stop_go_on_for_a_line_period() -> None:
+    made, clock = gripper(PERIOD_S)
+    began = clock.now_ns()
+    made.move_to(100)
+    clock.sleep_until(began + to_ns(0.3))
+    made.stop()
+    clock.sleep_until(began + to_ns(1.0))
+    late = made.state().position_counts
+    prompt, clock = gripper(0.0)
+    began = clock.now_ns()
+    prompt.move_to(100)
+    clock.sleep_until(began + to_ns(0.3))
+    prompt.stop()
+    clock.sleep_until(began + to_ns(1.0))
+    assert late == prompt.state().position_counts  # begun as late as ended
+    assert late > made.limits.min_counts + 20
+
+
+def test_an_arm_told_to_stop_goes_on_for_its_braking_distance() -> None:
+    bench, clock = world(), SimulatedClock()
+    arm = FakeArm(bench, clock, FaultScript(()))
+    arm.connect()
+    speed_m_s = 0.2
+    arm.move_linear(arm.state().base_T_tcp.translated(z_m=0.2), speed_m_s, 1.0)
+    clock.sleep_until(clock.now_ns() + to_ns(0.5))
+    told_m = arm.state().base_T_tcp.position_m[2]
+    arm.stop()
+    clock.sleep_until(clock.now_ns() + to_ns(1.0))
+    way_m = arm.state().base_T_tcp.position_m[2] - told_m
+    assert way_m == pytest.approx(speed_m_s**2 / (2 * STOP_DECELERATION_M_S2), rel=0.01)

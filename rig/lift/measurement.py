@@ -178,7 +178,6 @@ class LiftMeasurement:
         if tip.estimator is None:
             tip.reference.append(frame.image)
             return
-        self._outline(tip, frame)
         sample = tip.estimator.update(frame.image, frame.time_ns)
         tip.samples.append(sample)
         tip.touch.update(sample.state is not State.NO_CONTACT)
@@ -189,6 +188,8 @@ class LiftMeasurement:
             self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
             if self.watch is not None:
                 self.watch.update(frame.serial, tip.newest())
+        if self.slip_ns() is None:  # an arm that is to stop waits for no picture
+            self._outline(tip, frame)
 
     def _outline(self, tip: TipTrack, frame: Frame) -> None:
         """Keep the contact's outline now and then, for who looks at the recording; no angle depends on it."""

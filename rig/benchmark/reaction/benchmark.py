@@ -69,7 +69,7 @@ def reaction_table(result: ReactionResult) -> BenchmarkTable:
     }
     columns = (
         "object", "lifts", "slip without", "caught", "largest grip cannot hold", "end turn without", "with",
-        "reactions", "counts added, most", "fallen without, with", "damaged",
+        "reactions", "counts added, middle, most", "fallen without, with", "damaged",
     )  # fmt: skip
     title = f"SIMULATED reaction to slip '{result.kind}', the same lifts without and with; turns in degrees"
     return BenchmarkTable(title, columns, [_row(name, pairs) for name, pairs in groups.items()])
@@ -102,10 +102,14 @@ def _row(name: str, pairs: Sequence[Pair]) -> tuple[str, ...]:
         _median_turn([before for before, _ in pairs]),
         _median_turn(reacted),
         str(sum(len(lift.told) for lift in reacted)),
-        str(max((lift.counts_added for lift in reacted), default=0)),
+        _added([lift.counts_added for lift in reacted]),
         f"{fallen[0]}, {fallen[1]}",
         str(sum(lift.damaged for lift in reacted)),
     )
+
+
+def _added(counts: Sequence[int]) -> str:
+    return f"{np.median(counts):.0f}, {max(counts)}" if counts else "-"
 
 
 def _median_turn(lifts: Sequence[ReactedLift]) -> str:
@@ -139,6 +143,7 @@ def _limits(pairs: Sequence[Pair]) -> tuple[Measured, ...]:
         informative("events that never came", late),
         _false_reactions(held),
         informative("reactions to less than half a degree", sum(r.latency_s is None for r in told)),
+        informative("reactions to an object that had not slipped", sum(not r.slipped for r in told)),
         at_most("fallen with a reaction where friction could carry it", len(dropped), 0),
         at_most("objects damaged", sum(after.damaged for _, after in pairs), 0),
     )

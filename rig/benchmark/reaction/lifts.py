@@ -1,11 +1,14 @@
 """One simulated lift, with or without a reaction, and what truly happened in its world."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 
+from drivers.clock import to_ns
 from protocols.grasps import find_grasp_file
+from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
@@ -15,11 +18,16 @@ from rig.sessions.records import FinishedLift, LiftOutcome
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """One reaction. latency_s: from the true half degree to the event's frame; None where it came to none."""
+    """One reaction. latency_s: from the true half degree to the event's frame; None where it came to none.
+
+    command_s: from that frame to the command. slipped: the object had slipped in the fingers since the lift
+    began, or was last at rest.
+    """
 
     latency_s: float | None
     command_s: float | None
     counts_added: int
+    slipped: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +80,7 @@ def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     (world,) = worlds
     furthest = grasps.largest_grip_counts or max(grasps.grip_counts)
     finished = row if isinstance(row, FinishedLift) else None
-    told = tuple(
-        Told(
-            None if r.onset_s is None or r.event_s is None else r.event_s - r.onset_s,
-            None if r.event_s is None else r.command_s - r.event_s,
-            r.counts_added,
-        )
-        for r in (finished.reactions or () if finished else ())
-    )
+    told = _told(finished, world.slipped_between) if finished else ()
     turn_deg = finished.final_truth_deg if finished else None
     return ReactedLift(
         task.object_id,
@@ -91,3 +92,16 @@ def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
         would_hold=world.would_hold(offset_m, furthest),
         late=settings.react is not ReactionKind.NONE and not told and abs(turn_deg or 0.0) > 0.5,
     )
+
+
+def _told(row: FinishedLift, slipped: Callable[[int, int], bool]) -> tuple[Told, ...]:
+    """Return a lift's reactions beside what truly happened before each. slipped: within a span, ns."""
+    lift_ns = to_ns(row.phases_s[Phase.LIFT])
+    told, since_s = [], 0.0
+    for r in row.reactions or ():
+        latency_s = None if r.onset_s is None or r.event_s is None else r.event_s - r.onset_s
+        command_s = None if r.event_s is None else r.command_s - r.event_s
+        moved = slipped(lift_ns + to_ns(since_s), lift_ns + to_ns(r.command_s))
+        told.append(Told(latency_s, command_s, r.counts_added, moved))
+        since_s = r.command_s if r.rest_s is None else r.rest_s
+    return tuple(told)

@@ -1,10 +1,9 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
 Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers take
-more than one, and fall behind where they get less. What they leave of these two goes to one worker that the
-system runs only where nobody else wants to (SCHED_IDLE), as long as nothing else keeps the computer busy.
-Tests in real time that mostly wait, `real_time(beside=True)`, run beside the others in real time, on a
-second worker. Then come the folders whose files take longest. Hardware is driven by one process: with
+more than one, and fall behind where they get less. Beside work at idle priority (SCHED_IDLE) two in a hundred
+failed too. Tests in real time that mostly wait, `real_time(beside=True)`, run beside the others in real time,
+on a second worker. Then come the folders whose files take longest. Hardware is driven by one process: with
 `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
@@ -15,20 +14,16 @@ import fcntl
 import os
 import time
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
 import pytest
 
-from support.waking import MOST_OTHERS_CORES, others_s
-
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME, BESIDE = "real_time", "beside real_time"
 REAL_TIME_CORES, POLL_S = 2, 0.05
-LOOK_S = 1.0
-"""How often it is seen what else the computer does."""
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
@@ -91,70 +86,28 @@ def pytest_runtest_protocol(
 
 @contextmanager
 def _core(over: Path) -> Generator[None]:
-    """While tests in real time run, wait for a core that they leave, or for what they leave of theirs."""
-    place: TextIO | None = None
+    """Wait for one of the cores that tests in real time leave; there is no need to once they are over."""
+    core: TextIO | None = None
+    while core is None and not over.exists():
+        core = _free_core(over)
+        time.sleep(0.0 if core else POLL_S)
     try:
-        while place is None and not over.exists():
-            place = _free_core(over) or _free_rest(over)
-            if place is None:
-                time.sleep(POLL_S)
         yield
     finally:
-        if place is not None:
-            place.close()
-            _give_way(False)
+        if core is not None:
+            core.close()
 
 
 def _free_core(over: Path) -> TextIO | None:
-    cores = (over.with_name(f"{over.name}-{core}") for core in range(REAL_TIME_CORES, _cores()))
-    return next(filter(None, map(_locked, cores)), None)
-
-
-def _free_rest(over: Path) -> TextIO | None:
-    """What tests in real time leave of their cores, as long as no program beside the tests wants it."""
-    if not hasattr(os, "SCHED_IDLE") or not _others.rest():
-        return None
-    if (place := _locked(over.with_name(f"{over.name}-rest"))) is not None:
-        _give_way(True)
-    return place
-
-
-def _locked(file: Path) -> TextIO | None:
-    stream = file.open("w")
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        stream.close()
-        return None
-    return stream
-
-
-def _give_way(to_all: bool) -> None:
-    """Run only where nobody else wants to, or as others do; who may not go back stays."""
-    if hasattr(os, "SCHED_IDLE"):
-        with suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_IDLE if to_all else os.SCHED_OTHER, os.sched_param(0))
-
-
-class _Others:
-    """What programs beside the tests compute."""
-
-    def __init__(self) -> None:
-        self._seen: tuple[float, float] | None = None
-        self._rest = False
-
-    def rest(self) -> bool:
-        """Whether they did next to nothing, the last time that somebody looked."""
-        now = time.monotonic()
-        if self._seen is None:
-            self._seen = now, others_s(os.getppid())
-        elif now - self._seen[0] > LOOK_S:
-            (before, spent), self._seen = self._seen, (now, others_s(os.getppid()))
-            self._rest = (self._seen[1] - spent) / (now - before) < MOST_OTHERS_CORES
-        return self._rest
-
-
-_others = _Others()
+    for core in range(REAL_TIME_CORES, _cores()):
+        file = over.with_name(f"{over.name}-{core}").open("w")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+        else:
+            return file
+    return None
 
 
 def _cores() -> int:

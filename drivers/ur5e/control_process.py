@@ -47,7 +47,7 @@ def serve(
     connection: socket.socket, commands: ControlCommands, watchdog: Watchdog, heartbeat: Heartbeat
 ) -> None:
     """Answer until the other side hangs up; then nobody watches any more what moves, so it stops."""
-    lines = connection.makefile("rb")
+    lines, clock = connection.makefile("rb"), SystemClock()
     while True:
         watchdog.kick()
         heartbeat.check()
@@ -57,12 +57,12 @@ def serve(
         if not line:
             answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
             return
-        request = json.loads(line)
+        asked_ns, request = clock.now_ns(), json.loads(line)
         # ur-rtde computes while it waits for the controller, and would take the core from all else
         with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
         connection.sendall(json.dumps(reply).encode() + b"\n")
-        heartbeat.answered()
+        heartbeat.answered(asked_ns)
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:

@@ -7,8 +7,8 @@ state in the loop that works is a beat; no thread beats beside it.
 A beat that comes late is not one that never comes. Where the program is stopped the motion ends at once.
 Where it could have looked and did not, the arm stands within `MOST_WAY_M`. The time in which it wanted to
 look and got no core does not count, for a computer is busy for a moment now and then; but in no case does a
-motion go on unwatched for longer than `LONGEST_S`. While a program waits for the answer to a command it can
-not look, and is not blamed for a slow controller: there the controller's own watchdog counts.
+motion go on unwatched for longer than `LONGEST_S`. Nor does the time in which it waits for the answer to a
+command: it is not blamed for a slow controller, whose own watchdog counts there.
 """
 
 from typing import Any
@@ -46,7 +46,8 @@ class Heartbeat:
         self._clock: Clock = clock or SystemClock()
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
-        self._began_ns = self._checked_ns = self._waited_ns = self._answered_ns = 0
+        self._began_ns = self._checked_ns = self._waited_ns = 0
+        self._looked_ns = self._asking_ns = 0
         self.halted = ""
         """Why the newest motion was stopped, where this stopped it."""
 
@@ -64,9 +65,10 @@ class Heartbeat:
         self._began_ns = self._checked_ns = self._clock.now_ns()
         self._waited_ns = 0
 
-    def answered(self) -> None:
-        """The program has its answer: until now it waited for it, and could not look."""
-        self._answered_ns = self._clock.now_ns()
+    def answered(self, asked_ns: int) -> None:
+        """The program has the answer to what it asked for at a time: meanwhile it could not look."""
+        self._note_looks()
+        self._asking_ns += self._clock.now_ns() - max(asked_ns, self._began_ns)
 
     def end(self) -> None:
         """The motion is over, or told to stop."""
@@ -77,7 +79,8 @@ class Heartbeat:
         if self._limit_ns is None:
             return
         now_ns = self._clock.now_ns()
-        silent_ns = now_ns - max(self._began_ns, self._answered_ns, self._state.looked_ns())
+        self._note_looks()
+        silent_ns = now_ns - self._looked_ns - self._asking_ns
         why = self._wrong(silent_ns, now_ns - self._checked_ns, self._limit_ns)
         self._checked_ns = now_ns
         if not why:
@@ -89,6 +92,11 @@ class Heartbeat:
             self._control.stopL(BRAKE_M_S2, True)
             self.halted = why
         self.end()
+
+    def _note_looks(self) -> None:
+        looked_ns = max(self._began_ns, self._state.looked_ns())
+        if looked_ns != self._looked_ns:
+            self._looked_ns, self._asking_ns = looked_ns, 0
 
     def _wrong(self, silent_ns: int, since_check_ns: int, limit_ns: int) -> str:
         """Say what is wrong with the program; nothing while it works, or gets to work again in time."""

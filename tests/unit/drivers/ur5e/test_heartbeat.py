@@ -122,8 +122,11 @@ def test_who_waits_for_a_slow_controller_is_not_blamed_for_it_and_may_hang_no_lo
     state: SharedState,
 ) -> None:
     watched = Watched(state, ScriptedProgram())
+    watched.wait(0.020)
+    watched.look()
+    asked_ns = watched.clock.time_ns
     watched.clock.time_ns += to_ns(0.75)  # the process that commands waits as well: it checks nothing
-    watched.heartbeat.answered()
+    watched.heartbeat.answered(asked_ns)
     watched.wait(0.9 * LIMIT_S)
     assert watched.control.stops == 0
     watched.wait(0.2 * LIMIT_S)

@@ -236,7 +236,7 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport:
     assert again.simulated
 
 
-@pytest.mark.real_time(beside=True)
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     "gripper",
     [

@@ -5,10 +5,10 @@ end: the process that commands lives on and keeps the controller's watchdog quie
 state in the loop that works is a beat; no thread beats beside it.
 
 A beat that comes late is not one that never comes. Where the program is stopped the motion ends at once.
-Where it could have looked and did not, the arm stands within `MOST_WAY_M`. The time in which it wanted to
-look and got no core does not count, for a computer is busy for a moment now and then; but in no case does a
-motion go on unwatched for longer than `LONGEST_S`. Nor does the time in which it waits for the answer to a
-command: it is not blamed for a slow controller, whose own watchdog counts there.
+Where it could have looked and did not, the arm stands within `MOST_WAY_M`. Two times do not count: that in
+which it waits for the answer to a command, for a slow controller is not its fault, and the controller's own
+watchdog counts then; and that in which it wanted to look and got no core, for a computer is busy for a moment
+now and then. But without a core no motion goes on unwatched for longer than `LONGEST_S`.
 """
 
 from typing import Any

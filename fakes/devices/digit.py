@@ -54,7 +54,6 @@ class FakeDigit(FakeSource, TactileSensor):
         self._side = side
         self._unit, self._variation, self._markers = unit_seed, variation, markers
         self._difficulty: Difficulty = difficulty
-        self._drawn: tuple[int, Conditions] | None = None
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -79,12 +78,7 @@ class FakeDigit(FakeSource, TactileSensor):
     @property
     def _conditions(self) -> Conditions:
         """What the present lift is like."""
-        if self._difficulty == "easy":
-            return EASY
-        if self._drawn is None or self._drawn[0] != self._world.seed:
-            seed = self._world.seed
-            self._drawn = (seed, draw_conditions(self._difficulty, seed, self._side))
-        return self._drawn[1]
+        return draw_conditions(self._difficulty, self._world.seed, self._side)
 
     @property
     def _gel(self) -> GelSensor:

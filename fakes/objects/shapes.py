@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Field = NDArray[np.floating]
 
+SURFACE_MM_PER_PX = 0.12
+"""Pitch of the grid that faces are drawn on."""
 FLANK = 4.0
 """Slope, mm/mm, of every side wall: a vertical wall has no height, and the gel bridges it anyway."""
 

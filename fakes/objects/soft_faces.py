@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fakes.objects.shapes import Field
+from fakes.objects.shapes import SURFACE_MM_PER_PX, Field
 
 KINDS = ("lines", "edge", "corner", "skin", "creases")
 """What tells the turn: one to three thin lines; the edge of a flat face; two legs of a bent line; a rough
@@ -121,8 +121,9 @@ def _axes(x_mm: Field, z_mm: Field, tilt_rad: float, off_mm: float) -> tuple[Fie
 
 
 def _noise(shape: tuple[int, ...], size_mm: float, rng: np.random.Generator) -> Field:
-    """Smooth noise of unit spread. The grid's pixels are taken as 0.12 mm wide, as a surface's are."""
-    noise = cv2.GaussianBlur(rng.standard_normal(shape).astype(np.float32), (0, 0), size_mm / 0.12 / 2.0)
+    """Smooth noise of unit spread on the grid of faces."""
+    wide_px = size_mm / SURFACE_MM_PER_PX / 2.0
+    noise = cv2.GaussianBlur(rng.standard_normal(shape).astype(np.float32), (0, 0), wide_px)
     return np.asarray(noise / noise.std(), np.float32)
 
 

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from fakes.objects.catalogue import GraspSite
-from fakes.objects.shapes import ContactShape, Field, Shape
+from fakes.objects.shapes import SURFACE_MM_PER_PX, ContactShape, Field, Shape
 from fakes.objects.soft_faces import Bulge, soft_relief
 from fakes.objects.texture import texture_height
 
 SURFACE_PX = 256
-SURFACE_MM_PER_PX = 0.12
 FAR_MM = 6.0
 """Height that stands for "nothing there"."""
 

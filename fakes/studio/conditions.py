@@ -5,6 +5,7 @@ fifth a peel that rolls, some sheets with creases, the rest stiff things of all 
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -53,6 +54,7 @@ class Conditions:
 EASY = Conditions()
 
 
+@lru_cache(maxsize=16)
 def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
     """Draw what the lift of a seed is like to the fingertip of a side (+1 or -1); `EASY` where all is."""
     if difficulty == "easy":

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_MM_PER_PX, SURFACE_PX, Surface
+from fakes.objects.shapes import SURFACE_MM_PER_PX
+from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_PX, Surface
 
 MM_PER_PX = (0.060, 0.060)
 """Nominal scale of the simulated sensor; a unit's own differs by a percent or two."""

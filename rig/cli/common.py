@@ -34,7 +34,7 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everythi
 JobsOption = Annotated[
     int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side; default: cores.")
 ]
-BenchOption = Annotated[str, typer.Option("--bench", help="fake, wire, or the path of a bench file.")]
+BenchOption = Annotated[str, typer.Option("--bench", help="fake, hard, wire, or the path of a bench file.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
 ObjectsOption = Annotated[
     Path | None,

@@ -18,6 +18,8 @@ RUN pip install --no-cache-dir -c requirements.lock .
 # Not root: limits and file modes are to mean something.
 RUN useradd --create-home --groups video,dialout rig && mkdir /bench && chown rig /bench
 USER rig
+# The estimator's loops, compiled where this user may keep them.
+RUN python -c "from rig.tactile.slip.compiling import compile_all; compile_all()"
 WORKDIR /bench
 
 STOPSIGNAL SIGINT

@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
+from rig.tactile.slip.compiling import compile_all
 from support.benches import lighter
 from support.fuzz import PROFILE
 
@@ -48,6 +49,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--fuzz-cases", type=int, default=1000, metavar="N", help="damaged inputs drawn for each format"
     )
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Have the estimator's loops compiled before any program of a test would, and say so."""
+    if not hasattr(session.config, "workerinput"):
+        compile_all()
 
 
 @pytest.fixture(scope="session", autouse=True)

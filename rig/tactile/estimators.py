@@ -20,7 +20,6 @@ from rig.tactile.peers.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
 from rig.tactile.peers.kolamuri import KolamuriEstimator
 from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
 from rig.tactile.sample import TactileEstimator
-from rig.tactile.slip.estimator import SlipEstimator
 
 DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
@@ -71,12 +70,10 @@ class EstimatorChoice:
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
 
     def try_making(self) -> None:
-        """Make one that is not the rig's own of an even grey, to see before a lift that it can be made.
+        """Make one of an even grey before a lift: to see that it can be made, and have loops compiled.
 
         Raises `EstimatorError`. Where it refuses such a background by an `InputError`, nothing is known.
         """
-        if not self.foreign:
-            return
         try:
             self.make(np.full((320, 240, 3), 128, np.uint8))
         except EstimatorError:
@@ -114,6 +111,8 @@ class EstimatorChoice:
             self.require_named()
             return ForeignEstimator(self.name, background, aspect, sign)
         if self.name == DEFAULT_ESTIMATOR:
+            from rig.tactile.slip.estimator import SlipEstimator  # its compiler takes long to import
+
             return SlipEstimator(background, aspect, self.skip)
         if self.name in MATCHERS:
             return ReferenceEstimator(background, MATCHERS[self.name])

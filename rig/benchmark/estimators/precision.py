@@ -70,11 +70,12 @@ def _gaps(single: Keyframe, double: Keyframe, fields: Sequence[tuple[Gradient, n
 
 
 def _doubled(key: Keyframe) -> Keyframe:
-    return replace(key, template=key.template.astype(np.complex128), jacobian=key.jacobian.astype(np.float64))  # type: ignore[arg-type]
+    return replace(key, template=key.template.astype(np.float64), jacobian=key.jacobian.astype(np.float64))  # type: ignore[arg-type]
 
 
 def _condition(key: Keyframe) -> float:
-    normal = key.jacobian @ key.jacobian.T
+    rows = key.jacobian.reshape(len(key.jacobian), -1)
+    normal = rows @ rows.T
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
     return float(np.linalg.cond(normal * np.outer(scale, scale)))
 

@@ -18,6 +18,7 @@ from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
+from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.kalman import RateFilter
@@ -52,6 +53,7 @@ class SlipEstimator(FreshFrameEstimator):
 
     def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
         super().__init__(background.shape)
+        compile_all()
         self._skip = skip
         size = work_size(background.shape, aspect or 1.0)
         self._px_per_work = (background.shape[1] / size[0], background.shape[0] / size[1])

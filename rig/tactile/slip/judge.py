@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from rig.tactile.slip.evidence import (
     FEW_ITERATIONS,
     ITERATIONS,
-    LEAST_MISFIT,
     SLOPES_FIRST,
     TEXTURE_FIRST,
     TOGETHER,
@@ -20,6 +19,7 @@ from rig.tactile.slip.evidence import (
     Weighting,
 )
 from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
+from rig.tactile.slip.loops import LEAST_MISFIT
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField
 

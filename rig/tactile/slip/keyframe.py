@@ -7,44 +7,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.slip.channel import Channel, some_of
 from rig.tactile.slip.height import Gradient, relief
-from rig.tactile.slip.sampling import sharpened
+from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
+from rig.tactile.slip.sampling import GradientField, sharpened
 
 # The contact proper is where the dent is deeper than this share of its depth, which so much of it does
 # not reach; the gel's skirts around it depend on more than the object.
 DEPTH_SHARE, SHALLOWER_SHARE = 0.25, 0.95
 BORDER_PX = 2
 MIN_POINTS, MAX_POINTS = 24, 600
-# Prior spread of constant slope and gain, as weights in pixels and in template energy: they stay
-# free where the contact tells them from rotation, and small where it does not.
-SLOPE_PRIOR, GAIN_PRIOR = 20.0, 50.0
 # A gradient of this share of the template's rms length counts half.
 STEEP_SHARE = 0.6
-PARAMETERS = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
-    center_px: where points_px, (N,) complex64, are counted from. template: (N,) complex64 gradients,
-    sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
-    jacobian: (6, 2N) for rotation (rad), x, y (px), gain, slope along x and y; x and y of each point
-    in turn. contrast: the share of the energy of the gradients, as they are, that a rotation by 1 rad
-    changes beyond what translation, gain and slope can imitate: 0 for a smooth ball, about 1 and more
-    for an edge.
+    center_px: where points_px, (N,) complex64, are counted from. template: (2, N) float32, x and y of the
+    gradients, sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
+    jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share of the
+    energy of the gradients, as they are, that a rotation by 1 rad changes beyond what translation, gain and
+    slope can imitate: 0 for a smooth ball, about 1 and more for an edge.
     clipped: whether the contact reaches the image's edge.
     """
 
     center_px: complex
     points_px: NDArray[np.complex64]
-    template: NDArray[np.complex64]
+    template: NDArray[np.float32]
     squares: NDArray[np.float32]
     weights: NDArray[np.float32]
     jacobian: NDArray[np.float32]
     energy: float
     contrast: float
     clipped: bool
+
+    def within(self, field: GradientField, step: int = 1) -> Channel:
+        """Return this keyframe, or every step-th point of it, with a frame to find it in."""
+        key = Channel(
+            field.planes,
+            self.points_px,
+            self.center_px,
+            self.template,
+            self.squares,
+            self.jacobian,
+            turns=1.0,
+        )
+        return some_of(key, step)
 
 
 def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
@@ -82,11 +92,11 @@ def squared_lengths(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
 
 def _linearised(
     gradient: Gradient, points: NDArray[np.complex64], rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> tuple[NDArray[np.complex64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the gradients at points (N,), the squares of their lengths, and their jacobian."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the gradients at points (2, N), the squares of their lengths, and their jacobian."""
     values = gradient[rows, columns]
     along = [slope[rows, columns] for slope in _slopes(gradient)]
-    return values, squared_lengths(values), _jacobian(points, values, *along)
+    return _pairs(values), squared_lengths(values), _pairs(_jacobian(points, values, *along))
 
 
 def _energy(squares: NDArray[np.float32]) -> float:
@@ -111,8 +121,9 @@ def _plainness(squares: NDArray[np.float32], energy: float) -> NDArray[np.float3
 
 def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
     """Return the share of the energy that a turn changes, see `Keyframe`."""
-    inverse = np.linalg.inv(normal_matrix(jacobian, jacobian, energy))
-    return float(1.0 / (inverse[0, 0] * energy * jacobian.shape[1]))
+    alike = np.ones(jacobian.shape[2], np.float32)
+    inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, alike), energy))
+    return float(1.0 / (inverse[0, 0] * energy * 2 * jacobian.shape[2]))
 
 
 def _clipped(mask: Image) -> bool:
@@ -139,23 +150,16 @@ def _depth(heights: NDArray[np.float32]) -> float:
 
 def _jacobian(
     points: NDArray[np.complex64], template: Gradient, along_x: Gradient, along_y: Gradient
-) -> NDArray[np.float32]:
-    """What small changes of the six parameters do to the template, (6, 2N)."""
+) -> NDArray[np.complex64]:
+    """What small changes of the six parameters do to the template, (6, N)."""
     rows = np.empty((PARAMETERS, len(points)), np.complex64)
     # Turning by d takes a place z to z - i d z, and a vector alike.
     rows[0] = -1j * template - (along_x * points.imag - along_y * points.real)
     rows[1], rows[2], rows[3] = -along_x, -along_y, template
     rows[4], rows[5] = 1.0, 1j
-    return rows.view(np.float32)
+    return rows
 
 
-def normal_matrix(
-    weighted: NDArray[np.float32], jacobian: NDArray[np.float32], energy: float
-) -> NDArray[np.float64]:
-    """Return the (6, 6) normal matrix with its priors; weighted: (6, 2N), the jacobian times weights."""
-    normal = (weighted @ jacobian.T).astype(np.float64)
-    diagonal = normal.reshape(-1)[:: PARAMETERS + 1]
-    # A direction without information must not make the matrix exactly singular.
-    diagonal += 1e-9 * diagonal + 1e-12 * diagonal.sum() + 1e-30
-    diagonal[3:] += (GAIN_PRIOR * energy, SLOPE_PRIOR, SLOPE_PRIOR)
-    return normal
+def _pairs(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Return complex vectors (..., N) as x and y, (..., 2, N)."""
+    return np.stack([vectors.real, vectors.imag], axis=-2)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.registration import turning
+from rig.tactile.slip.loops import turning
 from rig.tactile.slip.texture import TextureKey
 
 # From where it is expected, an object turns at most so far between two frames.

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.sampling import read
 
 # Seen with so many pixels per work pixel, where the sensor has them.
 FINENESS = 2
@@ -60,40 +60,31 @@ def fine_scale(shape: tuple[int, ...], size: tuple[int, int]) -> int:
 class TextureKey:
     """The texture of a contact to which later frames are aligned.
 
-    points_px: (N,) complex64, work pixels from the keyframe's center. values: (N, 3), see `TextureField`,
-    times `unit`, which makes their energy 1. squares: (N,) of their lengths. jacobian: (3, 3N) for rotation
+    points_px: (N,) complex64, work pixels from the keyframe's center. template: (3, N), see `TextureField`,
+    times `unit`, which makes its energy 1. squares: (N,) of its lengths. jacobian: (3, 3, N) for rotation
     (rad), x and y (work pixels).
     """
 
     points_px: NDArray[np.complex64]
-    values: NDArray[np.float32]
+    template: NDArray[np.float32]
     unit: float
     squares: NDArray[np.float32]
     jacobian: NDArray[np.float32]
 
-    def pulled_back(
-        self,
-        field: TextureField,
-        angle_rad: float,
-        center_px: complex | NDArray[np.complex64],
-        step: int = 1,
-    ) -> NDArray[np.float32]:
-        """Return a frame's texture at the points, (..., N, 3), turned about a center, and turned back.
-
-        center_px: one, or (..., 1). step: looks at every step-th point.
-        """
-        turn = field.scale * complex(math.cos(angle_rad), -math.sin(angle_rad))
-        first = np.complex64(field.scale * center_px + field.middle_px)
-        seen = read(field.planes, self.points_px[::step] * np.complex64(turn) + first)
-        cosine, sine = math.cos(2.0 * angle_rad) * self.unit, math.sin(2.0 * angle_rad) * self.unit
-        back = [[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, self.unit]]
-        return np.asarray(seen @ np.array(back, np.float32), np.float32)
-
-
-def products_of_rows(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the scalar products of rows, (N,) of (N, 3)."""
-    products = one * other
-    return np.asarray(products[:, 0] + products[:, 1] + products[:, 2], np.float32)
+    def within(self, field: TextureField, center_px: complex) -> Channel:
+        """Return this texture with a frame to find it in."""
+        return Channel(
+            field.planes,
+            self.points_px,
+            center_px,
+            self.template,
+            self.squares,
+            self.jacobian,
+            turns=2.0,
+            unit=self.unit,
+            scale=float(field.scale),
+            middle=field.middle_px,
+        )
 
 
 def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> TextureKey | None:
@@ -104,19 +95,21 @@ def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> Te
     rows, columns = np.unravel_index(chosen, field.planes.shape[:2])
     places = columns + 1j * rows - (field.scale - 1) / 2.0 * (1 + 1j)
     points = (places / field.scale - center_px).astype(np.complex64)
-    values = field.planes[rows, columns]
-    unit = 1.0 / math.sqrt(float(products_of_rows(values, values).sum()))
+    plain = field.planes[rows, columns].T
+    unit = 1.0 / math.sqrt(float((plain * plain).sum()))
+    template = np.ascontiguousarray(plain * np.float32(unit))
     along_x, along_y = (
-        np.asarray(cv2.Scharr(field.planes, cv2.CV_32F, *axis, scale=unit * field.scale / 32))[rows, columns]
+        np.asarray(cv2.Scharr(field.planes, cv2.CV_32F, *axis, scale=unit * field.scale / 32))[
+            rows, columns
+        ].T
         for axis in ((1, 0), (0, 1))
     )
-    values = values * np.float32(unit)
     # Turning by d takes a place z to z - i d z, and twice an angle by exp(-2 i d).
-    turned = along_y * points.real[:, None] - along_x * points.imag[:, None]
-    turned[:, 0] += 2.0 * values[:, 1]
-    turned[:, 1] -= 2.0 * values[:, 0]
-    jacobian = np.asarray(np.stack([turned, -along_x, -along_y]).reshape(3, -1), np.float32)
-    return TextureKey(points, values, unit, products_of_rows(values, values), jacobian)
+    turned = along_y * points.real - along_x * points.imag
+    turned[0] += 2.0 * template[1]
+    turned[1] -= 2.0 * template[0]
+    jacobian = np.ascontiguousarray(np.stack([turned, -along_x, -along_y]), np.float32)
+    return TextureKey(points, template, unit, (template * template).sum(0), jacobian)
 
 
 def structure(difference: Field, scale: float) -> Field:

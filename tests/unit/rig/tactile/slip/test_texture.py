@@ -15,6 +15,7 @@ from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.judge import sigma_alone
+from rig.tactile.slip.loops import values_at
 from rig.tactile.slip.texture import (
     FEWEST_POINTS,
     TextureField,
@@ -82,14 +83,15 @@ def test_a_key_takes_the_strongest_points_and_needs_some() -> None:
 
 def test_a_key_is_found_where_it_was_taken_and_where_it_has_turned_to() -> None:
     before, mask = TextureField(line(20.0), 2), np.ones((80, 60), np.uint8)
-    key = make_texture_key(before, mask, 29.75 + 39.75j)
+    middle = 29.75 + 39.75j
+    key = make_texture_key(before, mask, middle)
     assert key is not None
-    assert key.pulled_back(before, 0.0, 29.75 + 39.75j) == pytest.approx(key.values, abs=1e-4)
+    assert values_at(key.within(before, middle), 0.0, 0j) == pytest.approx(key.template, abs=1e-4)
     after = TextureField(line(55.0), 2)
-    turned = key.pulled_back(after, math.radians(35.0), 29.75 + 39.75j)
-    alike = float((turned * key.values).sum()) / math.sqrt(float((turned**2).sum()))
-    rest = key.pulled_back(after, 0.0, 29.75 + 39.75j)
-    at_rest = float((rest * key.values).sum()) / math.sqrt(float((rest**2).sum()))
+    turned = values_at(key.within(after, middle), math.radians(35.0), 0j)
+    alike = float((turned * key.template).sum()) / math.sqrt(float((turned**2).sum()))
+    rest = values_at(key.within(after, middle), 0.0, 0j)
+    at_rest = float((rest * key.template).sum()) / math.sqrt(float((rest**2).sum()))
     assert alike > 0.95
     assert at_rest < 0.5 * alike
 

@@ -1,0 +1,36 @@
+"""Compiles the loops of `rig.tactile.slip.loops` ahead of the first contact."""
+
+import logging
+import threading
+from functools import cache
+
+import numpy as np
+
+from rig.tactile.slip.channel import Channel
+from rig.tactile.slip.loops import align_alone, align_together, best_of, weights_of
+
+# Compiling that takes longer is told.
+TOLD_AFTER_S = 1.0
+
+
+@cache
+def compile_all() -> None:
+    """Compile all loops, or load what was compiled, once: not when a contact first shows on a bench."""
+    told = threading.Timer(TOLD_AFTER_S, _tell)
+    told.daemon = True
+    told.start()
+    planes, point = np.zeros((8, 8, 3), np.float32), np.zeros(1, np.complex64)
+    ones, none = np.ones(1, np.float32), np.zeros((6, 3, 1), np.float32)
+    slopes = Channel(
+        planes, point, 3.5 + 3.5j, none[0, :2], ones, np.ascontiguousarray(none[:, :2]), turns=1.0
+    )
+    texture = Channel(planes, point, 3.5 + 3.5j, none[0], ones, none[:3], turns=2.0)
+    both = slopes, weights_of(slopes), texture, weights_of(texture)
+    align_alone(slopes, ones, 1.0, (0.0, 0j), 1, False)
+    align_together(*both, 0.0, 0j, (1.0, 1.0), 1)
+    best_of(*both[2:], 0.0, np.zeros(1, np.complex128))
+    told.cancel()
+
+
+def _tell() -> None:
+    logging.getLogger(__name__).warning("compiling the estimator's inner loops, once an installation")

@@ -1,0 +1,294 @@
+"""The inner loops of the alignments, compiled: reading a frame between pixels, weights, equations, steps.
+
+They run some hundred times a frame over a few hundred points: NumPy would spend most of that time on being
+called. Numba compiles them once an installation and keeps the result beside this file, or with the user's
+caches. They stand in one file, because it does not notice a change in another.
+
+Places and vectors are complex numbers, x (right) + i y (down). Sums are of double precision.
+"""
+
+import cmath
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.tactile.slip.channel import Channel, Found, Values, Weights
+
+Sums = NDArray[np.float64]
+
+# Turn and shift come first among the parameters of slopes; gain and a constant slope along x and y follow.
+# Those stay free where the contact tells them from rotation and small where it does not: prior weights of
+# gain, in template energy, and of slope, in pixels; of slopes alone, and of slopes and texture together.
+MOTION, PARAMETERS = 3, 6
+GAIN_PRIOR, SLOPE_PRIOR = 50.0, 20.0
+GAIN_PRIOR_TOGETHER, SLOPE_PRIOR_TOGETHER = 1e-3, 10.0
+# Which points count, and so the normal matrix, is decided twice: at the guess, and so many iterations on.
+ANEW_AFTER = 2
+# A step this small is the last one needed: the next would be several times smaller.
+DONE_RAD, DONE_PX = 5e-5, 1.5e-3
+DONE_TOGETHER_RAD, DONE_TOGETHER_PX = 5e-4, 1.5e-2
+DAMPING, MOST_TURN_STEP_RAD, MOST_STEP_PX = 1e-3, 0.1, 1.5
+# A point whose change since the keyframe, had nothing moved, is this share of its energy counts half;
+# noise, as a share of the mean energy, keeps points alike where nothing has moved.
+REST_SHARE, NOISE_SHARE = 0.09, 0.01
+# A channel is never weighted as if it fitted better than this share of its energy. Texture's gain is kept
+# within the others.
+LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
+# So much of the pixels around a place lies in the contact where slopes are seen.
+SEEN = 0.5
+
+_Loop = TypeVar("_Loop", bound=Callable[..., object])
+_OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "numpy"}
+
+
+def _compiled(loop: _Loop) -> _Loop:
+    """Return a loop that is compiled when it is first called; each time anew where nothing can be kept."""
+    dispatcher: Any = None
+    try:
+        dispatcher = numba.njit(cache=True, **_OPTIONS)(loop)
+    except RuntimeError:
+        dispatcher = numba.njit(**_OPTIONS)(loop)
+    return dispatcher
+
+
+@_compiled
+def turning(angle_rad: float) -> complex:
+    """Return the factor that turns places and vectors counter-clockwise as seen."""
+    return cmath.exp(-1j * angle_rad)
+
+
+@_compiled
+def values_at(key: Channel, angle_rad: float, shift_px: complex) -> Values:
+    """Return the frame at a keyframe's points, moved, its vectors turned back, (3, N); 0 outside.
+
+    Bilinear. shift_px: of the center.
+    """
+    planes, values = key.planes, np.zeros((3, len(key.points)), key.template.dtype)
+    turn, middle = turning(angle_rad) * key.scale, (key.center + shift_px) * key.scale + key.middle
+    cosine, sine = math.cos(key.turns * angle_rad) * key.unit, math.sin(key.turns * angle_rad) * key.unit
+    for i in range(len(key.points)):
+        place = key.points[i] * turn + middle
+        left, above = math.floor(place.real), math.floor(place.imag)
+        c, r = int(left), int(above)
+        if 0 <= c < planes.shape[1] - 1 and 0 <= r < planes.shape[0] - 1:
+            aside, under = place.real - left, place.imag - above
+            both = aside * under
+            shares = 1.0 - aside - under + both, aside - both, under - both, both
+            x, y, third = 0.0, 0.0, 0.0
+            for corner in range(4):
+                row, column, share = r + corner // 2, c + corner % 2, shares[corner]
+                x += share * planes[row, column, 0]
+                y += share * planes[row, column, 1]
+                third += share * planes[row, column, 2]
+            values[0, i], values[1, i] = x * cosine - y * sine, x * sine + y * cosine
+            values[2, i] = third * key.unit
+    return values
+
+
+@_compiled
+def weights_of(key: Channel) -> Weights:
+    """Return weights by how ill points would fit had nothing moved: what rests counts little."""
+    values, noise = values_at(key, 0.0, 0j), NOISE_SHARE * key.squares.mean()
+    points = np.full(len(key.points), noise, np.float32)
+    for k in range(len(key.template)):
+        for i in range(len(points)):
+            points[i] += (values[k, i] - key.template[k, i]) ** 2
+    total, energy = 1e-20, 1e-20
+    for i in range(len(points)):
+        points[i] /= points[i] + REST_SHARE * key.squares[i] + 1e-20
+        total += points[i]
+        energy += points[i] * key.squares[i]
+    return Weights(points, total, energy)
+
+
+@_compiled
+def correlation_at(key: Channel, weights: Weights, angle_rad: float, shift_px: complex) -> float:
+    """Return the correlation of the frame with the template at a motion."""
+    values = values_at(key, angle_rad, shift_px)
+    product, square = 0.0, 0.0
+    for k in range(len(key.template)):
+        for i in range(len(key.points)):
+            weighted = weights.points[i] * values[k, i]
+            product += weighted * key.template[k, i]
+            square += weighted * values[k, i]
+    return product / math.sqrt(square * weights.energy + 1e-30)
+
+
+@_compiled
+def normal_matrix(jacobian: Values, points: Values) -> Sums:
+    """Return the normal matrix (P, P) of a jacobian (P, C, N) with weights (N,)."""
+    size, components, count = jacobian.shape
+    matrix, weighted = np.zeros((size, size)), np.empty(count, jacobian.dtype)
+    for a in range(size):
+        for k in range(components):
+            for i in range(count):
+                weighted[i] = points[i] * jacobian[a, k, i]
+            for b in range(a + 1):
+                total = 0.0
+                for i in range(count):
+                    total += weighted[i] * jacobian[b, k, i]
+                matrix[a, b] += total
+    for a in range(size):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    return matrix
+
+
+@_compiled
+def with_priors(matrix: Sums, energy: float) -> Sums:
+    """Return the normal matrix (6, 6) of slopes alone with the priors of its parameters."""
+    total, regular = np.trace(matrix), matrix.copy()
+    for a in range(PARAMETERS):
+        # A direction without information must not make the matrix exactly singular.
+        regular[a, a] += 1e-9 * matrix[a, a] + 1e-12 * total + 1e-30
+    regular[3, 3] += GAIN_PRIOR * energy
+    regular[4, 4] += SLOPE_PRIOR
+    regular[5, 5] += SLOPE_PRIOR
+    return regular
+
+
+@_compiled
+def _pulls(key: Channel, points: Values, residuals: Values) -> Sums:
+    """Return what residuals (3, N) pull each parameter by, (P,). They are weighted by points (N,) here."""
+    pulls = np.zeros(len(key.jacobian))
+    for k in range(len(key.template)):
+        for i in range(len(points)):
+            residuals[k, i] *= points[i]
+        for a in range(len(pulls)):
+            total = 0.0
+            for i in range(len(points)):
+                total += key.jacobian[a, k, i] * residuals[k, i]
+            pulls[a] += total
+    return pulls
+
+
+@_compiled
+def align_alone(
+    key: Channel, points: Values, energy: float, start: tuple[float, complex], most: int, to_the_end: bool
+) -> Found:
+    """Align slopes in so many iterations at most; see `align`. points: weights, (N,). start: angle, shift."""
+    angle_rad, shift_px = start
+    used, inverse, step = points.copy(), np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
+    residuals, last_step, answer_rad, answer_px = values_at(key, 0.0, 0j), step, angle_rad, shift_px
+    iteration, done = 0, False
+    while iteration < most and (to_the_end or not done):
+        values = values_at(key, angle_rad, shift_px)
+        if not done and (iteration == 0 or iteration == ANEW_AFTER):
+            for i in range(len(points)):
+                used[i] = points[i] if values[2, i] >= SEEN else 0.0
+            normal = with_priors(normal_matrix(key.jacobian, used), energy)
+            inverse = np.ascontiguousarray(np.linalg.inv(normal))
+        values[:2] -= key.template
+        step = inverse @ _pulls(key, used, values.copy())
+        shift_px += turning(angle_rad) * complex(step[1], step[2])
+        angle_rad += step[0]
+        iteration += 1
+        if not done:
+            residuals, last_step, answer_rad, answer_px = values, step, angle_rad, shift_px
+        if not (math.isfinite(angle_rad) and abs(shift_px) <= 2 * max(key.planes.shape[:2])):
+            break
+        done = done or (abs(step[0]) < DONE_RAD and max(abs(step[1]), abs(step[2])) < DONE_PX)
+    squares = np.zeros_like(points)
+    for k in range(2):
+        for a in range(PARAMETERS):
+            for i in range(len(points)):
+                residuals[k, i] -= last_step[a] * key.jacobian[a, k, i]
+        for i in range(len(points)):
+            squares[i] += residuals[k, i] ** 2
+    further = angle_rad - answer_rad
+    return Found(answer_rad, answer_px, last_step[3], inverse[0, 0], iteration, done, used, squares, further)
+
+
+@_compiled
+def _equations(
+    key: Channel,
+    weights: Weights,
+    angle_rad: float,
+    shift_px: complex,
+    robust: Values,
+    matrix: Sums,
+    anew: bool,
+) -> tuple[float, float, Sums]:
+    """Return by what the matrix is weighted, by what the pulls are, and these, (P,).
+
+    robust, matrix: weights of the points and normal matrix, worked out here if `anew`.
+    """
+    values, components, gain = values_at(key, angle_rad, shift_px), len(key.template), 1.0
+    if components == 3:
+        gain = 0.0
+        for k in range(components):
+            for i in range(len(robust)):
+                gain += weights.points[i] * values[k, i] * key.template[k, i]
+        gain = min(max(gain / weights.energy, LEAST_GAIN), MOST_GAIN)
+    misfit, squares = 0.0, np.zeros_like(robust)
+    for k in range(components):
+        for i in range(len(robust)):
+            values[k, i] -= gain * key.template[k, i]
+            squares[i] += values[k, i] ** 2
+    for i in range(len(robust)):
+        misfit += weights.points[i] * squares[i]
+    if anew:
+        width = 2.0 * misfit / weights.total + 1e-20
+        for i in range(len(robust)):
+            robust[i] = weights.points[i] / (1.0 + squares[i] / width)
+            if components == 2:
+                robust[i] *= values[2, i]
+        matrix[:] = normal_matrix(key.jacobian, robust)
+    share = gain / max(misfit, LEAST_MISFIT * weights.energy)
+    return share * gain, share, _pulls(key, robust, values)
+
+
+@_compiled
+def align_together(
+    slopes: Channel,
+    slope_weights: Weights,
+    texture: Channel,
+    texture_weights: Weights,
+    angle_rad: float,
+    shift_px: complex,
+    shares: tuple[float, float],
+    most: int,
+) -> tuple[float, complex]:
+    """Return angle and shift found from a start by both channels. shares: of slopes and texture."""
+    by_slopes, by_texture = np.zeros((PARAMETERS, PARAMETERS)), np.zeros((MOTION, MOTION))
+    slope_points, texture_points = np.zeros_like(slope_weights.points), np.zeros_like(texture_weights.points)
+    for iteration in range(most):
+        anew = iteration == 0 or iteration == ANEW_AFTER
+        one, along, pulls = _equations(
+            slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, anew
+        )
+        two, beside, further = _equations(
+            texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, anew
+        )
+        matrix, pulls = shares[0] * one * by_slopes, shares[0] * along * pulls
+        matrix[:MOTION, :MOTION] += shares[1] * two * by_texture
+        pulls[:MOTION] += shares[1] * beside * further
+        for a in range(PARAMETERS):
+            matrix[a, a] += DAMPING * matrix[a, a] + 1e-9
+        matrix[3, 3] += GAIN_PRIOR_TOGETHER
+        matrix[4, 4] += SLOPE_PRIOR_TOGETHER
+        matrix[5, 5] += SLOPE_PRIOR_TOGETHER
+        step = np.linalg.solve(matrix, pulls)
+        turn = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
+        right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
+        down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
+        shift_px += turning(angle_rad) * complex(right, down)
+        angle_rad += turn
+        if abs(turn) < DONE_TOGETHER_RAD and abs(complex(right, down)) < DONE_TOGETHER_PX:
+            break
+    return angle_rad, shift_px
+
+
+@_compiled
+def best_of(key: Channel, weights: Weights, angle_rad: float, shifts_px: NDArray[np.complex128]) -> int:
+    """Return which of the shifts (G,) has the highest correlation at a turn."""
+    best, highest = 0, -math.inf
+    for g in range(len(shifts_px)):
+        found = correlation_at(key, weights, angle_rad, shifts_px[g])
+        if found > highest:
+            best, highest = g, found
+    return best

@@ -1,6 +1,7 @@
 """The `rig` command: registers the subcommands and turns errors into one line and an exit code."""
 
 import os
+import signal
 import sys
 from contextlib import suppress
 from typing import Annotated
@@ -119,6 +120,8 @@ def _end(message: str, kind: str, code: Exit) -> None:
     """Say in one line why it ended, whatever the message is made of."""
     from drivers.formats import without_passwords
 
+    # All is done but to say so: a further Ctrl-C, also while Python ends, must not end it otherwise.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, ValueError):
         text = without_passwords(message).encode("utf-8", "backslashreplace").decode()
         say("rig: " + " ".join(text.splitlines()))

@@ -122,3 +122,25 @@ def test_left_over_fakes_in_the_file_of_a_real_bench_are_refused_before_anything
     assert done.returncode == 2
     assert "[fakes] says that its devices are simulated" in done.stderr
     assert not (tmp_path / "s").exists()
+
+
+STRUCK_AT_THE_END = """
+import os, signal
+from rig.cli.common import Exit, stop_on_signals
+from rig.cli.main import _end
+
+class Late:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+late = Late()
+stop_on_signals()
+_end("stopped by the operator", "OperatorStopError", Exit.STOPPED)
+"""
+
+
+def test_a_ctrl_c_while_the_program_ends_changes_neither_its_last_word_nor_its_code() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STRUCK_AT_THE_END], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (3, "rig: stopped by the operator\n")

@@ -15,6 +15,7 @@ from rig.cli.benchmark.others import others
 from rig.cli.benchmark.reaction import reaction
 from rig.cli.benchmark.renderer import renderer
 from rig.cli.benchmark.safety import safety
+from rig.cli.benchmark.seeds import seeds
 from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.trials import trials
@@ -48,6 +49,7 @@ benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)
 benchmark.command("renderer")(renderer)
+benchmark.command("seeds")(seeds)
 benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
 benchmark.command("sessions")(sessions)

@@ -1,0 +1,1 @@
+"""`rig benchmark seeds`: simulated trials of many seeds, and which of their lifts go wrong."""

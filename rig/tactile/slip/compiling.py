@@ -10,7 +10,7 @@ from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.loops import align_alone, align_together, best_of, weights_of
 
 # Compiling that takes longer is told.
-TOLD_AFTER_S = 1.0
+TOLD_AFTER_S = 3.0
 
 
 @cache

@@ -24,18 +24,18 @@ from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField
 
 # Other starts are tried where the texture fits worse than this, or further off than was expected: aside by
-# what an object turns within a frame at 10 Hz.
+# what an object turns within a frame at 10 Hz, and twice that.
 GOOD_TEXTURE, SURPRISE_RAD = 0.8, math.radians(2.0)
-ASIDE_RAD = math.radians(5.7)
+ASIDE_RAD = tuple(math.radians(turn) for turn in (-11.4, -5.7, 5.7, 11.4))
 # Slopes of the object itself leave little unexplained. Their pose stands until another has so much more
 # evidence; more by the second where theirs is ample.
 MORE_EVIDENCE, AMPLE_EVIDENCE, MORE_THAN_AMPLE = 0.1, 1.2, 0.5
 # An older keyframe says nothing with less evidence than this; within so much, or so many standard deviations,
 # it means the same motion.
 LEAST_EVIDENCE, SAME_RAD = 0.15, math.radians(4.0)
-# In each frame one of these turns from where the contact is believed to be is looked at. It is taken where
-# two frames running agree to `SAME_RAD` that its evidence is larger by this share and this amount.
-ELSEWHERE_RAD = tuple(math.radians(turn) for turn in (-5, 5, -10, 10, -18, 18))
+# In each frame so many of these turns from where the contact is believed to be are looked at. One is taken
+# where two frames running agree to `SAME_RAD` that its evidence is larger by this share and this amount.
+ELSEWHERE_RAD, LOOKS = tuple(math.radians(turn) for turn in (-5, 5, -10, 10, -18, 18)), 3
 ELSEWHERE_SHARE, ELSEWHERE_MORE, FURTHEST_RAD = 1.4, 0.1, math.radians(35.0)
 # Until then it is doubt: how much less likely a motion is for each unit of evidence less, about the number
 # of points that are independent.
@@ -112,12 +112,11 @@ class Judge:
         found = newest.best(expected)
         off = abs(found.pose.angle_rad - expected.angle_rad)
         if found.motion.texture < GOOD_TEXTURE or off > SURPRISE_RAD:
-            ahead = ContactPose(expected.angle_rad + ASIDE_RAD, expected.point_px)
-            behind = ContactPose(expected.angle_rad - ASIDE_RAD, expected.point_px)
+            turned = [ContactPose(expected.angle_rad + aside, expected.point_px) for aside in ASIDE_RAD]
             others = (
                 newest.tried(expected, TEXTURE_FIRST),
                 newest.tried(expected, SLOPES_FIRST),
-                *(newest.tried(start, TOGETHER) for start in (last, ahead, behind)),
+                *(newest.tried(start, TOGETHER) for start in (last, *turned)),
             )
             other = newest.best(max(others, key=lambda b: b.motion.evidence).pose)
             self._aside = True
@@ -127,18 +126,14 @@ class Judge:
         return found
 
     def _elsewhere(self, first: "_Witness", evidence: float, belief: Belief) -> Belief:
-        """Look at one other turn by the first key; take it where two frames agree that it fits far better.
+        """Look at other turns by the first key; take one where two frames agree that it fits far better.
 
         evidence: of the first key, for the belief.
         """
-        asked = self._turn % len(ELSEWHERE_RAD)
-        turned = ContactPose(belief.pose.angle_rad + ELSEWHERE_RAD[asked], belief.pose.point_px)
-        other = first.tried(turned, TEXTURE_FIRST, anywhere=True)
-        if other.motion.evidence > evidence:
-            other = first.best(other.pose)
+        asked = [(self._turn + i) % len(ELSEWHERE_RAD) for i in range(LOOKS)]
+        looks = [self._look(first, evidence, belief, number) for number in asked]
+        other = max(looks, key=lambda look: look.motion.evidence)
         off, more = other.pose.angle_rad - belief.pose.angle_rad, other.motion.evidence - evidence
-        likelihood = math.exp(min(0.0, INDEPENDENT * more)) if abs(off) > SAME_RAD else 0.0
-        self._doubts[asked] = (likelihood, off)
         before, self._elsewhere_rad = self._elsewhere_rad, None
         least = (ELSEWHERE_SHARE - 1.0) * evidence + ELSEWHERE_MORE
         if more > least and SAME_RAD < abs(off) < FURTHEST_RAD:
@@ -146,8 +141,19 @@ class Judge:
                 return replace(other, motion=belief.motion)
             self._elsewhere_rad = off
         else:
-            self._turn += 1
+            self._turn += LOOKS
         return replace(belief, doubt=self._doubt())
+
+    def _look(self, first: "_Witness", evidence: float, belief: Belief, number: int) -> Belief:
+        """Look at one other turn, and keep how likely what is found there is."""
+        turned = ContactPose(belief.pose.angle_rad + ELSEWHERE_RAD[number], belief.pose.point_px)
+        other = first.tried(turned, TEXTURE_FIRST, anywhere=True)
+        if other.motion.evidence > evidence:
+            other = first.best(other.pose)
+        off, more = other.pose.angle_rad - belief.pose.angle_rad, other.motion.evidence - evidence
+        likelihood = math.exp(min(0.0, INDEPENDENT * more)) if abs(off) > SAME_RAD else 0.0
+        self._doubts[number] = (likelihood, off)
+        return other
 
     def _doubt(self) -> float:
         """Return the variance of turns that are as likely as their evidence says, rad^2."""

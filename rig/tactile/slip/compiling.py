@@ -8,6 +8,7 @@ import numpy as np
 
 from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.loops import align_alone, align_together, best_of, weights_of
+from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
 # Compiling that takes longer is told.
 TOLD_AFTER_S = 3.0
@@ -29,6 +30,7 @@ def compile_all() -> None:
     align_alone(slopes, ones, 1.0, (0.0, 0j), 1, False)
     align_together(*both, 0.0, 0j, (1.0, 1.0), 1)
     best_of(*both[2:], 0.0, np.zeros(1, np.complex128))
+    beyond_noise(summed_tensor(planes, planes), planes[..., 0].copy(), 0.0, 1)
     told.cancel()
 
 

@@ -1,22 +1,20 @@
 """The inner loops of the alignments, compiled: reading a frame between pixels, weights, equations, steps.
 
 They run some hundred times a frame over a few hundred points: NumPy would spend most of that time on being
-called. Numba compiles them once an installation and keeps the result beside this file, or with the user's
-caches. They stand in one file, because it does not notice a change in another.
+called. Those that call one another stand in one file, because what is kept of a compiled loop (see
+`rig.tactile.slip.compiled`) does not notice a change in another.
 
 Places and vectors are complex numbers, x (right) + i y (down). Sums are of double precision.
 """
 
 import cmath
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.tactile.slip.channel import Channel, Found, Values, Weights
+from rig.tactile.slip.compiled import compiled
 
 Sums = NDArray[np.float64]
 
@@ -41,27 +39,14 @@ LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 # So much of the pixels around a place lies in the contact where slopes are seen.
 SEEN = 0.5
 
-_Loop = TypeVar("_Loop", bound=Callable[..., object])
-_OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "numpy"}
 
-
-def _compiled(loop: _Loop) -> _Loop:
-    """Return a loop that is compiled when it is first called; each time anew where nothing can be kept."""
-    dispatcher: Any = None
-    try:
-        dispatcher = numba.njit(cache=True, **_OPTIONS)(loop)
-    except RuntimeError:
-        dispatcher = numba.njit(**_OPTIONS)(loop)
-    return dispatcher
-
-
-@_compiled
+@compiled
 def turning(angle_rad: float) -> complex:
     """Return the factor that turns places and vectors counter-clockwise as seen."""
     return cmath.exp(-1j * angle_rad)
 
 
-@_compiled
+@compiled
 def values_at(key: Channel, angle_rad: float, shift_px: complex) -> Values:
     """Return the frame at a keyframe's points, moved, its vectors turned back, (3, N); 0 outside.
 
@@ -89,7 +74,7 @@ def values_at(key: Channel, angle_rad: float, shift_px: complex) -> Values:
     return values
 
 
-@_compiled
+@compiled
 def weights_of(key: Channel) -> Weights:
     """Return weights by how ill points would fit had nothing moved: what rests counts little."""
     values, noise = values_at(key, 0.0, 0j), NOISE_SHARE * key.squares.mean()
@@ -105,7 +90,7 @@ def weights_of(key: Channel) -> Weights:
     return Weights(points, total, energy)
 
 
-@_compiled
+@compiled
 def correlation_at(key: Channel, weights: Weights, angle_rad: float, shift_px: complex) -> float:
     """Return the correlation of the frame with the template at a motion."""
     values = values_at(key, angle_rad, shift_px)
@@ -118,7 +103,7 @@ def correlation_at(key: Channel, weights: Weights, angle_rad: float, shift_px: c
     return product / math.sqrt(square * weights.energy + 1e-30)
 
 
-@_compiled
+@compiled
 def normal_matrix(jacobian: Values, points: Values) -> Sums:
     """Return the normal matrix (P, P) of a jacobian (P, C, N) with weights (N,)."""
     size, components, count = jacobian.shape
@@ -138,7 +123,7 @@ def normal_matrix(jacobian: Values, points: Values) -> Sums:
     return matrix
 
 
-@_compiled
+@compiled
 def with_priors(matrix: Sums, energy: float) -> Sums:
     """Return the normal matrix (6, 6) of slopes alone with the priors of its parameters."""
     total, regular = np.trace(matrix), matrix.copy()
@@ -151,7 +136,7 @@ def with_priors(matrix: Sums, energy: float) -> Sums:
     return regular
 
 
-@_compiled
+@compiled
 def _pulls(key: Channel, points: Values, residuals: Values) -> Sums:
     """Return what residuals (3, N) pull each parameter by, (P,). They are weighted by points (N,) here."""
     pulls = np.zeros(len(key.jacobian))
@@ -166,7 +151,7 @@ def _pulls(key: Channel, points: Values, residuals: Values) -> Sums:
     return pulls
 
 
-@_compiled
+@compiled
 def align_alone(
     key: Channel, points: Values, energy: float, start: tuple[float, complex], most: int, to_the_end: bool
 ) -> Found:
@@ -203,7 +188,7 @@ def align_alone(
     return Found(answer_rad, answer_px, last_step[3], inverse[0, 0], iteration, done, used, squares, further)
 
 
-@_compiled
+@compiled
 def _equations(
     key: Channel,
     weights: Weights,
@@ -242,7 +227,7 @@ def _equations(
     return share * gain, share, _pulls(key, robust, values)
 
 
-@_compiled
+@compiled
 def align_together(
     slopes: Channel,
     slope_weights: Weights,
@@ -283,7 +268,7 @@ def align_together(
     return angle_rad, shift_px
 
 
-@_compiled
+@compiled
 def best_of(key: Channel, weights: Weights, angle_rad: float, shifts_px: NDArray[np.complex128]) -> int:
     """Return which of the shifts (G,) has the highest correlation at a turn."""
     best, highest = 0, -math.inf

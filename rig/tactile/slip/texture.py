@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.slip.channel import Channel
+from rig.tactile.slip.compiled import compiled
 from rig.tactile.slip.height import Field
 
 # Seen with so many pixels per work pixel, where the sensor has them.
@@ -31,7 +32,6 @@ NOISE_MEDIANS = 1.8
 MARGIN_PX = 10
 # A texture is told by its strongest points, within this reach of the contact in work pixels.
 MOST_POINTS, FEWEST_POINTS, REACH_PX = 600, 30, 6
-_SUM_OF_COLOURS = np.ones((1, 3), np.float32)
 
 
 class TextureField:
@@ -119,17 +119,42 @@ def structure(difference: Field, scale: float) -> Field:
     """
     fine = cv2.subtract(difference, _broad(difference, FINE_PX * scale))
     fine = cv2.GaussianBlur(fine, (0, 0), NOISE_PX * scale)
-    along_x, along_y = (cv2.Scharr(fine, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1)))
-    pairs = ((along_x, along_x), (along_y, along_y), (along_x, along_y))
-    xx, yy, xy = (cv2.transform(cv2.multiply(one, other), _SUM_OF_COLOURS) for one, other in pairs)
-    parts = cv2.merge([cv2.subtract(xx, yy), cv2.add(xy, xy), cv2.add(xx, yy)])
-    tensor = np.asarray(cv2.GaussianBlur(parts, (0, 0), NEIGHBOURS_PX * scale), np.float32)
-    squares = np.maximum(tensor[..., 2], np.float32(1e-12))
-    changes = np.sqrt(squares)
-    strength = np.maximum(changes - np.float32(NOISE_MEDIANS) * np.median(changes), np.float32(0.0))
-    planes = tensor * (np.sqrt(strength * np.sqrt(strength)) / squares)[..., None]
-    margin = round(MARGIN_PX * scale)
-    planes[:margin], planes[-margin:], planes[:, :margin], planes[:, -margin:] = 0, 0, 0, 0
+    along_x, along_y = (
+        np.asarray(cv2.Scharr(fine, cv2.CV_32F, *axis, scale=1 / 32), np.float32) for axis in ((1, 0), (0, 1))
+    )
+    tensor = cv2.GaussianBlur(summed_tensor(along_x, along_y), (0, 0), NEIGHBOURS_PX * scale)
+    tensor = np.asarray(tensor, np.float32)
+    changes = np.sqrt(np.maximum(tensor[..., 2], np.float32(1e-12)))
+    least = float(NOISE_MEDIANS * np.median(changes))
+    return beyond_noise(tensor, changes, least, round(MARGIN_PX * scale))
+
+
+@compiled
+def summed_tensor(along_x: Field, along_y: Field) -> Field:
+    """Return the structure tensor, its three parts, summed over the colours of two gradients (h, w, 3)."""
+    parts = np.empty_like(along_x)
+    for row in range(parts.shape[0]):
+        for column in range(parts.shape[1]):
+            xx, yy, xy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for k in range(3):
+                x, y = along_x[row, column, k], along_y[row, column, k]
+                xx, yy, xy = xx + x * x, yy + y * y, xy + x * y
+            parts[row, column, 0], parts[row, column, 1] = xx - yy, xy + xy
+            parts[row, column, 2] = xx + yy
+    return parts
+
+
+@compiled
+def beyond_noise(tensor: Field, changes: Field, least: float, margin: int) -> Field:
+    """Return direction and strength (h, w, 3) where changes (h, w) are larger than the least; else 0."""
+    planes = np.zeros_like(tensor)
+    for row in range(margin, planes.shape[0] - margin):
+        for column in range(margin, planes.shape[1] - margin):
+            strength = changes[row, column] - least
+            if strength > 0.0:
+                share = math.sqrt(strength * math.sqrt(strength)) / changes[row, column] ** 2
+                for k in range(3):
+                    planes[row, column, k] = tensor[row, column, k] * share
     return planes
 
 

@@ -81,7 +81,7 @@ class ContactFollower:
 
     def follow(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
         """Return the state and, where there is an answer, the pose."""
-        settled = self._settling.update(seen.region)
+        settled = self._settling.update(seen.region, seen.time_ns)
         if self._grasp is None or self._map is None:
             return self._begun(seen, settled, watch)
         box = _box(seen.region.mask)

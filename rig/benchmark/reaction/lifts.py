@@ -11,9 +11,13 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
+from rig.config import BenchConfig
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
 from rig.lift.result import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
+
+GRIPPER_PERIOD_S = 0.01
+"""How often the driver of the real gripper asks for its state; its registers are refreshed each 5 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,14 @@ class ReactedLift:
         kept = self.turn_deg is not None and abs(self.turn_deg) <= CAUGHT_DEG
         risen = self.outcome is LiftOutcome.CAUGHT or not self.would_hold
         return bool(self.told) and kept and risen and self.outcome is not LiftOutcome.FALLEN
+
+
+def as_late_as_real(bench: BenchConfig) -> BenchConfig:
+    """Return a simulated bench whose gripper obeys as late as a real one, unless it says how late."""
+    if not bench.in_process or bench.gripper.period_s:
+        return bench
+    late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})
+    return bench.model_copy(update={"gripper": late})
 
 
 def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift, ReactedLift]:

@@ -43,6 +43,7 @@ def reaction(
     from protocols.reaction import ReactionKind
     from rig.benchmark.estimators.tables import limit_table
     from rig.benchmark.reaction.benchmark import as_json, reaction_table, run_reaction
+    from rig.benchmark.reaction.lifts import as_late_as_real
     from rig.cli.printing import WorkProgress
     from rig.config import load_bench
     from rig.experiments.lift_attempt import TrialSettings
@@ -51,7 +52,7 @@ def reaction(
     from rig.tactile.estimators import choose_estimator
 
     slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
-    bench = load_bench("fake")
+    bench = as_late_as_real(load_bench("fake"))
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:
         result = run_reaction(settings, resolve_objects(objects, bench.objects), lifts, jobs, progress.show)

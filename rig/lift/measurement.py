@@ -135,12 +135,20 @@ class LiftMeasurement:
         """Whether no fingertip has seen a turn for a while."""
         return self.watch is not None and self.watch.at_rest()
 
+    def another_is_too_much(self) -> bool:
+        """Whether one more slip would turn the object further than it may."""
+        return self.watch is not None and self.watch.another_is_too_much()
+
     def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
         """Take a step of a reaction: to the record, then to what looks for the next slip."""
         if self._recorder:
             self._recorder.reaction(step, time_ns, counts)
         if self.watch is not None:
             self.watch.reacted(step, time_ns, counts)
+        if step is ReactionStep.CLOSED:
+            for tip in self.tips.values():
+                if tip.estimator is not None:
+                    tip.estimator.gripped_further()
 
     def fallen(self, until_ns: int) -> bool:
         """Whether no fingertip has felt anything for the last moments before `until_ns`."""

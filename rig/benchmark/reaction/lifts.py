@@ -13,7 +13,7 @@ from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
-from rig.lift.result import CAUGHT_DEG
+from rig.lift.slip_watch import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
 
 GRIPPER_PERIOD_S = 0.01

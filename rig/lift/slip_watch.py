@@ -5,11 +5,13 @@ Without a reaction `rig.lift.onset.OnsetAlarm` raises its one event; this is for
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.clock import NS_PER_S
+from drivers.types import ArmState, GripperState
 from protocols.reaction import ReactionStep
 from rig.lift.fusion import TipAnswer
+from rig.lift.slip_votes import Voters, Votes
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
 
 CAUGHT_DEG = 5.0
@@ -25,20 +27,26 @@ FIRST_CLOSING_S = 0.15
 class SlipSettings:
     """When to react. false_alarms_per_hour: at rest, over all fingertips.
 
-    max_turn_deg: react only when the turn would otherwise become larger; None: at once.
+    max_turn_deg: react only when the turn would otherwise become larger; None: at once. votes: who has a
+    say beside the fingertips.
     """
 
     false_alarms_per_hour: float = 10.0
     max_turn_deg: float | None = None
+    votes: Voters = Voters.NONE
 
 
 @dataclass(frozen=True, slots=True)
 class SlipEvent:
-    """A slip that asks for a reaction. Captures of frames: raised_ns: told of the slip, due_ns: asked."""
+    """A slip that asks for a reaction. Captures of frames: raised_ns: told of the slip, due_ns: asked.
+
+    votes: by how much each voter moved the angle that told, deg.
+    """
 
     serial: str
     raised_ns: int
     due_ns: int
+    votes: Mapping[str, float] = field(default_factory=dict)
 
 
 class SlipWatch:
@@ -58,6 +66,8 @@ class SlipWatch:
         self._closing_s = FIRST_CLOSING_S
         self._turned_deg = self._largest_deg = 0.0
         self._counted = False
+        self._votes = Votes(settings.votes)
+        self._cast: Mapping[str, float] = {}
 
     @property
     def max_turn_deg(self) -> float | None:
@@ -74,6 +84,15 @@ class SlipWatch:
         share = self._settings.false_alarms_per_hour / max(len(at_rest), 1)
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
+        self._votes.begin()
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state, for a vote."""
+        self._votes.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state, for a vote."""
+        self._votes.gripper(state)
 
     def thresholds(self) -> dict[str, tuple[float, float]]:
         """Return by serial from which angle since rest and which rate on a slip is told, deg and deg/s."""
@@ -86,10 +105,10 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        if self._raised_ns is None and tip.slips(*self._away_deg()):
-            self._raised_ns = self._now_ns
+        if self._raised_ns is None:
+            self._look(tip)
         if self._pending is None and self._raised_ns is not None and self._too_late_soon(tip):
-            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
+            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns, self._cast)
             self.events.append(self._pending)
 
     def slip_ns(self) -> int | None:
@@ -119,6 +138,12 @@ class SlipWatch:
             self._pending, self._raised_ns, self._counted = None, None, False
             for tip in self._tips.values():
                 tip.rearm()
+
+    def _look(self, tip: TipWatch) -> None:
+        """Look whether a fingertip's newest answer tells of a slip, and by whose votes."""
+        cast = self._votes.cast(self._now_ns)
+        if tip.slips(*self._away_deg(), sum(cast.values())):
+            self._raised_ns, self._cast = self._now_ns, cast
 
     def _count(self) -> None:
         """Add a slip to those so far, once, before fingers close: what is seen then is the contact's."""

@@ -25,6 +25,10 @@ def reaction(
         float | None,
         typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
     ] = None,
+    votes: Annotated[
+        Literal["none", "wrist", "gripper", "both"],
+        typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
+    ] = "none",
     jobs: JobsOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
@@ -48,10 +52,11 @@ def reaction(
     from rig.config import load_bench
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import resolve_objects
+    from rig.lift.slip_votes import Voters
     from rig.lift.slip_watch import SlipSettings
     from rig.tactile.estimators import choose_estimator
 
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
     bench = as_late_as_real(load_bench("fake"))
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:

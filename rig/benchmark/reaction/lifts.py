@@ -83,6 +83,13 @@ def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift
     return _lifted(without, task), _lifted(settings, task)
 
 
+def lift_firmly(settings: TrialSettings, task: LiftTask) -> ReactedLift | None:
+    """Carry out one lift with a reaction at the largest grip; None where that does not hold the object."""
+    largest = find_grasp_file(task.object_id, settings.bench.objects).require_largest_grip()
+    lifted = _lifted(settings, replace(task, grip_counts=largest))
+    return lifted if lifted.would_hold else None
+
+
 def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     cv2.setNumThreads(1)
     worlds: list[Any] = []

@@ -29,6 +29,9 @@ def reaction(
         Literal["none", "wrist", "gripper", "both"],
         typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
     ] = "none",
+    full: Annotated[
+        bool, typer.Option("--full", help="Also lifts that hold, two hours at rest, faults in a reaction.")
+    ] = False,
     jobs: JobsOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
@@ -40,6 +43,8 @@ def reaction(
 
     Examples:
       rig benchmark reaction
+
+      rig benchmark reaction --full
 
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
 
@@ -60,7 +65,8 @@ def reaction(
     bench = as_late_as_real(load_bench("fake"))
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:
-        result = run_reaction(settings, resolve_objects(objects, bench.objects), lifts, jobs, progress.show)
+        ids = resolve_objects(objects, bench.objects)
+        result = run_reaction(settings, ids, lifts, jobs, progress.show, full)
     print_tables((reaction_table(result), limit_table(result.limits, f"'{react}'")), json, result.wall_s)
     if json:
         emit_json(as_json(result))

@@ -25,8 +25,8 @@ def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0
     return [answer(i, float(a), float(r)) for i, (a, r) in enumerate(noise)]
 
 
-def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, **settings: float) -> SlipWatch:
-    made = SlipWatch(SlipSettings(**settings))
+def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, max_turn_deg: float | None = None) -> SlipWatch:
+    made = SlipWatch(SlipSettings(max_turn_deg=max_turn_deg))
     made.begin({TIP: resting(noise_deg, noise_deg_s)})
     return made
 

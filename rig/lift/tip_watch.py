@@ -16,6 +16,8 @@ AGREES = 0.4
 """Every fingertip that answers has to show this share of a slip: an object turns under all of them."""
 GIVES_DEG = 0.3
 """A gel that holds gives way so far as the weight comes onto it; that is no slip (contract: 0.5 is)."""
+DRIFTS_S = 5.0
+"""Within so long a fingertip that drifts is at rest where it has got to; no slip takes that long."""
 REST_NS = 100_000_000
 """At rest is what has not turned for so long."""
 GROWTH_NS = 50_000_000
@@ -70,6 +72,9 @@ class TipWatch:
         if answer.angle_deg is None or answer.rate_deg_s is None:
             return
         time_ns = answer.sample.time_ns
+        if self._seen:
+            spent_s = (time_ns - self._seen[-1][0]) / NS_PER_S
+            self.base_deg += (answer.angle_deg - self.base_deg) * min(spent_s / DRIFTS_S, 1.0)
         self._seen.append((time_ns, answer.angle_deg, answer.rate_deg_s))
         while time_ns - self._seen[0][0] > REST_NS:
             self._seen.popleft()

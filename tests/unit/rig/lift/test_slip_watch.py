@@ -133,6 +133,19 @@ def test_another_slip_is_too_much_where_half_as_large_again_as_the_largest_it_pa
     assert slipped(strict, 100, 1.0, 0.0, closes=False)
 
 
+def test_a_slow_drift_is_no_slip_and_a_slip_from_where_it_has_got_to_is_one() -> None:
+    made = watch()
+    drift_deg = 0.02 * FRAME_NS / 1e9
+    frames = 3000
+    for frame in range(frames):
+        made.update(TIP, answer(100 + frame, frame * drift_deg, 30.0 if frame % 50 == 0 else 0.02))
+    assert frames * drift_deg > 2 * GIVES_DEG
+    assert made.slip_ns() is None
+    last = 100 + frames
+    show(made, (last, frames * drift_deg + 0.15, 20.0), (last + 1, frames * drift_deg + 0.6, 20.0))
+    assert made.slip_ns() == (last + 1) * FRAME_NS
+
+
 def test_it_is_armed_again_from_the_angle_it_has_after_a_reaction() -> None:
     made = watch()
     show(made, (100, 0.8, 20.0), *((f, 0.9, 0.0) for f in range(101, 115)))

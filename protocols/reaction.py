@@ -14,8 +14,6 @@ from protocols.steps import MOTION_TIMEOUT_S
 
 MOST_REACTIONS = 8
 """In one lift. The last one ends it: what slips on is lifted no higher."""
-MOST_AT_LARGEST = 3
-"""So many of them at the largest grip, where nothing can be added: the object may have come to rest."""
 FIRST_STEP_COUNTS = 6
 """The first closing of a lift; each one after it is twice as far, so that few reach any grip."""
 REST_TIMEOUT_S = 0.5
@@ -55,6 +53,10 @@ class SlipSense(Protocol):
 
     def at_rest(self) -> bool:
         """Whether no fingertip has seen a turn for a while."""
+        ...
+
+    def another_is_too_much(self) -> bool:
+        """Whether one more slip, larger than those so far, would turn the object further than it may."""
         ...
 
     def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
@@ -112,8 +114,6 @@ class Reflex:
         rising: the arm's motion, if any. Frames keep coming meanwhile.
         """
         self._left -= 1
-        if self._counts >= self._largest:
-            self._left = min(self._left, MOST_AT_LARGEST - 1)
         self._stop(rising)
         caught = self._tighten() and self._left > 0
         self._tell(ReactionStep.REST if caught else ReactionStep.ENDS)
@@ -131,7 +131,8 @@ class Reflex:
     def _tighten(self) -> bool:
         """Close step by step until the object is at rest; return whether it is.
 
-        A grip that is at its largest cannot help, but the slip may be over, or none.
+        A grip that is at its largest cannot help, but the slip may be over, or none: an object is then lifted
+        on while one more slip may be borne, at rest or not, as angles are noisier in a firm grip.
         """
         if self._reaction is None or self._reaction.kind is not ReactionKind.TIGHTEN:
             return False
@@ -140,7 +141,8 @@ class Reflex:
             self._step *= 2
             if self._comes_to_rest(self._reaction.sense.at_rest):
                 return True
-        return self._comes_to_rest(self._reaction.sense.at_rest)
+        self._comes_to_rest(self._reaction.sense.at_rest)
+        return not self._reaction.sense.another_is_too_much()
 
     def _close(self, counts: int) -> None:
         self._counts = counts

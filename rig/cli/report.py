@@ -44,6 +44,12 @@ def report(
             "--out", help="The page; default report.html in the session or folder.", callback=file_place
         ),
     ] = None,
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            "--beside", help="Another session of the same lifts: one of the two reacts to slip, one does not."
+        ),
+    ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(
@@ -66,6 +72,8 @@ def report(
 
       rig report sessions/old_trial --out trial.html
 
+      rig report with_reaction --beside without
+
       rig report old_lifts/ --out old_lifts.html
 
       rig report wrench.csv knife.csv --json
@@ -78,7 +86,7 @@ def report(
 
     if picture is not None:
         require_picture(picture)
-    written = write_report(sources, out)
+    written = write_report(sources, out, beside)
     if picture is not None:
         picture_of(written.path, picture)
     for problem in written.problems:

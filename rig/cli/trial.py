@@ -84,6 +84,10 @@ def trial(
             help="React only when the object would else turn by more; without it at once.",
         ),
     ] = None,
+    votes: Annotated[
+        Literal["none", "wrist", "gripper", "both"],
+        typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
+    ] = "none",
     no_skip: Annotated[
         bool,
         typer.Option(
@@ -156,6 +160,7 @@ def trial(
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
+    from rig.lift.slip_votes import Voters
     from rig.lift.slip_watch import SlipSettings
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
@@ -178,9 +183,10 @@ def trial(
         if not given(context, "false_alarms_per_hour"):
             false_alarms_per_hour = stored.false_alarms_per_hour
         max_turn_deg = max_turn_deg or stored.max_turn_deg
+        votes = votes if given(context, "votes") else stored.votes
     choice = choose_estimator(estimator, window, not no_skip)
     choice.try_making()
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
     settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
     ids = resolve_objects(objects, config.objects)
     require_reaction(settings, ids)

@@ -49,12 +49,16 @@ TOLD_OF_A_LIFT = (
 
 @dataclass(frozen=True, slots=True)
 class LiftTask:
-    """One lift to do: its number in the session, its object, its number for that object (from 1)."""
+    """One lift to do: its number in the session, its object, its number for that object (from 1).
+
+    grip_counts: beyond first contact; drawn where None.
+    """
 
     number: int
     object_id: str
     lift: int
     attempt: int = 0
+    grip_counts: int | None = None
 
     @property
     def name(self) -> str:
@@ -95,6 +99,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     place = places[int(rng.integers(len(places)))]
     low, high = grasps.grip_counts
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
+    drawn = int(rng.integers(low, high + 1))
     refuse_impossible(settings.bench, grasps, place)
     return LiftPlan(
         object_id=grasps.id,
@@ -102,7 +107,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
         position=place.name,
         base_T_grasp=grasp_pose(base_T_table, place, turn),
         width_m=place.width_m,
-        grip_counts=int(rng.integers(low, high + 1)),
+        grip_counts=drawn if task.grip_counts is None else task.grip_counts,
         lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
     )
 

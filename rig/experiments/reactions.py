@@ -6,7 +6,7 @@ from drivers.errors import InputError
 from protocols.grasps import find_grasp_file
 from protocols.reaction import FIRST_STEP_COUNTS, MOST_REACTIONS, ReactionKind
 from rig.experiments.lift_attempt import TrialSettings
-from rig.lift.slip_watch import sigmas_for
+from rig.lift.tip_watch import sigmas_for
 from rig.tactile.estimators import WITH_RATE
 
 

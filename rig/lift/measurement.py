@@ -94,6 +94,8 @@ class LiftMeasurement:
     def arm(self, state: ArmState) -> None:
         """Take the arm's state: the wrist's turn is not the object's, and some estimators feel through it."""
         self._tcp = state.base_T_tcp
+        if self.watch is not None:
+            self.watch.arm(state)
         for tip in self.tips.values():
             if tip.estimator is not None:
                 tip.estimator.arm(state)
@@ -101,7 +103,9 @@ class LiftMeasurement:
             self._recorder.arm(state)
 
     def gripper(self, state: GripperState) -> None:
-        """Take the gripper's state, for the record."""
+        """Take the gripper's state, for the record and for a vote on slips."""
+        if self.watch is not None:
+            self.watch.gripper(state)
         if self._recorder:
             self._recorder.gripper(state)
 
@@ -135,12 +139,20 @@ class LiftMeasurement:
         """Whether no fingertip has seen a turn for a while."""
         return self.watch is not None and self.watch.at_rest()
 
+    def another_is_too_much(self) -> bool:
+        """Whether one more slip would turn the object further than it may."""
+        return self.watch is not None and self.watch.another_is_too_much()
+
     def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
         """Take a step of a reaction: to the record, then to what looks for the next slip."""
         if self._recorder:
             self._recorder.reaction(step, time_ns, counts)
         if self.watch is not None:
             self.watch.reacted(step, time_ns, counts)
+        if step is ReactionStep.CLOSED:
+            for tip in self.tips.values():
+                if tip.estimator is not None:
+                    tip.estimator.gripped_further()
 
     def fallen(self, until_ns: int) -> bool:
         """Whether no fingertip has felt anything for the last moments before `until_ns`."""

@@ -11,6 +11,7 @@ from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.onset import estimated_onset_ns, slip_onset_ns
 from rig.lift.reactions import reaction_records, slip_thresholds
+from rig.lift.slip_watch import CAUGHT_DEG
 from rig.lift.tip_track import ZERO_S
 from rig.results.metrics import Floats, hold_last, summarize
 from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome, ReactionRecord
@@ -19,8 +20,6 @@ from rig.tactile.foreign import faults_of
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
-CAUGHT_DEG = 5.0
-"""A caught object has turned by no more, unless another limit was given."""
 
 
 def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:

@@ -4,136 +4,49 @@ Without a reaction `rig.lift.onset.OnsetAlarm` raises its one event; this is for
 """
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import NormalDist
-
-import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.types import ArmState, GripperState
 from protocols.reaction import ReactionStep
 from rig.lift.fusion import TipAnswer
+from rig.lift.slip_votes import Voters, Votes
+from rig.lift.tip_watch import GIVES_DEG, TipWatch
 
-GIVES_DEG = 0.3
-"""A gel that holds gives way so far as the weight comes onto it; that is no slip (contract: 0.5 is)."""
-REST_NS = 100_000_000
-"""At rest is what has not turned for so long."""
-GROWTH_NS = 50_000_000
-"""Over so long the rate's growth is looked at."""
+CAUGHT_DEG = 5.0
+"""A caught object has turned by no more, unless another limit was given."""
+RESERVE = 1.5
+"""The next slip may be so many times as large as the largest so far."""
+
 FIRST_CLOSING_S = 0.15
 """How long it takes to stop a slip, until a reaction of this lift has shown it."""
-LEAST_NOISE_DEG, LEAST_NOISE_DEG_S = 0.002, 0.02
-"""No image resolves less; a rest without any noise is one that the estimator does not look at."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlipSettings:
     """When to react. false_alarms_per_hour: at rest, over all fingertips.
 
-    max_turn_deg: react only when the turn would otherwise become larger; None: at once.
+    max_turn_deg: react only when the turn would otherwise become larger; None: at once. votes: who has a
+    say beside the fingertips.
     """
 
     false_alarms_per_hour: float = 10.0
     max_turn_deg: float | None = None
+    votes: Voters = Voters.NONE
 
 
 @dataclass(frozen=True, slots=True)
 class SlipEvent:
-    """A slip that asks for a reaction. Captures of frames: raised_ns: told of the slip, due_ns: asked."""
+    """A slip that asks for a reaction. Captures of frames: raised_ns: told of the slip, due_ns: asked.
+
+    votes: by how much each voter moved the angle that told, deg.
+    """
 
     serial: str
     raised_ns: int
     due_ns: int
-
-
-def sigmas_for(false_alarms_per_hour: float, answers_per_s: float) -> float:
-    """Return how many sigmas angle and rate both have to leave rest by.
-
-    A resting fingertip's answers are taken as independent, its angle and its rate too, both normal: then
-    one answer is a false alarm with twice the square of one side's tail (either direction). Raises
-    `InputError` for a rate that no threshold gives.
-    """
-    share = false_alarms_per_hour / (3600.0 * answers_per_s)
-    if not 0.0 < share < 0.5:
-        raise InputError(
-            f"--false-alarms-per-hour {false_alarms_per_hour:g} is out of range for {answers_per_s:.0f} "
-            "answers per second: give more than 0 and less than half as many as there are"
-        )
-    return -NormalDist().inv_cdf(math.sqrt(share / 2.0))
-
-
-@dataclass(slots=True)
-class TipWatch:
-    """One fingertip's noise at rest, and what it has answered since. Angles from the trial's zero."""
-
-    angle_deg: float
-    rate_deg_s: float
-    base_deg: float = 0.0
-    sigma_deg: float = 1.0
-    _seen: deque[tuple[int, float, float]] = field(default_factory=deque)
-
-    @classmethod
-    def resting(cls, answers: Sequence[TipAnswer], false_alarms_per_hour: float) -> "TipWatch | None":
-        """Learn thresholds from answers at rest; None where too few have a rate."""
-        known = [
-            (a.sample.time_ns, a.angle_deg, a.rate_deg_s)
-            for a in answers
-            if a.angle_deg is not None and a.rate_deg_s is not None
-        ]
-        if len(known) < 10:
-            return None
-        times, angles, rates = (np.array(column, float) for column in zip(*known, strict=True))
-        sigmas = sigmas_for(false_alarms_per_hour, NS_PER_S / float(np.median(np.diff(times))))
-        angle = sigmas * max(float(np.std(angles)), LEAST_NOISE_DEG)
-        return cls(angle, sigmas * max(float(np.sqrt(np.mean(rates**2))), LEAST_NOISE_DEG_S))
-
-    def update(self, answer: TipAnswer) -> None:
-        """Take an answer since the lift began; refused ones tell nothing."""
-        if answer.angle_deg is None or answer.rate_deg_s is None:
-            return
-        time_ns = answer.sample.time_ns
-        self._seen.append((time_ns, answer.angle_deg, answer.rate_deg_s))
-        while time_ns - self._seen[0][0] > REST_NS:
-            self._seen.popleft()
-        self.sigma_deg = answer.sample.sigma_deg or self.sigma_deg
-
-    @property
-    def away_deg(self) -> float:
-        """How far it has turned since rest."""
-        return self._seen[-1][1] - self.base_deg if self._seen else 0.0
-
-    def slips(self, away_deg: float) -> bool:
-        """Whether it is turning, and has turned so far. away_deg: since rest, by all fingertips."""
-        rate = self._seen[-1][2] if self._seen else 0.0
-        turning = abs(rate) >= self.rate_deg_s and away_deg * rate > 0.0
-        return turning and min(abs(away_deg), abs(self.away_deg)) >= GIVES_DEG + self.angle_deg
-
-    def weight(self, now_ns: int) -> float:
-        """How much it counts beside others: what it has answered lately, by its variance."""
-        lately = self._seen and now_ns - self._seen[-1][0] <= REST_NS
-        return 1.0 / max(self.sigma_deg, LEAST_NOISE_DEG) ** 2 if lately else 0.0
-
-    def predicted_deg(self, after_s: float) -> float:
-        """Return the turn after a while, by the newest answer, its rate and the rate's growth."""
-        if not self._seen:
-            return 0.0
-        time_ns, angle, rate = self._seen[-1]
-        before = next(s for s in self._seen if time_ns - s[0] <= GROWTH_NS)
-        spent_s = (time_ns - before[0]) / NS_PER_S
-        growth = (abs(rate) - abs(before[2])) / spent_s if spent_s > 0.0 else 0.0
-        return abs(angle) + abs(rate) * after_s + 0.5 * max(growth, 0.0) * after_s**2
-
-    def at_rest(self, now_ns: int) -> bool | None:
-        """Whether it has seen no turn for `REST_NS`; None where it has answered nothing meanwhile."""
-        late = [rate for time_ns, _, rate in self._seen if now_ns - time_ns <= REST_NS]
-        return all(abs(rate) < self.rate_deg_s for rate in late) if late else None
-
-    def rearm(self) -> None:
-        """Look for the next slip, from the angle it has now."""
-        if self._seen:
-            self.base_deg = float(np.mean([angle for _, angle, _ in self._seen]))
+    votes: Mapping[str, float] = field(default_factory=dict)
 
 
 class SlipWatch:
@@ -151,6 +64,10 @@ class SlipWatch:
         self._raised_ns: int | None = None
         self._pending: SlipEvent | None = None
         self._closing_s = FIRST_CLOSING_S
+        self._turned_deg = self._largest_deg = 0.0
+        self._counted = False
+        self._votes = Votes(settings.votes)
+        self._cast: Mapping[str, float] = {}
 
     @property
     def max_turn_deg(self) -> float | None:
@@ -167,6 +84,15 @@ class SlipWatch:
         share = self._settings.false_alarms_per_hour / max(len(at_rest), 1)
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
+        self._votes.begin()
+
+    def arm(self, state: ArmState) -> None:
+        """Take the arm's state, for a vote."""
+        self._votes.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Take the gripper's state, for a vote."""
+        self._votes.gripper(state)
 
     def thresholds(self) -> dict[str, tuple[float, float]]:
         """Return by serial from which angle since rest and which rate on a slip is told, deg and deg/s."""
@@ -179,10 +105,10 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        if self._raised_ns is None and tip.slips(self._away_deg()):
-            self._raised_ns = self._now_ns
+        if self._raised_ns is None:
+            self._look(tip)
         if self._pending is None and self._raised_ns is not None and self._too_late_soon(tip):
-            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
+            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns, self._cast)
             self.events.append(self._pending)
 
     def slip_ns(self) -> int | None:
@@ -194,25 +120,50 @@ class SlipWatch:
         told = [tip.at_rest(self._now_ns) for tip in self._tips.values()]
         return any(told) and False not in told
 
+    def another_is_too_much(self) -> bool:
+        """Whether one more slip, larger than the largest so far, would turn the object beyond the limit."""
+        now_deg = 0.0 if self._counted else self._away_deg()[0]
+        turned_deg, largest_deg = self._turned_deg + now_deg, max(self._largest_deg, abs(now_deg))
+        return abs(turned_deg) + RESERVE * largest_deg > (self.max_turn_deg or CAUGHT_DEG)
+
     def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
         """Take a step of a reaction; after the last one the fingertips look for the next slip."""
         self.steps.append((step, time_ns, counts))
+        if step in (ReactionStep.CLOSE, ReactionStep.REST, ReactionStep.ENDS):
+            self._count()
         if step is ReactionStep.CLOSED:
             stop_ns = next(t for s, t, _ in reversed(self.steps) if s is ReactionStep.STOP)
             self._closing_s = (time_ns - stop_ns) / NS_PER_S
         if step in (ReactionStep.REST, ReactionStep.ENDS):
-            self._pending = self._raised_ns = None
+            self._pending, self._raised_ns, self._counted = None, None, False
             for tip in self._tips.values():
                 tip.rearm()
 
-    def _away_deg(self) -> float:
-        """How far the object has turned since rest, by all fingertips.
+    def _look(self, tip: TipWatch) -> None:
+        """Look whether a fingertip's newest answer tells of a slip, and by whose votes."""
+        cast = self._votes.cast(self._now_ns)
+        if tip.slips(*self._away_deg(), sum(cast.values())):
+            self._raised_ns, self._cast = self._now_ns, cast
+
+    def _count(self) -> None:
+        """Add a slip to those so far, once, before fingers close: what is seen then is the contact's."""
+        if not self._counted:
+            slipped_deg = self._away_deg()[0]
+            self._turned_deg += slipped_deg
+            self._largest_deg = max(self._largest_deg, abs(slipped_deg))
+        self._counted = True
+
+    def _away_deg(self) -> tuple[float, float]:
+        """How far the object has turned since rest, by all fingertips that answer, and by the least of them.
 
         It turns under both. What one sees alone is its own contact, which grows when the fingers close.
         """
-        weights = [(tip, tip.weight(self._now_ns)) for tip in self._tips.values()]
-        total = sum(weight for _, weight in weights)
-        return sum(tip.away_deg * weight for tip, weight in weights) / total if total > 0.0 else 0.0
+        weights = [(tip.away_deg, tip.weight(self._now_ns)) for tip in self._tips.values()]
+        told = [(away, weight) for away, weight in weights if weight > 0.0]
+        if not told:
+            return 0.0, 0.0
+        mean = sum(away * weight for away, weight in told) / sum(weight for _, weight in told)
+        return mean, min(math.copysign(1.0, mean) * away for away, _ in told)
 
     def _too_late_soon(self, tip: TipWatch) -> bool:
         limit = self._settings.max_turn_deg

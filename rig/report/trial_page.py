@@ -13,6 +13,7 @@ from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
+from rig.report.reacted import beside
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
 from rig.report.strips import Still, camera_strip, strip
 from rig.report.text import interval_text, made_text, mare_short, mare_text
@@ -28,8 +29,11 @@ from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
 WORST_LIFTS = 3
 
 
-def trial_page(trial: Trial, now: datetime | None = None) -> str:
-    """Return the report of a trial as one HTML page."""
+def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> str:
+    """Return the report of a trial as one HTML page.
+
+    other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other.
+    """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
     return render(
@@ -41,6 +45,7 @@ def trial_page(trial: Trial, now: datetime | None = None) -> str:
         tiles=_tiles(trial, summary),
         warnings=trial_notices(trial, now),
         objects=object_table(summary) if summary.objects else None,
+        reacted=None if other is None else beside(trial, other),
         charts=_charts(trial),
         worst=_worst(trial),
         groups=_by_object(trial),

@@ -25,12 +25,12 @@ class Written:
     problems: tuple[str, ...] = ()
 
 
-def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
+def write_report(sources: Sequence[Path], out: Path | None = None, beside: Path | None = None) -> Written:
     """Write the report of one session, or of CSV files (or folders of them) with two angle curves.
 
     out: the page's file; default `report.html` in the session or folder, in the current folder
-    for single files. Raises `InputError` for sources that are neither, `RecordingError` when the
-    page cannot be written.
+    for single files. beside: another session of the same lifts, where one reacts to slip and one does not.
+    Raises `InputError` for sources that are neither, `RecordingError` when the page cannot be written.
     """
     for source in sources:
         if not source.exists():
@@ -39,8 +39,10 @@ def write_report(sources: Sequence[Path], out: Path | None = None) -> Written:
     if session is not None:
         if len(sources) > 1:
             raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
-        html, problems = _session_page(session)
+        html, problems = _session_page(session) if beside is None else _pair_page(session, beside)
         return _written(out or session / REPORT, html, problems)
+    if beside is not None:
+        raise InputError(f"--beside {beside}: only a trial's session has another beside it")
     from rig.report.csv_lifts import read_tables
     from rig.report.curves_page import curves_page
 
@@ -65,6 +67,19 @@ def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
         return recording_page(recording), tuple(notice.what for notice in recording.problems)
     except UNREADABLE as error:
         return _broken_page(folder, error), (str(error),)
+
+
+def _pair_page(folder: Path, beside: Path) -> tuple[str, tuple[str, ...]]:
+    """The page of a trial with another beside it. Raises `InputError`, `SessionError` for what cannot be."""
+    from rig.report.session import read_trial
+    from rig.report.trial_page import trial_page
+
+    trial, other = (
+        read_trial(each, read_manifest_of(each, TrialManifest, "only trials react to slip"))
+        for each in (folder, beside)
+    )
+    html = trial_page(trial, other=other)
+    return html, tuple(notice.what for each in (trial, other) for notice in each.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:

@@ -63,7 +63,7 @@ class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator leaves out stages it has no need of.
 
     truth: how the markers' corners were found, by which the true angles were measured. react: what was
-    done about slip; false_alarms_per_hour, max_turn_deg: when, see `rig.lift.slip_watch.SlipSettings`.
+    done about slip; false_alarms_per_hour, max_turn_deg, votes: when, see `rig.lift.slip_watch.SlipSettings`.
     """
 
     kind: Literal["trial"]
@@ -75,6 +75,7 @@ class TrialManifest(BenchManifest):
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    votes: Literal["none", "wrist", "gripper", "both"] = "none"
 
     @property
     def wanted(self) -> int:

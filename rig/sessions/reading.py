@@ -13,13 +13,14 @@ from pydantic import ConfigDict
 
 from drivers.clock import to_ns
 from drivers.errors import RecordingError, SessionError
-from drivers.types import ArmMode, ArmState, Frame, Pose, Vector6
+from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import LiftObserver, Phase
 from protocols.reaction import ReactionStep, SlipSense
 from rig.sessions.codec import STRICT, Codec
 from rig.sessions.images import decoded
 from rig.sessions.recorder import (
     ARM_TOPIC,
+    GRIPPER_TOPIC,
     JOINTS_TOPIC,
     PHASE_TOPIC,
     REACTION_TOPIC,
@@ -111,6 +112,8 @@ def show_again(path: Path, observer: LiftObserver, sense: SlipSense | None = Non
             pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC:
             observer.arm(_arm_state(pose, data, path, time_ns))
+        elif topic == GRIPPER_TOPIC:
+            observer.gripper(_gripper_state(data, path, time_ns))
         elif topic.startswith(image_topic("")):
             observer.frame(_frame(data, path, time_ns, sequence))
     _require_all(phases, path)
@@ -159,6 +162,12 @@ def recorded_angle(data: bytes, path: Path, time_ns: int) -> RecordedAngle:
 def recorded_joints(data: bytes, path: Path) -> RecordedJoints:
     """Return a message of the joints' topic. Raises `SessionError`."""
     return _parsed(_JOINTS, data, path)
+
+
+def _gripper_state(data: bytes, path: Path, time_ns: int) -> GripperState:
+    """What is recorded of the gripper; one that was not activated moved nothing."""
+    kept = recorded_gripper(data, path)
+    return GripperState(time_ns, True, kept.moving, kept.position_counts, kept.current_counts, 0)
 
 
 def recorded_gripper(data: bytes, path: Path) -> RecordedGripper:

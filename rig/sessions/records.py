@@ -85,6 +85,7 @@ class ReactionRecord:
     of the slip; serial and event_s are None where another estimator looks at the lift and sees none.
     command_s: the arm was told to stop. standstill_s: of arm and fingers. rest_s: the object was seen at
     rest, None where the lift ended instead. counts_added: to the grip.
+    votes: by how much wrist and gripper moved the angle that told of the slip, deg, where they had a vote.
     """
 
     serial: str | None
@@ -99,6 +100,7 @@ class ReactionRecord:
     command_turn_deg: float | None
     standstill_turn_deg: float | None
     rest_turn_deg: float | None
+    votes: dict[str, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,6 +73,12 @@ class TactileEstimator(Protocol):
     def arm(self, state: ArmState) -> None:
         """Take the arm's state, sampled before the next frames; most estimators look at frames alone."""
 
+    def gripped_further(self) -> None:
+        """Take note that the fingers have closed further: a contact is another than it was.
+
+        Most estimators look at frames alone.
+        """
+
 
 def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
     """Raise `InputError` unless the image is (H, W, 3) uint8, of the given shape if one is given."""

@@ -12,6 +12,7 @@ import numpy as np
 from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, informative
+from rig.benchmark.reaction.full import run_further
 from rig.benchmark.reaction.lifts import ReactedLift, lift_both_ways
 from rig.experiments.lift_attempt import LiftTask, TrialSettings
 from rig.experiments.process_pool import run_tasks
@@ -30,7 +31,10 @@ Pair = tuple[ReactedLift, ReactedLift]
 
 @dataclass(frozen=True, slots=True)
 class ReactionResult:
-    """Everything measured. pairs: each lift without and with a reaction. SIMULATED throughout."""
+    """Everything measured. pairs: each lift without and with a reaction. SIMULATED throughout.
+
+    limits: of these lifts, and of what was looked at further.
+    """
 
     kind: str
     seed: int
@@ -45,20 +49,25 @@ def run_reaction(
     lifts: int,
     jobs: int | None = None,
     progress: Progress = lambda *_: None,
+    full: bool = False,
 ) -> ReactionResult:
-    """Carry out every lift twice. Raises `InputError` where the settings cannot react."""
+    """Carry out every lift twice. Raises `InputError` where the settings cannot react.
+
+    full: look at lifts that hold, at hours at rest, and at faults as well (`rig.benchmark.reaction.full`).
+    """
     began = time.perf_counter()
     require_reaction(settings, objects)
     each = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
     tasks = [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
     found: dict[int, Pair] = {}
-    for task, pair in run_tasks(partial(lift_both_ways, settings), list(tasks), jobs or os.cpu_count() or 1):
+    cores = jobs or os.cpu_count() or 1
+    for task, pair in run_tasks(partial(lift_both_ways, settings), list(tasks), cores):
         found[task.number] = pair
         progress(len(found), len(tasks), f"{task.object_id}/{task.lift}")
     pairs = tuple(found[number] for number in sorted(found))
-    return ReactionResult(
-        settings.react.value, settings.seed, pairs, _limits(pairs), time.perf_counter() - began
-    )
+    further = run_further(settings, objects, lifts, cores, progress) if full else ()
+    limits = (*_limits(pairs), *further)
+    return ReactionResult(settings.react.value, settings.seed, pairs, limits, time.perf_counter() - began)
 
 
 def reaction_table(result: ReactionResult) -> BenchmarkTable:

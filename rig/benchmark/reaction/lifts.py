@@ -11,9 +11,13 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
+from rig.config import BenchConfig
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
-from rig.lift.result import CAUGHT_DEG
+from rig.lift.slip_watch import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
+
+GRIPPER_PERIOD_S = 0.01
+"""How often the driver of the real gripper asks for its state; its registers are refreshed each 5 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +69,25 @@ class ReactedLift:
         return bool(self.told) and kept and risen and self.outcome is not LiftOutcome.FALLEN
 
 
+def as_late_as_real(bench: BenchConfig) -> BenchConfig:
+    """Return a simulated bench whose gripper obeys as late as a real one, unless it says how late."""
+    if not bench.in_process or bench.gripper.period_s:
+        return bench
+    late = bench.gripper.model_copy(update={"period_s": GRIPPER_PERIOD_S})
+    return bench.model_copy(update={"gripper": late})
+
+
 def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift, ReactedLift]:
     """Carry out one lift without a reaction and with the settings' own; what a worker process does."""
     without = replace(settings, react=ReactionKind.NONE)
     return _lifted(without, task), _lifted(settings, task)
+
+
+def lift_firmly(settings: TrialSettings, task: LiftTask) -> ReactedLift | None:
+    """Carry out one lift with a reaction at the largest grip; None where that does not hold the object."""
+    largest = find_grasp_file(task.object_id, settings.bench.objects).require_largest_grip()
+    lifted = _lifted(settings, replace(task, grip_counts=largest))
+    return lifted if lifted.would_hold else None
 
 
 def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:

@@ -19,6 +19,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
 from protocols.operator import Operator
+from protocols.reaction import ReactionKind
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
@@ -34,6 +35,8 @@ from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
 MID_LIFT = Moment(Stage.LIFT, 0.4)
+IN_REACTION = Moment(Stage.HOLD, 0.03)
+"""In a lift that reacts the arm first stands when it was stopped; the fingers are closing then."""
 LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 """From here on a lift may be over before a device is missed."""
 
@@ -45,7 +48,8 @@ class FaultResult:
     Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
     after it, when the simulated tool then stood still. stage: of the lift at the fault. dropped: whether
     the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run within three
-    attempts. recovered: it ran.
+    attempts. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long enough to miss any
+    device.
     """
 
     case: FaultCase
@@ -58,6 +62,7 @@ class FaultResult:
     faults: list[str] = field(default_factory=list)
     given_up: bool = False
     recovered: bool = False
+    reacts: bool = False
 
     @property
     def detected_s(self) -> float | None:
@@ -75,7 +80,7 @@ class FaultResult:
         if self.dropped or not self.recovered:
             return False
         if not self.faults:
-            return self.stage in LATE
+            return self.stage in LATE and not self.reacts
         named = any(word.lower() in fault.lower() for fault in self.faults for word in self.case.named)
         return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S
 
@@ -176,13 +181,15 @@ def run_faults(
     cases: Sequence[tuple[FaultCase, Moment]] = tuple((case, MID_LIFT) for case in CASES),
     progress: Callable[[FaultResult], None] = lambda result: None,
     bench: BenchConfig | None = None,
+    react: ReactionKind = ReactionKind.NONE,
 ) -> list[FaultResult]:
     """Run cases, each at its moment, as a trial of as many lifts, kept in `folder`; return what came of each.
 
-    bench: the bench behind wires, by default `wire`.
+    bench: the bench behind wires, by default `wire`. react: what the lifts do about slip.
     Raises `DeviceError` unless each case's lift is whole on disk in the end.
     """
-    results = [FaultResult(case, moment) for case, moment in cases]
+    reacts = react is not ReactionKind.NONE
+    results = [FaultResult(case, moment, reacts=reacts) for case, moment in cases]
     attempts: list[FaultResult] = []
 
     def note(done: int, total: int, row: LiftRow) -> None:
@@ -198,7 +205,7 @@ def run_faults(
         started_fakes(bench or load_bench("wire")) as config,
         closing(FaultyBench(config, results)) as benches,
     ):
-        settings = TrialSettings(config, 0, choose_estimator())
+        settings = TrialSettings(config, 0, choose_estimator(), react=react)
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         _run_to_the_end(run, attempts)
     kept = read_usable_lifts(folder, checked=True).lifts

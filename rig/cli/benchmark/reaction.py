@@ -25,6 +25,13 @@ def reaction(
         float | None,
         typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
     ] = None,
+    votes: Annotated[
+        Literal["none", "wrist", "gripper", "both"],
+        typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
+    ] = "none",
+    full: Annotated[
+        bool, typer.Option("--full", help="Also lifts that hold, two hours at rest, faults in a reaction.")
+    ] = False,
     jobs: JobsOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
@@ -37,24 +44,29 @@ def reaction(
     Examples:
       rig benchmark reaction
 
+      rig benchmark reaction --full
+
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
 
     """
     from protocols.reaction import ReactionKind
     from rig.benchmark.estimators.tables import limit_table
     from rig.benchmark.reaction.benchmark import as_json, reaction_table, run_reaction
+    from rig.benchmark.reaction.lifts import as_late_as_real
     from rig.cli.printing import WorkProgress
     from rig.config import load_bench
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import resolve_objects
+    from rig.lift.slip_votes import Voters
     from rig.lift.slip_watch import SlipSettings
     from rig.tactile.estimators import choose_estimator
 
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
-    bench = load_bench("fake")
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
+    bench = as_late_as_real(load_bench("fake"))
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:
-        result = run_reaction(settings, resolve_objects(objects, bench.objects), lifts, jobs, progress.show)
+        ids = resolve_objects(objects, bench.objects)
+        result = run_reaction(settings, ids, lifts, jobs, progress.show, full)
     print_tables((reaction_table(result), limit_table(result.limits, f"'{react}'")), json, result.wall_s)
     if json:
         emit_json(as_json(result))

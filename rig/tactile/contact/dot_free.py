@@ -31,3 +31,7 @@ class DotFreeEstimator(TactileEstimator):
     def arm(self, state: ArmState) -> None:
         """Take the arm's state."""
         self._estimator.arm(state)
+
+    def gripped_further(self) -> None:
+        """Take note that the fingers have closed further."""
+        self._estimator.gripped_further()

@@ -22,6 +22,10 @@ class WindowMean(TactileEstimator):
         """Pass the arm's state on."""
         self._estimator.arm(state)
 
+    def gripped_further(self) -> None:
+        """Pass it on."""
+        self._estimator.gripped_further()
+
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
         sample = self._estimator.update(image, time_ns)

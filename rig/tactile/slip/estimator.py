@@ -71,6 +71,10 @@ class SlipEstimator(FreshFrameEstimator):
         self._variance: float | None = None
         self._follower = ContactFollower(self._filter, aspect is not None, skip)
 
+    def gripped_further(self) -> None:
+        """Take a keyframe of the contact as it is now, at its angle: it fits no other so well."""
+        self._follower.gripped_further()
+
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         work = self._light.reduced(image)

@@ -70,7 +70,7 @@ class ContactFollower:
         self._motion, self._aspect_known, self._skip = motion, aspect_known, skip
         self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
         self._fitted_ns, self._texture_ns = 0, 0
-        self._answered = False
+        self._answered = self._firmer = False
         self._anchor: AxisAnchor | None = None
         self.release(0)
 
@@ -79,9 +79,13 @@ class ContactFollower:
         self._angle_rad, self._variance, self._answered = angle_rad, variance, True
         self.point_px = tracked.pose.point_px
 
+    def gripped_further(self) -> None:
+        """Take a keyframe of the next frame: the fingers have closed further."""
+        self._firmer = True
+
     def follow(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
         """Return the state and, where there is an answer, the pose."""
-        settled = self._settling.update(seen.region)
+        settled = self._settling.update(seen.region, seen.time_ns)
         if self._grasp is None or self._map is None:
             return self._begun(seen, settled, watch)
         box = _box(seen.region.mask)
@@ -133,6 +137,9 @@ class ContactFollower:
 
         None without a new keyframe. With one the angle becomes surer than it was only by the long axis.
         """
+        firmer, self._firmer = self._firmer, False
+        if firmer:
+            settled, self._anchor = True, None
         outgrown = (not tracked.good or tracked.motion is not None) and self._settling.outgrown(seen.region)
         if tracked.good and not settled and not outgrown:
             return None
@@ -145,7 +152,7 @@ class ContactFollower:
             inherited=min(tracked.inherited, variance),
         )
         if settled or outgrown:
-            return placed if self._begin(seen, angle, variance) else None
+            return placed if self._begin(seen, angle, variance, firmer) else None
         frame = make_keyframe(gradient, seen.region.mask)
         if self._grasp is None or frame is None or not _observable(frame):
             return None
@@ -193,7 +200,7 @@ class ContactFollower:
             return angle_rad, variance
         return self._anchor.corrected(mask, angle_rad, variance)
 
-    def _begin(self, seen: SeenContact, angle_rad: float, variance: float) -> bool:
+    def _begin(self, seen: SeenContact, angle_rad: float, variance: float, known: bool = False) -> bool:
         """Learn the map and take a keyframe of this frame; False where a turn would leave no trace in it.
 
         A contact that is followed stays with the keyframe it has where this one would not do.
@@ -202,7 +209,7 @@ class ContactFollower:
         mask = seen.region.mask
         learnt = learn_map(seen.difference, mask)
         frame = None if learnt is None else make_keyframe(learnt.apply(seen.difference), mask)
-        if frame is None or not _observable(frame):
+        if frame is None or not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST)):
             return False
         moved = self.point_px - self.origin_px if self._grasp is not None else 0j
         self._settling.renewed(seen.region)

@@ -1,10 +1,14 @@
 """What a contact's region says of a frame: whether it still grows, and whether it is to be believed."""
 
+from drivers.clock import to_ns
 from rig.tactile.contact.gate import Region
 from rig.tactile.contact.steadiness import Steadiness
 
-# Until a contact has settled, its keyframe is out of date when the contact has changed by this share.
-SETTLED_FRAMES, RENEWED_SHARE = 5, 0.3
+# A contact has settled when it has not grown for so many frames, and for so long: fingers that close step by
+# step rest for a tenth of a second between two steps, and a keyframe of a light touch fits no firm grip.
+SETTLED_FRAMES, SETTLED_S = 5, 0.15
+# Until then its keyframe is out of date when the contact has changed by this share.
+RENEWED_SHARE = 0.3
 # An area that jumps by half, up or down, from one frame to the next is no growth: a frame is torn, or a
 # video's codec has begun anew.
 TORN_RATIO = 1.5
@@ -14,19 +18,20 @@ class Settling:
     """Follows one contact from its first touch on."""
 
     def __init__(self) -> None:
+        self.settled = False
+        """Whether the contact no longer grows."""
         self._steadiness = Steadiness(SETTLED_FRAMES)
+        self._steady_ns = 0
         self._renewed: Region | None = None
 
-    @property
-    def settled(self) -> bool:
-        """Whether the contact no longer grows."""
-        return self._steadiness.settled
-
-    def update(self, region: Region) -> bool:
+    def update(self, region: Region, time_ns: int) -> bool:
         """Take the next frame's contact; whether it has settled with this very frame."""
         if self.settled:
             return False
-        self._steadiness.update(region.levels)
+        if self._steadiness.update(region.levels):
+            self._steady_ns = time_ns
+        long_enough = time_ns - self._steady_ns >= to_ns(SETTLED_S)
+        self.settled = self._steadiness.settled and long_enough
         return self.settled
 
     def outgrown(self, region: Region) -> bool:

@@ -6,7 +6,7 @@ import pytest
 
 from protocols.reaction import ReactionKind
 from rig.benchmark.reaction.benchmark import ReactionResult, as_json, reaction_table, run_reaction
-from rig.benchmark.reaction.lifts import ReactedLift, Told
+from rig.benchmark.reaction.lifts import GRIPPER_PERIOD_S, ReactedLift, Told, as_late_as_real
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.sessions.records import LiftOutcome
@@ -58,3 +58,11 @@ def test_the_table_and_the_json_say_what_was_found(result: ReactionResult) -> No
     met = {limit.name.split(",")[0]: limit.met for limit in result.limits}
     assert met["share of slipping lifts caught"] is True
     assert met["share of lifts that hold and react all the same"] is None
+
+
+def test_the_simulated_gripper_obeys_late_unless_its_bench_says_how_late(light_bench: BenchConfig) -> None:
+    assert light_bench.gripper.period_s == 0.0
+    assert as_late_as_real(light_bench).gripper.period_s == GRIPPER_PERIOD_S
+    later = light_bench.gripper.model_copy(update={"period_s": 0.03})
+    own = light_bench.model_copy(update={"gripper": later})
+    assert as_late_as_real(own) is own

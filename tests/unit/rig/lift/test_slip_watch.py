@@ -6,7 +6,8 @@ import pytest
 from drivers.errors import InputError
 from protocols.reaction import ReactionStep
 from rig.lift.fusion import TipAnswer
-from rig.lift.slip_watch import GIVES_DEG, SlipSettings, SlipWatch, sigmas_for
+from rig.lift.slip_watch import SlipSettings, SlipWatch
+from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for
 from rig.tactile.sample import SlipSample, State
 
 FRAME_NS = 16_000_000
@@ -24,8 +25,8 @@ def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0
     return [answer(i, float(a), float(r)) for i, (a, r) in enumerate(noise)]
 
 
-def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, **settings: float) -> SlipWatch:
-    made = SlipWatch(SlipSettings(**settings))
+def watch(noise_deg: float = 0.02, noise_deg_s: float = 0.5, max_turn_deg: float | None = None) -> SlipWatch:
+    made = SlipWatch(SlipSettings(max_turn_deg=max_turn_deg))
     made.begin({TIP: resting(noise_deg, noise_deg_s)})
     return made
 
@@ -96,6 +97,53 @@ def test_what_one_fingertip_sees_alone_is_its_own_contact() -> None:
     assert made.slip_ns() is None
     made.update("b", answer(130, 2.0, 60.0))
     assert made.slip_ns() == 130 * FRAME_NS
+
+
+def test_both_fingertips_have_to_show_a_slip() -> None:
+    made = SlipWatch(SlipSettings())
+    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
+    for frame, share in enumerate(np.linspace(0.0, 1.0, 20), start=100):
+        made.update("a", answer(frame, 2.0 * float(share), 10.0))
+        made.update("b", answer(frame, 0.5 * AGREES * GIVES_DEG * float(share), 10.0))
+    assert made.slip_ns() is None
+    made.update("b", answer(120, 2.0 * AGREES * GIVES_DEG, 10.0))
+    made.update("a", answer(121, 2.0, 10.0))
+    assert made.slip_ns() == 121 * FRAME_NS
+
+
+def slipped(made: SlipWatch, frame: int, by_deg: float, from_deg: float, closes: bool) -> bool:
+    """Show a slip and its reaction; return whether another would have been too much just before its end."""
+    show(made, (frame, from_deg, 0.0), (frame + 1, from_deg + by_deg, 30.0))
+    made.reacted(ReactionStep.STOP, (frame + 1) * FRAME_NS, 20)
+    if closes:
+        made.reacted(ReactionStep.CLOSE, (frame + 1) * FRAME_NS, 26)
+        show(made, *((f, from_deg + by_deg + 3.0, 0.0) for f in range(frame + 2, frame + 12)))  # its contact
+        made.reacted(ReactionStep.CLOSED, (frame + 12) * FRAME_NS, 26)
+    too_much = made.another_is_too_much()
+    made.reacted(ReactionStep.REST, (frame + 12) * FRAME_NS, 26)
+    return too_much
+
+
+def test_another_slip_is_too_much_where_half_as_large_again_as_the_largest_it_passes_the_limit() -> None:
+    made = watch()
+    assert not slipped(made, 100, 1.5, 0.0, closes=True)
+    assert not slipped(made, 200, 1.0, 4.5, closes=False)  # 2.5 degrees, and 2.25 to come: 4.75
+    assert slipped(made, 300, 0.5, 5.5, closes=False)  # 3 degrees
+    strict = watch(max_turn_deg=2.0)
+    assert slipped(strict, 100, 1.0, 0.0, closes=False)
+
+
+def test_a_slow_drift_is_no_slip_and_a_slip_from_where_it_has_got_to_is_one() -> None:
+    made = watch()
+    drift_deg = 0.02 * FRAME_NS / 1e9
+    frames = 3000
+    for frame in range(frames):
+        made.update(TIP, answer(100 + frame, frame * drift_deg, 30.0 if frame % 50 == 0 else 0.02))
+    assert frames * drift_deg > 2 * GIVES_DEG
+    assert made.slip_ns() is None
+    last = 100 + frames
+    show(made, (last, frames * drift_deg + 0.15, 20.0), (last + 1, frames * drift_deg + 0.6, 20.0))
+    assert made.slip_ns() == (last + 1) * FRAME_NS
 
 
 def test_it_is_armed_again_from_the_angle_it_has_after_a_reaction() -> None:

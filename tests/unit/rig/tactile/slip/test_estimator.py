@@ -18,8 +18,8 @@ Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
 PERIOD_NS = 16_666_667
 EDGE = (80.0, 25.0)
-REST = 8
-"""Frames at rest before a turn: a contact settles in five."""
+REST = 12
+"""Frames at rest before a turn: a contact settles in ten."""
 
 
 def run(tracker: SlipEstimator, images: Iterable[Image], period_ns: int = PERIOD_NS) -> list[SlipSample]:

@@ -23,7 +23,7 @@ from rig.tactile.slip.unseen import unseen_variance
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
 EDGE = (80.0, 25.0)
-REST = 8
+REST = 12
 
 
 def run(tracker: SlipEstimator, images: Iterable[Image], rate_hz: float = 60.0) -> list[SlipSample]:

@@ -1,0 +1,93 @@
+"""What `rig benchmark reaction --full` looks at further: lifts that hold, hours at rest, faults."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from scipy.stats import poisson
+
+from rig.benchmark.measured import Measured, at_most
+from rig.benchmark.reaction.lifts import ReactedLift, lift_firmly
+from rig.benchmark.reaction.rest import RATES_PER_HOUR, Rest, false_reactions, watch_at_rest
+from rig.benchmark.wire.fault_cases import CASES
+from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
+from rig.experiments.lift_attempt import LiftTask, TrialSettings
+from rig.experiments.process_pool import run_tasks
+
+HOURS = 2.0
+SURE = 0.95
+MOST_FALSE = 1.0 / 45.0
+Progress = Callable[[int, int, str], None]
+Result = TypeVar("Result")
+
+
+def run_further(
+    settings: TrialSettings,
+    objects: Sequence[str],
+    lifts: int,
+    jobs: int,
+    progress: Progress = lambda *_: None,
+) -> tuple[Measured, ...]:
+    """Return what was measured, the faults behind wires and in real time. SIMULATED throughout.
+
+    Raises `DeviceError` as `run_faults`.
+    """
+    each = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
+    tasks = [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
+    firm = [lifted for lifted in _all(partial(lift_firmly, settings), tasks, jobs, progress) if lifted]
+    rests = _all(partial(watch_at_rest, settings), [task for task in tasks if task.lift == 1], jobs, progress)
+    return (_held(firm), *at_rest(rests, HOURS), _ends(_faults(settings, progress)))
+
+
+def at_rest(rests: Sequence[Rest], hours: float) -> tuple[Measured, ...]:
+    """Return how often a resting object was reacted to, at each rate that may be asked for.
+
+    What is asked is the upper end of the count's Poisson interval: a slip is told of no angle below the one
+    that a gel gives way by, however little noise there is, so that there may be fewer.
+    """
+    rows = []
+    for rate in RATES_PER_HOUR:
+        most = float(poisson.interval(SURE, hours * rate)[1])
+        name = f"reactions in {hours:g} hours at rest with drift, {rate:g} an hour accepted"
+        rows.append(at_most(name, false_reactions(rests, hours, rate), most))
+    return tuple(rows)
+
+
+def _faults(settings: TrialSettings, progress: Progress) -> list[FaultResult]:
+    """Every fault of `rig benchmark faults`, each while a reaction closes the fingers."""
+    done: list[FaultResult] = []
+
+    def note(result: FaultResult) -> None:
+        done.append(result)
+        progress(len(done), len(CASES), result.case.name)
+
+    with tempfile.TemporaryDirectory() as folder:
+        cases = [(case, IN_REACTION) for case in CASES]
+        return run_faults(Path(folder) / "faults", cases, note, react=settings.react)
+
+
+def _held(firm: Sequence[ReactedLift]) -> Measured:
+    name = f"share of lifts at the largest grip that hold and react all the same, of {len(firm)}"
+    return at_most(name, float(np.mean([bool(lift.told) for lift in firm])) if firm else None, MOST_FALSE)
+
+
+def _ends(faults: Sequence[FaultResult]) -> Measured:
+    """What `rig benchmark faults` asks of each fault is asked of it in a reaction."""
+    otherwise = [fault.case.name for fault in faults if not fault.passed]
+    named = f" ({', '.join(otherwise)})" if otherwise else ""
+    return at_most(
+        f"of {len(faults)} faults in a reaction, end otherwise than without{named}", len(otherwise), 0
+    )
+
+
+def _all(
+    work: Callable[[LiftTask], Result], tasks: list[LiftTask], jobs: int, progress: Progress
+) -> list[Result]:
+    results = []
+    for task, result in run_tasks(work, list(tasks), jobs):
+        results.append(result)
+        progress(len(results), len(tasks), task.name)
+    return results

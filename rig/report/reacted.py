@@ -1,0 +1,99 @@
+"""Lifts that reacted to slip beside the same lifts without a reaction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import InputError
+from protocols.reaction import ReactionKind
+from rig.report.lift_chart import lift_chart
+from rig.report.parts import Chart, Table
+from rig.report.session import Lift, Trial
+from rig.sessions.records import FinishedLift, LiftOutcome
+
+MOST_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """What the page shows. table: every lift of both; pairs: without and with, of those that gained most."""
+
+    table: Table
+    pairs: list[list[Chart]]
+    without: Path
+    reacted: Path
+
+
+def beside(trial: Trial, other: Trial) -> Beside:
+    """Put lifts of one object, number and seed beside each other. Raises `InputError` where none are."""
+    without, reacted = _in_order(trial, other)
+    kept = {_same(lift.row): lift for lift in without.lifts}
+    both = [(kept[_same(lift.row)], lift) for lift in reacted.lifts if _same(lift.row) in kept]
+    if not both:
+        raise InputError(
+            f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat them "
+            "with the same --seed"
+        )
+    return Beside(_table(both), _pairs(both), without.folder, reacted.folder)
+
+
+def _in_order(trial: Trial, other: Trial) -> tuple[Trial, Trial]:
+    """The session without a reaction, and the one with. Raises `InputError`."""
+    reacts = [each.manifest.react is not ReactionKind.NONE for each in (trial, other)]
+    if reacts[0] == reacts[1]:
+        both = "both react" if reacts[0] else "neither reacts"
+        raise InputError(
+            f"{trial.folder}, {other.folder}: {both} to slip; give one with --react beside one without"
+        )
+    return (other, trial) if reacts[0] else (trial, other)
+
+
+def _same(row: FinishedLift) -> tuple[str, int, int]:
+    return row.object, row.lift, row.seed
+
+
+def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
+    columns = ("lift", "true end turn without, °", "with, °", "reactions", "counts added", "outcome")
+    rows = [
+        [
+            lift.name,
+            _turn(before.row),
+            _turn(lift.row),
+            str(len(lift.row.reactions or ())),
+            str(_added(lift.row)),
+            lift.row.outcome.value,
+        ]
+        for before, lift in both
+    ]
+    return Table(columns, rows, text=(0, 5))
+
+
+def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
+    """The pictures of caught lifts whose end turn became most smaller."""
+    caught = [pair for pair in both if pair[1].row.outcome is LiftOutcome.CAUGHT]
+    caught.sort(
+        key=lambda pair: abs(pair[1].row.final_truth_deg or 0.0) - abs(pair[0].row.final_truth_deg or 0.0)
+    )
+    shown = [[chart for lift in pair if (chart := _chart(lift))] for pair in caught]
+    return [charts for charts in shown if len(charts) == len(("without", "with"))][:MOST_SHOWN]
+
+
+def _chart(lift: Lift) -> Chart | None:
+    if lift.curves is None:
+        return None
+    row = lift.row
+    if not row.reactions:
+        return lift_chart(lift.curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
+    first = row.reactions[0].command_s
+    told = (
+        f"{len(row.reactions)} reactions, the first {first:.2f} s into the lift, {_added(row)} counts added"
+    )
+    return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {told}")
+
+
+def _turn(row: FinishedLift) -> str:
+    return "-" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}"
+
+
+def _added(row: FinishedLift) -> int:
+    return sum(reaction.counts_added for reaction in row.reactions or ())

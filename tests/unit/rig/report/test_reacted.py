@@ -1,0 +1,80 @@
+"""Lifts with a reaction to slip beside the same lifts without, on the report of either session."""
+
+import json
+import shutil
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import InputError
+from rig.report.write import write_report
+
+REACTION = {
+    "serial": "SIM-D0001", "onset_s": 0.2, "event_s": 0.21, "command_s": 0.22, "standstill_s": 0.4,
+    "rest_s": 0.5, "counts_added": 6, "onset_turn_deg": 0.5, "event_turn_deg": 0.6,
+    "command_turn_deg": 0.7, "standstill_turn_deg": 0.9, "rest_turn_deg": 0.9,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def without(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drawn_trial(tmp_path_factory.mktemp("beside") / "without")
+
+
+@pytest.fixture(scope="module")
+def reacted(without: Path) -> Path:
+    """The same lifts, the first of which was caught."""
+    folder = without.parent / "reacted"
+    shutil.copytree(without, folder)
+    edit(folder, {"react": "tighten"}, {"react": "tighten", "reactions": []})
+    rows(folder, 1, outcome="caught", reactions=[REACTION], final_truth_deg=0.9)
+    return folder
+
+
+def edit(folder: Path, manifest: dict[str, Any], lift: dict[str, Any]) -> None:
+    path = folder / "session.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | manifest))
+    for number in (1, 2):
+        rows(folder, number, **lift)
+
+
+def rows(folder: Path, number: int, **changes: Any) -> None:
+    path = folder / "lifts.jsonl"
+    kept = [json.loads(line) for line in path.read_text().splitlines()]
+    kept[number - 1] |= changes
+    path.write_text("".join(json.dumps(row) + "\n" for row in kept))
+
+
+def test_a_caught_lift_stands_beside_the_same_lift_that_was_not(
+    without: Path, reacted: Path, tmp_path: Path
+) -> None:
+    for session, other in ((reacted, without), (without, reacted)):
+        page = unescape(write_report([session], tmp_path / "page.html", beside=other).path.read_text())
+        part = page.partition("With and without a reaction to slip</h2>")[2].partition("<h2")[0]
+        assert part.count("<svg") == 2
+        assert part.index("without a reaction: turned") < part.index("with 'tighten': turned +0.9")
+        assert "6 counts added" in part
+        assert part.count("wrench, lift 2") == 1  # in the table alone: it was not caught
+
+
+def test_without_another_session_there_is_no_such_part(reacted: Path, tmp_path: Path) -> None:
+    assert "With and without" not in write_report([reacted], tmp_path / "page.html").path.read_text()
+
+
+def test_two_sessions_alike_or_of_other_lifts_are_refused(
+    without: Path, reacted: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="neither reacts"):
+        write_report([without], tmp_path / "page.html", beside=without)
+    with pytest.raises(InputError, match="both react"):
+        write_report([reacted], tmp_path / "page.html", beside=reacted)
+    other = tmp_path / "other"
+    shutil.copytree(reacted, other)
+    for number in (1, 2):
+        rows(other, number, seed=12345)
+    with pytest.raises(InputError, match="same --seed"):
+        write_report([without], tmp_path / "page.html", beside=other)
+    with pytest.raises(InputError, match="only a trial's session"):
+        write_report([tmp_path], tmp_path / "page.html", beside=without)

@@ -1,0 +1,39 @@
+"""When a contact has settled: fingers close step by step, and rest between two steps."""
+
+import numpy as np
+import pytest
+
+from drivers.clock import to_ns
+from rig.tactile.contact.gate import Region
+from rig.tactile.slip.settling import Settling
+
+NOTHING = np.zeros((1, 1), np.uint8)
+STEPS_PX = (5800, 13600, 17500, 20700, 23400)
+"""Areas of a contact after each count of a closing, from a simulated lift."""
+
+
+def settled_with(rests_s: float, rate_hz: float) -> int | None:
+    """The area with which a contact settles that grows in steps, each but the last held for so long."""
+    settling = Settling()
+    rests = [rests_s] * (len(STEPS_PX) - 1) + [0.5]
+    areas = [px for px, rest_s in zip(STEPS_PX, rests, strict=True) for _ in range(round(rest_s * rate_hz))]
+    for frame, area_px in enumerate(areas):
+        if settling.update(Region(NOTHING, area_px, 0.2), to_ns(frame / rate_hz)):
+            return area_px
+    return None
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 30.0, 60.0])
+@pytest.mark.parametrize("rests_s", [0.05, 0.12])
+def test_a_rest_between_two_steps_of_the_fingers_is_not_the_end_of_the_closing(
+    rests_s: float, rate_hz: float
+) -> None:
+    assert settled_with(rests_s, rate_hz) == STEPS_PX[-1]
+
+
+def test_a_contact_that_stays_for_longer_has_settled_once() -> None:
+    assert settled_with(0.3, 60.0) == STEPS_PX[0]
+    settling = Settling()
+    told = [settling.update(Region(NOTHING, 100, 0.2), to_ns(frame / 60.0)) for frame in range(30)]
+    assert sum(told) == 1
+    assert settling.settled

@@ -181,7 +181,8 @@ def test_an_unreadable_frame_is_lost_and_the_rest_answered(lift: Path, tmp_path:
     done = estimate(tmp_path, "--background", lift / "bare.png")
     assert done.error is None
     assert (done.rows[12]["state"], done.rows[12]["angle_deg"]) == ("lost", "")
-    assert done.rows[13]["state"] == "tracking"
+    assert done.rows[13]["state"] in ("tracking", "rekeyed")
+    assert done.rows[13]["angle_deg"]
     assert "warning: 1 frames could not be read" in done.said
 
 

@@ -64,11 +64,14 @@ class Heartbeat:
         self.halted = ""
         self._began_ns = self._checked_ns = self._clock.now_ns()
         self._waited_ns = 0
+        self._program.note()
 
     def answered(self, asked_ns: int) -> None:
         """The program has the answer to what it asked for at a time: meanwhile it could not look."""
         self._note_looks()
-        self._asking_ns += self._clock.now_ns() - max(asked_ns, self._began_ns)
+        self._checked_ns = self._clock.now_ns()
+        self._asking_ns += self._checked_ns - max(asked_ns, self._began_ns)
+        self._program.note()
 
     def end(self) -> None:
         """The motion is over, or told to stop."""
@@ -102,7 +105,8 @@ class Heartbeat:
         """Say what is wrong with the program; nothing while it works, or gets to work again in time."""
         if silent_ns <= LATE_NS:
             self._waited_ns = 0
-            self._program.forget()
+            # each time: where this process gets no core either, the next look comes late
+            self._program.note()
             return ""
         if self._program.is_stopped():
             return "its program was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger)"

@@ -16,15 +16,16 @@ class Program:
         return self._state() in ("T", "Z", "X")
 
     def waited_ns(self, during_ns: int) -> int:
-        """How long it could have run and got no core, during the time since this was asked last, ns."""
-        before_ns, self._ran_ns = self._ran_ns, self._has_run_ns()
+        """How long it could have run and got no core, during the time since it was noted or asked last, ns."""
+        before_ns = self._ran_ns
+        self.note()
         if before_ns is None or self._ran_ns is None or self._state() != "R":
             return 0
         return max(0, during_ns - (self._ran_ns - before_ns))
 
-    def forget(self) -> None:
-        """Begin anew: what was before does not count."""
-        self._ran_ns = None
+    def note(self) -> None:
+        """Note how long it has run so far: what was before does not count."""
+        self._ran_ns = self._has_run_ns()
 
     def _state(self) -> str:
         """The letter of `man 5 proc_pid_stat`. What comes before it is the name, which may hold anything."""

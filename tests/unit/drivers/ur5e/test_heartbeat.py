@@ -46,13 +46,16 @@ class ScriptedProgram(Program):
 
     def __init__(self, waits: float = 0.0) -> None:
         super().__init__(os.getpid())
-        self.stopped, self.waits = False, waits
+        self.waits, self.state, self.ran_ns = waits, "R", 0
 
-    def is_stopped(self) -> bool:
-        return self.stopped
+    def pass_time(self, duration_ns: int) -> None:
+        self.ran_ns += round((1.0 - self.waits) * duration_ns)
 
-    def waited_ns(self, during_ns: int) -> int:
-        return round(self.waits * during_ns)
+    def _state(self) -> str:
+        return self.state
+
+    def _has_run_ns(self) -> int:
+        return self.ran_ns
 
 
 class SteppedClock(SystemClock):
@@ -76,7 +79,7 @@ class Watched:
     """A motion at the speed of an approach, begun now."""
 
     def __init__(self, state: SharedState, program: ScriptedProgram) -> None:
-        self.control, self.clock, self.state = Control(), SteppedClock(), state
+        self.control, self.clock, self.state, self.program = Control(), SteppedClock(), state, program
         self.heartbeat = Heartbeat(self.control, self.state, program, self.clock)
         self.heartbeat.check()
         self.heartbeat.begin(SPEED_M_S)
@@ -84,8 +87,13 @@ class Watched:
     def wait(self, duration_s: float) -> None:
         end_ns = self.clock.time_ns + to_ns(duration_s)
         while self.clock.time_ns < end_ns:
-            self.clock.time_ns += to_ns(0.005)
+            self.pass_unchecked(0.005)
             self.heartbeat.check()
+
+    def pass_unchecked(self, duration_s: float) -> None:
+        """Let the process that commands do something else, or nothing."""
+        self.clock.time_ns += to_ns(duration_s)
+        self.program.pass_time(to_ns(duration_s))
 
     def look(self) -> None:
         self.state.look(self.clock.time_ns)
@@ -125,12 +133,24 @@ def test_who_waits_for_a_slow_controller_is_not_blamed_for_it_and_may_hang_no_lo
     watched.wait(0.020)
     watched.look()
     asked_ns = watched.clock.time_ns
-    watched.clock.time_ns += to_ns(0.75)  # the process that commands waits as well: it checks nothing
+    watched.pass_unchecked(0.75)  # the process that commands waits as well
     watched.heartbeat.answered(asked_ns)
     watched.wait(0.9 * LIMIT_S)
     assert watched.control.stops == 0
     watched.wait(0.2 * LIMIT_S)
     assert watched.control.stops == 1
+
+
+@pytest.mark.parametrize(("waits", "stops"), [(1.0, 0), (0.0, 1)])
+def test_who_hangs_is_told_from_who_has_no_core_where_nobody_could_check(
+    state: SharedState, waits: float, stops: int
+) -> None:
+    watched = Watched(state, ScriptedProgram(waits))
+    watched.look()
+    watched.wait(0.010)
+    watched.pass_unchecked(3 * LIMIT_S)
+    watched.heartbeat.check()
+    assert watched.control.stops == stops
 
 
 def test_half_a_core_is_half_the_time(state: SharedState) -> None:
@@ -144,7 +164,7 @@ def test_half_a_core_is_half_the_time(state: SharedState) -> None:
 def test_a_program_that_is_stopped_by_a_signal_stops_the_arm_at_once(state: SharedState) -> None:
     program = ScriptedProgram()
     watched = Watched(state, program)
-    program.stopped = True
+    program.state = "T"
     watched.wait(0.025)
     assert watched.control.stops == 1
     assert "SIGSTOP" in watched.heartbeat.halted
@@ -171,9 +191,9 @@ def test_the_system_tells_who_is_stopped_and_who_is_dead(started: "subprocess.Po
 
 def waited_share(program: Program, duration_s: float) -> float:
     """For which share of a time a program could have run and got no core."""
-    program.forget()
+    program.note()
     began = last = time.monotonic_ns()
-    waited = program.waited_ns(0)
+    waited = 0
     while time.monotonic_ns() - began < to_ns(duration_s):
         time.sleep(0.005)
         now = time.monotonic_ns()

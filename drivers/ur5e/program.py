@@ -16,7 +16,7 @@ class Program:
         return self._state() in ("T", "Z", "X")
 
     def waited_ns(self, during_ns: int) -> int:
-        """How long it could have run and got no core, during the time since it was noted or asked last, ns."""
+        """How long it could have run and got no core, in the time since it was noted or asked last, ns."""
         before_ns = self._ran_ns
         self.note()
         if before_ns is None or self._ran_ns is None or self._state() != "R":

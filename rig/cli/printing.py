@@ -225,5 +225,4 @@ def mare_text(value: Mare | None) -> str:
     """Write a mean over lifts with its spread and its 95 % interval, degrees."""
     if value is None:
         return "no answer"
-    interval = "" if value.low_deg is None else f" [{value.low_deg:.2f}, {value.high_deg:.2f}]"
-    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f}{interval}"
+    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f} {value.interval}".rstrip()

@@ -160,11 +160,10 @@ def trial(
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
-    from rig.lift.slip_votes import Voters
     from rig.lift.slip_watch import SlipSettings
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
-    from rig.sessions.manifest import TrialManifest
+    from rig.sessions.manifest import TrialManifest, Voters
     from rig.sessions.remarks import remarks_of
     from rig.tactile.estimators import choose_estimator
 
@@ -183,7 +182,7 @@ def trial(
         if not given(context, "false_alarms_per_hour"):
             false_alarms_per_hour = stored.false_alarms_per_hour
         max_turn_deg = max_turn_deg or stored.max_turn_deg
-        votes = votes if given(context, "votes") else stored.votes
+        votes = votes if given(context, "votes") else stored.votes.value
     choice = choose_estimator(estimator, window, not no_skip)
     choice.try_making()
     slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))

@@ -2,6 +2,7 @@
 
 import io
 import time
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -69,6 +70,12 @@ class LiftTask:
     def recording(self) -> str:
         """File of this attempt inside the session."""
         return recording_file(self.number, self.attempt)
+
+
+def all_tasks(objects: Sequence[str], lifts: int) -> list[LiftTask]:
+    """Return every lift of a trial, object by object."""
+    each = ((object_id, lift) for object_id in objects for lift in range(1, lifts + 1))
+    return [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
 from rig.lift.result import lift_result
-from rig.lift.slip_votes import Voters
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -111,7 +110,7 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
         manifest.seed,
         _choice(manifest, estimator, window),
         react=manifest.react,
-        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg, Voters(manifest.votes)),
+        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg, manifest.votes),
     )
 
 

@@ -16,7 +16,7 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift, plan_lift
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks, attempt_lift, plan_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed
@@ -44,7 +44,7 @@ def trial_manifest(
         react=settings.react,
         false_alarms_per_hour=settings.slip.false_alarms_per_hour,
         max_turn_deg=settings.slip.max_turn_deg,
-        votes=settings.slip.votes.value,
+        votes=settings.slip.votes,
     )
 
 
@@ -75,7 +75,7 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
     ]
     motions = [
-        _lift_motion(task, plan_lift(settings, task, table), home) for task in _all_tasks(objects, lifts)
+        _lift_motion(task, plan_lift(settings, task, table), home) for task in all_tasks(objects, lifts)
     ]
     return make_plan(settings.bench, head, motions)
 
@@ -115,7 +115,7 @@ def run_trial(
             _require_same_truth(session)
             if benches is not None:
                 benches.begin()
-            tasks = left_to_do(_all_tasks(objects, lifts), session.rows, lambda row: row.number)
+            tasks = left_to_do(all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             work = partial(attempt_lift, settings, benches=benches, live=live)
             repeat_until_accepted(session, tasks, work, WORDING, progress, jobs)
@@ -134,8 +134,3 @@ def _require_same_truth(session: Session[LiftRow]) -> None:
             f"{session.folder}: its true angles were measured by the markers' {manifest.truth}, now they are "
             f"by their {TRUTH}, and do not belong in one table: begin anew with another --out"
         )
-
-
-def _all_tasks(objects: list[str], lifts: int) -> list[LiftTask]:
-    pairs = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
-    return [LiftTask(number, *pair) for number, pair in enumerate(pairs, start=1)]

@@ -4,12 +4,12 @@ Each vote is worth `VOTE_DEG` at the most, so that no fingertip is overruled.
 """
 
 from collections import deque
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import ArmState, GripperState
+from rig.sessions.manifest import Voters
 
 VOTE_DEG = 0.1
 LATELY_NS = 100_000_000
@@ -17,15 +17,6 @@ BEFORE_NS = 300_000_000
 KEPT_NS = 800_000_000
 LEAST_READINGS = 3
 SIGMAS = 3.0
-
-
-class Voters(StrEnum):
-    """Who votes beside the fingertips."""
-
-    NONE = "none"
-    WRIST = "wrist"
-    GRIPPER = "gripper"
-    BOTH = "both"
 
 
 class WristVote:

@@ -11,8 +11,9 @@ from drivers.clock import NS_PER_S
 from drivers.types import ArmState, GripperState
 from protocols.reaction import ReactionStep
 from rig.lift.fusion import TipAnswer
-from rig.lift.slip_votes import Voters, Votes
+from rig.lift.slip_votes import Votes
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
+from rig.sessions.manifest import Voters
 
 CAUGHT_DEG = 5.0
 """A caught object has turned by no more, unless another limit was given."""

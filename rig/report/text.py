@@ -22,7 +22,7 @@ def mare_short(value: Mare | None) -> str:
 
 def interval_text(value: Mare | None) -> str:
     """The 95 % interval of a MARE, "" where it has none."""
-    return "" if value is None or value.low_deg is None else f"[{value.low_deg:.2f}, {value.high_deg:.2f}]"
+    return "" if value is None else value.interval
 
 
 def made_text(when: datetime) -> str:

@@ -28,6 +28,11 @@ class Mare:
     high_deg: float | None
     lifts: int
 
+    @property
+    def interval(self) -> str:
+        """The interval as text, "" where there is none."""
+        return "" if self.low_deg is None else f"[{self.low_deg:.2f}, {self.high_deg:.2f}]"
+
 
 def summarize(errors_deg: Floats) -> ErrorSummary | None:
     """Summarize a lift's absolute errors (N,) in degrees; None when there are none."""

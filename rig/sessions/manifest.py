@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
+from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -23,6 +24,15 @@ from rig.sessions.remarks import NO_REMARKS, Remarks
 SCHEMA_VERSION = 1
 """Of everything in a session folder."""
 DISTRIBUTION = "visuotactile-slip-rig"
+
+
+class Voters(StrEnum):
+    """Who has a vote on slips beside the fingertips."""
+
+    NONE = "none"
+    WRIST = "wrist"
+    GRIPPER = "gripper"
+    BOTH = "both"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +85,7 @@ class TrialManifest(BenchManifest):
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    votes: Literal["none", "wrist", "gripper", "both"] = "none"
+    votes: Voters = Voters.NONE
 
     @property
     def wanted(self) -> int:

@@ -15,10 +15,9 @@ from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
-from rig.lift.slip_votes import Voters
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary
-from rig.sessions.manifest import TrialManifest, read_manifest
+from rig.sessions.manifest import TrialManifest, Voters, read_manifest
 from rig.sessions.records import FinishedLift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator

@@ -194,8 +194,7 @@ def _times(spread: Spread) -> tuple[str, ...]:
 def _mare(value: Mare | None) -> str:
     if value is None:
         return "no answer"
-    interval = "" if value.low_deg is None else f" [{value.low_deg:.2f}, {value.high_deg:.2f}]"
-    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f}{interval}"
+    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f} {value.interval}".rstrip()
 
 
 def _number(value: float | None) -> str:

@@ -14,7 +14,7 @@ from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.reaction.full import run_further
 from rig.benchmark.reaction.lifts import ReactedLift, lift_both_ways
-from rig.experiments.lift_attempt import LiftTask, TrialSettings
+from rig.experiments.lift_attempt import TrialSettings, all_tasks
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.reactions import require_reaction
 from rig.sessions.records import LiftOutcome
@@ -57,8 +57,7 @@ def run_reaction(
     """
     began = time.perf_counter()
     require_reaction(settings, objects)
-    each = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
-    tasks = [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
+    tasks = all_tasks(objects, lifts)
     found: dict[int, Pair] = {}
     cores = jobs or os.cpu_count() or 1
     for task, pair in run_tasks(partial(lift_both_ways, settings), list(tasks), cores):

@@ -14,7 +14,7 @@ from rig.benchmark.reaction.lifts import ReactedLift, lift_firmly
 from rig.benchmark.reaction.rest import RATES_PER_HOUR, Rest, false_reactions, watch_at_rest
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
-from rig.experiments.lift_attempt import LiftTask, TrialSettings
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks
 from rig.experiments.process_pool import run_tasks
 
 HOURS = 2.0
@@ -35,8 +35,7 @@ def run_further(
 
     Raises `DeviceError` as `run_faults`.
     """
-    each = [(object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
-    tasks = [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
+    tasks = all_tasks(objects, lifts)
     firm = [lifted for lifted in _all(partial(lift_firmly, settings), tasks, jobs, progress) if lifted]
     rests = _all(partial(watch_at_rest, settings), [task for task in tasks if task.lift == 1], jobs, progress)
     return (_held(firm), *at_rest(rests, HOURS), _ends(_faults(settings, progress)))

@@ -52,7 +52,15 @@ class SeedLift:
     wrong: int
 
 
-LIFT: Codec[SeedLift] = Codec(SeedLift)
+@dataclass(frozen=True, slots=True)
+class SeedTrial:
+    """All lifts of one seed: a line of `SEEDS`, written when the trial is done."""
+
+    seed: int
+    lifts: tuple[SeedLift, ...]
+
+
+TRIAL: Codec[SeedTrial] = Codec(SeedTrial)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +93,12 @@ def run_seeds(
     if not bench.in_process:
         raise InputError(f"bench '{bench.name}': seeds are drawn by benches simulated in this process alone")
     folder.mkdir(parents=True, exist_ok=True)
-    told = read_rows(folder / SEEDS, LIFT)
+    told = {trial.seed: trial.lifts for trial in read_rows(folder / SEEDS, TRIAL)}
     if told and not resume:
-        raise InputError(f"{folder}: holds {len(told)} lifts; go on with --resume, or give another folder")
+        raise InputError(f"{folder}: holds {len(told)} trials; go on with --resume, or give another folder")
     each = len(objects) * lifts
     for place, seed in enumerate(seeds):
-        if seed in {lift.seed for lift in told}:
+        if seed in told:
             continue
         trial, session = TrialSettings(bench, seed, choose_estimator()), folder / f"seed_{seed}"
         run_trial(
@@ -104,12 +112,10 @@ def run_seeds(
                 at * each + done, len(seeds) * each, f"{row.object}/{row.lift}"
             ),
         )
-        found = [_scored(session, seed, row) for row in read_finished_lifts(session)]
-        for lift in found:
-            append_line(folder / SEEDS, json_line(lift))
-        told += found
+        told[seed] = tuple(_scored(session, seed, row) for row in read_finished_lifts(session))
+        append_line(folder / SEEDS, json_line(SeedTrial(seed, told[seed])))
         shutil.rmtree(session)
-    kept = tuple(lift for lift in told if lift.seed in set(seeds))
+    kept = tuple(lift for seed in seeds for lift in told[seed])
     return SeedsResult(bench.name, kept, judge_lifts(bench.difficulty, kept), time.perf_counter() - began)
 
 
@@ -193,7 +199,4 @@ def _row(name: str, lifts: Sequence[SeedLift]) -> tuple[str, ...]:
 
 def _mare(of: Mare | None) -> str:
     """Return a mean with its interval, where there is one."""
-    if of is None:
-        return "-"
-    between = "" if of.low_deg is None or of.high_deg is None else f" [{of.low_deg:.2f}, {of.high_deg:.2f}]"
-    return f"{of.mean_deg:.2f}{between}"
+    return "-" if of is None else f"{of.mean_deg:.2f} {of.interval}".rstrip()

@@ -57,8 +57,8 @@ def reaction(
     from rig.config import load_bench
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import resolve_objects
-    from rig.lift.slip_votes import Voters
     from rig.lift.slip_watch import SlipSettings
+    from rig.sessions.manifest import Voters
     from rig.tactile.estimators import choose_estimator
 
     slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))

@@ -11,10 +11,11 @@ counts little: it is gel, a speck or a scratch.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from rig.tactile.slip.channel import some_of
+from rig.tactile.slip.channel import Channel, Weights, some_of
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.loops import align_together, best_of, correlation_at, weights_of
 from rig.tactile.slip.sampling import GradientField
@@ -78,14 +79,20 @@ class Evidence:
 
     def placed(self, angle_rad: float, shift_px: complex) -> complex:
         """Return the shift on a grid around one at which the texture fits best, for a given turn."""
-        few = some_of(self._fine[0], max(1, len(self._fine[0].points) // GRID_POINTS))
-        return shift_px + complex(_GRID_PX[best_of(few, weights_of(few), angle_rad, shift_px + _GRID_PX)])
+        return shift_px + complex(_GRID_PX[best_of(*self._few, angle_rad, shift_px + _GRID_PX)])
 
     def judged(self, angle_rad: float, shift_px: complex) -> Motion:
         """Return what speaks for a motion."""
         shift = complex(shift_px)
         slopes, fine = (correlation_at(*channel, angle_rad, shift) for channel in (self._slopes, self._fine))
         return Motion(angle_rad, shift_px, slopes, fine)
+
+    @cached_property
+    def _few(self) -> tuple[Channel, Weights]:
+        """Some points of the texture."""
+        texture, _ = self._fine
+        few = some_of(texture, max(1, len(texture.points) // GRID_POINTS))
+        return few, weights_of(few)
 
 
 _STEPS_PX = np.arange(-GRID_REACH, GRID_REACH + 1) * GRID_PITCH_PX

@@ -27,7 +27,7 @@ def test_seeds_go_on_where_they_ended_and_keep_no_recordings(
     assert both.lifts[0].score.re is not None
     assert both.lifts[0].score.re.mean_deg < 2.0
     assert [row[0] for row in table(both).rows] == ["all", "3", "4"]
-    with pytest.raises(InputError, match="holds 2 lifts"):
+    with pytest.raises(InputError, match="holds 2 trials"):
         run_seeds(tmp_path, light_bench, [3], 1)
 
 

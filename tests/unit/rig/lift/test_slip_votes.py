@@ -5,8 +5,9 @@ import pytest
 
 from drivers.types import ArmMode, ArmState, GripperState, Pose
 from rig.lift.fusion import TipAnswer
-from rig.lift.slip_votes import VOTE_DEG, GripperVote, Voters, Votes, WristVote
+from rig.lift.slip_votes import VOTE_DEG, GripperVote, Votes, WristVote
 from rig.lift.slip_watch import SlipSettings, SlipWatch
+from rig.sessions.manifest import Voters
 from rig.tactile.sample import SlipSample, State
 
 CAMERA_NS = 33_000_000

@@ -3,12 +3,19 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import combinations
 
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample, State
 
 MAX_SKEW_NS = 40_000_000
 """How old the other fingertip's answer may be: two frames at 60 Hz and some jitter."""
+MAX_GAP_NS = 200_000_000
+"""How old it may be where the newest fingertip has looked before it: a camera's period, 5 frames a second."""
+STICKS = 0.02
+"""How often an estimator sticks to what rests on the gel: a few fingertips in a hundred on hard lifts."""
+ANYTHING = 0.1
+"""Share of those that answer anything, not something between rest and the turn."""
 CORRELATION = 0.7
 """Of the two fingertips' errors: they touch the same object under the same load, so what the gel
 hides from one it mostly hides from the other (0.6 to 0.9 on simulated lifts)."""
@@ -72,25 +79,91 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     """Combine a fingertip's newest answer with the others' recent ones, brought to its time.
 
     The newest fingertip itself has seen how far the object turned since the others' frames, which
-    is surer than their rates. Weights are inverse variances where every answer has a sigma, equal
-    otherwise (the paper's methods have none). An answer older than `MAX_SKEW_NS` does not count.
+    is surer than their rates. Where every answer has a sigma the likeliest of `_hypotheses` is told;
+    otherwise the mean (the paper's methods have no sigma). An answer older than `MAX_SKEW_NS` counts
+    only where the newest fingertip has looked before it, as cameras of a few frames a second do.
     """
     time_ns = now.sample.time_ns
-    recent = [a for a in others if time_ns - a.sample.time_ns <= MAX_SKEW_NS]
-    answers = [a for a in (now, *recent) if a.angle_deg is not None]
+    answers = [a for a in (now, *others) if a.angle_deg is not None and _counts(a, now)]
     if not answers:
         return FusedSample(time_ns, None, None, now.sample.state)
     angles = [a.at(time_ns, now.turned_since(a.sample.time_ns)) for a in answers]
-    sigmas = [a.sigma_deg for a in answers]
-    known = [s for s in sigmas if s is not None and s > 0.0]
-    complete = len(known) == len(answers)
-    weights = [1.0 / s**2 for s in known] if complete else [1.0] * len(answers)
-    angle = sum(w * a for w, a in zip(weights, angles, strict=True)) / sum(weights)
-    sigma = _sigma(weights, known) if complete else None
-    rates = [a.rate_deg_s for a in answers if a.rate_deg_s is not None]
+    known = [a.sigma_deg for a in answers if a.sigma_deg]
+    if len(known) < len(answers):
+        told = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
+        sigma, gap = None, None
+    else:
+        told, sigma = _believed(_hypotheses(angles, known))
+        gap = _disagreement(angles, known) if len(answers) == 2 else None
+    rates = [rate for i in told.turned if (rate := answers[i].rate_deg_s) is not None]
     rate = sum(rates) / len(rates) if rates else None
-    gap = _disagreement(angles, known) if complete and len(answers) == 2 else None
-    return FusedSample(time_ns, angle, sigma, answers[0].sample.state, rate, gap)
+    return FusedSample(time_ns, told.angle_deg, sigma, answers[0].sample.state, rate, gap)
+
+
+@dataclass(frozen=True, slots=True)
+class _Hypothesis:
+    """That some fingertips (by index) have turned with the object, and the others stick to what rests."""
+
+    weight: float
+    angle_deg: float
+    sigma_deg: float
+    turned: tuple[int, ...]
+
+
+def _counts(answer: TipAnswer, now: TipAnswer) -> bool:
+    """Whether an answer is recent enough to be brought to the newest one's time."""
+    age_ns = now.sample.time_ns - answer.sample.time_ns
+    seen_since = now.turned_since(answer.sample.time_ns) is not None
+    return age_ns <= (MAX_GAP_NS if seen_since else MAX_SKEW_NS)
+
+
+def _believed(hypotheses: list[_Hypothesis]) -> tuple[_Hypothesis, float]:
+    """Return the likeliest hypothesis, and a sigma around it to which all the others add."""
+    best = max(hypotheses, key=lambda h: h.weight)
+    squares = sum(h.weight * (h.sigma_deg**2 + (h.angle_deg - best.angle_deg) ** 2) for h in hypotheses)
+    return best, math.sqrt(squares / sum(h.weight for h in hypotheses))
+
+
+def _hypotheses(angles: list[float], sigmas: list[float]) -> list[_Hypothesis]:
+    """Return what fingertips may have seen, each with its likelihood.
+
+    An answer is normal around the object's turn by its sigma; but now and then an estimator sticks to what
+    rests on the gel, and answers anything between rest and that turn. The mean of one that turned and one
+    that stuck would be right for neither.
+    """
+    all_of = range(len(angles))
+    chosen = (turned for count in range(len(angles), 0, -1) for turned in combinations(all_of, count))
+    return [_hypothesis(turned, angles, sigmas) for turned in chosen]
+
+
+def _hypothesis(turned: tuple[int, ...], angles: list[float], sigmas: list[float]) -> _Hypothesis:
+    weights = [1.0 / sigmas[i] ** 2 for i in turned]
+    angle = sum(w * angles[i] for w, i in zip(weights, turned, strict=True)) / sum(weights)
+    # of the answers, whatever the turn is: the normal densities' product over that of their mean
+    agree = math.prod(_normal(angles[i] - angle, sigmas[i]) for i in turned)
+    agree /= _normal(0.0, sum(weights) ** -0.5)
+    stuck = [i for i in range(len(angles)) if i not in turned]
+    sigma = _sigma(weights, [sigmas[i] for i in turned])
+    likelihood = agree * math.prod(_stuck(angles[i], math.hypot(sigmas[i], sigma), angle) for i in stuck)
+    prior = (1.0 - STICKS) ** len(turned) * STICKS ** len(stuck)
+    return _Hypothesis(prior * likelihood, angle, sigma, turned)
+
+
+def _stuck(angle_deg: float, sigma_deg: float, turn_deg: float) -> float:
+    """Return the likelihood of an answer that stuck while the object turned: between rest and the turn.
+
+    sigma_deg: of the answer and the turn together. A few of them are anything.
+    """
+    if abs(turn_deg) < sigma_deg / 100.0:
+        between = _normal(angle_deg, sigma_deg)
+    else:
+        low, high = (math.erf((x - angle_deg) / (sigma_deg * math.sqrt(2.0))) for x in (0.0, turn_deg))
+        between = (high - low) / (2.0 * turn_deg)
+    return (1.0 - ANYTHING) * between + ANYTHING / 360.0
+
+
+def _normal(gap_deg: float, sigma_deg: float) -> float:
+    return math.exp(-0.5 * (gap_deg / sigma_deg) ** 2) / (sigma_deg * math.sqrt(2.0 * math.pi))
 
 
 def _sigma(weights: list[float], sigmas: list[float]) -> float:

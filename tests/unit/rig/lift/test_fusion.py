@@ -1,6 +1,7 @@
 """Two fingertips in one angle."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -26,15 +27,48 @@ def test_without_sigmas_the_mean(first: float, second: float) -> None:
 
 
 @given(angles, sigmas, angles, sigmas)
-def test_with_sigmas_the_surer_one_counts_more(a: float, sa: float, b: float, sb: float) -> None:
+def test_an_answer_lies_between_and_is_no_surer_than_two_would_be(
+    a: float, sa: float, b: float, sb: float
+) -> None:
     fused = fuse(answer(a, sa), [answer(b, sb)])
     assert fused.angle_deg is not None
     assert fused.sigma_deg is not None
     assert min(a, b) - 1e-6 <= fused.angle_deg <= max(a, b) + 1e-6
+    assert math.hypot(1 / sa, 1 / sb) ** -1 <= fused.sigma_deg * (1.0 + 1e-9)
+
+
+@given(st.floats(-30.0, 30.0), st.floats(0.1, 2.0), st.floats(0.5, 2.0), st.floats(-1.0, 1.0))
+def test_of_two_that_agree_the_surer_one_counts_more(a: float, sa: float, times: float, gap: float) -> None:
+    sb = times * sa
+    fused = fuse(answer(a, sa), [answer(a + gap * min(sa, sb), sb)])
+    assert fused.angle_deg is not None
+    assert fused.sigma_deg is not None
     # Their errors are correlated: a second answer helps less than an independent one would.
-    assert math.hypot(1 / sa, 1 / sb) ** -1 <= fused.sigma_deg <= 1.15 * min(sa, sb)
-    if sa < sb:
-        assert abs(fused.angle_deg - a) <= abs(fused.angle_deg - b) + 1e-6
+    assert fused.sigma_deg <= 1.2 * min(sa, sb)
+    middle_deg = a + 0.5 * gap * min(sa, sb)
+    surer_deg = a if sa < sb else a + gap * min(sa, sb)
+    assert abs(fused.angle_deg - surer_deg) <= abs(middle_deg - surer_deg) + 1e-6
+
+
+@pytest.mark.parametrize("turn_deg", [12.0, -25.0])
+def test_one_that_stuck_where_it_was_does_not_hold_the_other_back(turn_deg: float) -> None:
+    fused = fuse(answer(0.2, 0.5), [answer(turn_deg, 1.0)])
+    assert fused.angle_deg == turn_deg
+    assert fused.sigma_deg is not None
+    assert fused.sigma_deg > 1.2  # it may be the other way round
+    assert fused.disagreement is Disagreement.ONE_PAD_SLIPS
+
+
+def test_the_rate_is_of_those_that_are_believed() -> None:
+    stuck = replace(answer(0.0, 0.5), rate_deg_s=0.1)
+    assert fuse(stuck, [replace(answer(20.0, 1.0), rate_deg_s=50.0)]).rate_deg_s == 50.0
+    assert fuse(stuck, [replace(answer(0.5, 0.5), rate_deg_s=0.3)]).rate_deg_s == pytest.approx(0.2)
+
+
+def test_at_ten_frames_a_second_both_are_heard() -> None:
+    now = replace(answer(20.0, 1.0, time_ns=100_000_000), before=(0, 18.0))
+    fused = fuse(now, [answer(19.2, 1.0, time_ns=50_000_000)])
+    assert fused.angle_deg == pytest.approx(20.1)
 
 
 def test_one_answer_is_enough_and_none_is_none() -> None:

@@ -12,6 +12,8 @@ MAX_SKEW_NS = 40_000_000
 """How old the other fingertip's answer may be: two frames at 60 Hz and some jitter."""
 MAX_GAP_NS = 200_000_000
 """How old it may be where the newest fingertip has looked before it: a camera's period, 5 frames a second."""
+SURER = 4.0
+"""So many times as unsure as another, a fingertip's own turns are noise beside the other's rate."""
 STICKS = 0.02
 """How often an estimator sticks to what rests on the gel: a few fingertips in a hundred on hard lifts."""
 ANYTHING = 0.1
@@ -79,15 +81,16 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     """Combine a fingertip's newest answer with the others' recent ones, brought to its time.
 
     The newest fingertip itself has seen how far the object turned since the others' frames, which
-    is surer than their rates. Where every answer has a sigma the likeliest of `_hypotheses` is told;
-    otherwise the mean (the paper's methods have no sigma). An answer older than `MAX_SKEW_NS` counts
-    only where the newest fingertip has looked before it, as cameras of a few frames a second do.
+    is surer than their rates unless it is far less sure than they are. Where every answer has a sigma
+    the likeliest of `_hypotheses` is told; otherwise the mean (the paper's methods have no sigma). An
+    answer older than `MAX_SKEW_NS` counts only where the newest fingertip has looked before it, as
+    cameras of a few frames a second do.
     """
     time_ns = now.sample.time_ns
     answers = [a for a in (now, *others) if a.angle_deg is not None and _counts(a, now)]
     if not answers:
         return FusedSample(time_ns, None, None, now.sample.state)
-    angles = [a.at(time_ns, now.turned_since(a.sample.time_ns)) for a in answers]
+    angles = [a.at(time_ns, _turned_since(a, now)) for a in answers]
     known = [a.sigma_deg for a in answers if a.sigma_deg]
     if len(known) < len(answers):
         told = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
@@ -108,6 +111,12 @@ class _Hypothesis:
     angle_deg: float
     sigma_deg: float
     turned: tuple[int, ...]
+
+
+def _turned_since(answer: TipAnswer, now: TipAnswer) -> float | None:
+    """Return by what the newest fingertip saw the object turn since an answer; None where that is no help."""
+    noisy = answer.sigma_deg and now.sigma_deg and now.sigma_deg > SURER * answer.sigma_deg
+    return None if noisy else now.turned_since(answer.sample.time_ns)
 
 
 def _counts(answer: TipAnswer, now: TipAnswer) -> bool:

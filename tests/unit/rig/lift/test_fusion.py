@@ -105,3 +105,9 @@ def test_fingertips_that_see_different_turns_are_told(
 
 def test_unsure_fingertips_do_not_disagree() -> None:
     assert fuse(answer(10.0, 3.0), [answer(1.0, 3.0)]).disagreement is None
+
+
+def test_the_noise_of_an_unsure_fingertip_does_not_move_a_sure_ones_answer() -> None:
+    unsure = replace(answer(12.0, 20.0, time_ns=16_000_000), before=(0, 2.0))
+    fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)])
+    assert fused.angle_deg == pytest.approx(15.0, abs=0.1)

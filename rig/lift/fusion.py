@@ -120,9 +120,12 @@ def _turned_since(answer: TipAnswer, now: TipAnswer) -> float | None:
 
 
 def _counts(answer: TipAnswer, now: TipAnswer) -> bool:
-    """Whether an answer is recent enough to be brought to the newest one's time."""
+    """Whether an answer is recent enough to be brought to the newest one's time.
+
+    Without a sigma nothing weighs it against the newest one: then it has to be as new.
+    """
     age_ns = now.sample.time_ns - answer.sample.time_ns
-    seen_since = now.turned_since(answer.sample.time_ns) is not None
+    seen_since = answer.sigma_deg and now.turned_since(answer.sample.time_ns) is not None
     return age_ns <= (MAX_GAP_NS if seen_since else MAX_SKEW_NS)
 
 

@@ -135,6 +135,12 @@ def recorded_arm_states(path: Path) -> Iterator[ArmState]:
             yield _arm_state(pose, data, path, time_ns)
 
 
+def recorded_reactions(path: Path) -> list[tuple[ReactionStep, int]]:
+    """Return what was done about slips, each step with its time in ns. Raises `SessionError`."""
+    messages = recorded_messages(path, REACTION_TOPIC)
+    return [(_parsed(_REACTION, data, path).step, time_ns) for _, time_ns, _, data in messages]
+
+
 def phase_times(path: Path) -> dict[Phase, int]:
     """Return when each phase of a recorded lift began, ns, all of them. Raises `SessionError`."""
     phases: dict[Phase, int] = {}

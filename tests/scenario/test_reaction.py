@@ -10,6 +10,7 @@ import pytest
 
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
+from rig.benchmark.reaction.wire import times_of
 from rig.config import load_bench
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
@@ -62,6 +63,20 @@ def test_a_tightened_grip_catches_what_slips_without(caught: FinishedLift) -> No
     assert caught.final_truth_deg is not None
     assert 0.4 < abs(caught.final_truth_deg) < 5.0
     assert caught.lift_height_m == without.lift_height_m
+
+
+def test_how_long_its_reactions_took_is_read_from_a_session(folder: Path, caught: FinishedLift) -> None:
+    soon, *still = times_of(folder, ReactionKind.TIGHTEN)
+    assert caught.reactions
+    first = caught.reactions[0]
+    assert first.event_s is not None
+    assert soon.value == pytest.approx(1e3 * (first.command_s - first.event_s), abs=1.0)
+    assert soon.met
+    arm_ms, _, fingers_ms, _ = (row.value or 0.0 for row in still)
+    took_ms = 1e3 * (first.standstill_s - first.command_s)
+    assert 0.0 < arm_ms < took_ms
+    assert fingers_ms == pytest.approx(took_ms - arm_ms, abs=20.0)
+    assert len(times_of(folder, ReactionKind.STOP)) == 3
 
 
 def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught: FinishedLift) -> None:

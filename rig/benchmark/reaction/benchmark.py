@@ -14,6 +14,7 @@ from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.reaction.full import run_further
 from rig.benchmark.reaction.lifts import ReactedLift, lift_both_ways
+from rig.benchmark.reaction.wire import react_behind_wires
 from rig.experiments.lift_attempt import TrialSettings, all_tasks
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.reactions import require_reaction
@@ -49,10 +50,12 @@ def run_reaction(
     lifts: int,
     jobs: int | None = None,
     progress: Progress = lambda *_: None,
+    wire_lifts: int = 0,
     full: bool = False,
 ) -> ReactionResult:
     """Carry out every lift twice. Raises `InputError` where the settings cannot react.
 
+    wire_lifts: so many more behind wires, in real time (`rig.benchmark.reaction.wire`).
     full: look at lifts that hold, at hours at rest, and at faults as well (`rig.benchmark.reaction.full`).
     """
     began = time.perf_counter()
@@ -64,8 +67,9 @@ def run_reaction(
         found[task.number] = pair
         progress(len(found), len(tasks), f"{task.object_id}/{task.lift}")
     pairs = tuple(found[number] for number in sorted(found))
+    soon = react_behind_wires(settings, wire_lifts, progress) if wire_lifts else ()
     further = run_further(settings, objects, lifts, cores, progress) if full else ()
-    limits = (*_limits(pairs), *further)
+    limits = (*_limits(pairs), *soon, *further)
     return ReactionResult(settings.react.value, settings.seed, pairs, limits, time.perf_counter() - began)
 
 

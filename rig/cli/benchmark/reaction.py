@@ -29,6 +29,10 @@ def reaction(
         Literal["none", "wrist", "gripper", "both"],
         typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
     ] = "none",
+    wire_lifts: Annotated[
+        int,
+        typer.Option("--wire-lifts", min=0, max=100, help="Further lifts behind wires, in real time."),
+    ] = 4,
     full: Annotated[
         bool, typer.Option("--full", help="Also lifts that hold, two hours at rest, faults in a reaction.")
     ] = False,
@@ -39,7 +43,8 @@ def reaction(
     """Lift the same SIMULATED objects without and with a reaction to slip, and compare.
 
     What was caught, how far the objects turned, how long a slip took to be told, false reactions, fallen and
-    damaged objects. What truly happened is asked of the simulated world. Exit code 4 when a limit was missed.
+    damaged objects. What truly happened is asked of the simulated world. A few more lifts run in real time,
+    behind wires: how soon a command follows its frame. Exit code 4 when a limit was missed.
 
     Examples:
       rig benchmark reaction
@@ -66,7 +71,7 @@ def reaction(
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:
         ids = resolve_objects(objects, bench.objects)
-        result = run_reaction(settings, ids, lifts, jobs, progress.show, full)
+        result = run_reaction(settings, ids, lifts, jobs, progress.show, wire_lifts, full)
     print_tables((reaction_table(result), limit_table(result.limits, f"'{react}'")), json, result.wall_s)
     if json:
         emit_json(as_json(result))

@@ -20,6 +20,8 @@ CAUGHT_DEG = 5.0
 RESERVE = 1.5
 """The next slip may be so many times as large as the largest so far."""
 
+SOON_S, SLIPS_DEG = 0.1, 1.0
+"""A slip is what will have turned so far so soon, at its present rate: a gel that gives way comes to rest."""
 FIRST_CLOSING_S = 0.15
 """How long it takes to stop a slip, until a reaction of this lift has shown it."""
 
@@ -143,8 +145,15 @@ class SlipWatch:
     def _look(self, tip: TipWatch) -> None:
         """Look whether a fingertip's newest answer tells of a slip, and by whose votes."""
         cast = self._votes.cast(self._now_ns)
-        if tip.slips(*self._away_deg(), sum(cast.values())):
+        away_deg, agreed_deg = self._away_deg()
+        if tip.slips(away_deg, agreed_deg, sum(cast.values())) and self._goes_on(away_deg):
             self._raised_ns, self._cast = self._now_ns, cast
+
+    def _goes_on(self, away_deg: float) -> bool:
+        """Whether it will soon have turned as far as only a slip does, as the slowest fingertip sees it."""
+        answering = [tip for tip in self._tips.values() if tip.weight(self._now_ns) > 0.0]
+        rate_deg_s = min(math.copysign(1.0, away_deg) * tip.newest_rate_deg_s for tip in answering)
+        return abs(away_deg) + max(rate_deg_s, 0.0) * SOON_S >= SLIPS_DEG
 
     def _count(self) -> None:
         """Add a slip to those so far, once, before fingers close: what is seen then is the contact's."""

@@ -85,13 +85,18 @@ class TipWatch:
         """How far it has turned since rest."""
         return self._seen[-1][1] - self.base_deg if self._seen else 0.0
 
+    @property
+    def newest_rate_deg_s(self) -> float:
+        """Its newest rate."""
+        return self._seen[-1][2] if self._seen else 0.0
+
     def slips(self, away_deg: float, agreed_deg: float, moved_deg: float = 0.0) -> bool:
         """Whether it is turning, and has turned so far.
 
         away_deg: since rest, by all fingertips. agreed_deg: that way, by the one that shows least. moved_deg:
         by how much votes move the angle that tells.
         """
-        rate = self._seen[-1][2] if self._seen else 0.0
+        rate = self.newest_rate_deg_s
         turning = abs(rate) >= self.rate_deg_s and away_deg * rate > 0.0
         least_deg = GIVES_DEG + self.angle_deg + moved_deg
         return turning and min(abs(away_deg), abs(self.away_deg), agreed_deg / AGREES) >= least_deg

@@ -20,7 +20,7 @@ from rig.experiments.process_pool import run_tasks
 from rig.experiments.reactions import require_reaction
 from rig.sessions.records import LiftOutcome
 
-SCHEMA = 1
+SCHEMA = 2
 LEAST_CAUGHT, MOST_LATENCY_MS, MOST_FALSE = 0.95, 50.0, 1.0 / 45.0
 HELD_DEG = 0.5
 RESAMPLES = 2000
@@ -67,8 +67,9 @@ def run_reaction(
         found[task.number] = pair
         progress(len(found), len(tasks), f"{task.object_id}/{task.lift}")
     pairs = tuple(found[number] for number in sorted(found))
+    lifted = {task: found[task.number][0] for task in tasks}
     soon = react_behind_wires(settings, wire_lifts, progress) if wire_lifts else ()
-    further = run_further(settings, objects, lifts, cores, progress) if full else ()
+    further = run_further(settings, lifted, cores, progress) if full else ()
     limits = (*_limits(pairs), *soon, *further)
     return ReactionResult(settings.react.value, settings.seed, pairs, limits, time.perf_counter() - began)
 

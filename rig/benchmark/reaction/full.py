@@ -1,7 +1,8 @@
 """What `rig benchmark reaction --full` looks at further: lifts that hold, hours at rest, faults."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -10,35 +11,38 @@ import numpy as np
 from scipy.stats import poisson
 
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.reaction.lifts import ReactedLift, lift_firmly
+from rig.benchmark.reaction.lifts import ReactedLift, lift_once
 from rig.benchmark.reaction.rest import RATES_PER_HOUR, Rest, false_reactions, watch_at_rest
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks
+from rig.experiments.lift_attempt import LiftTask, TrialSettings
 from rig.experiments.process_pool import run_tasks
 
 HOURS = 2.0
 SURE = 0.95
 MOST_FALSE = 1.0 / 45.0
+SPARE_COUNTS = 2
+"""So much firmer than just firm enough."""
 Progress = Callable[[int, int, str], None]
 Result = TypeVar("Result")
 
 
 def run_further(
     settings: TrialSettings,
-    objects: Sequence[str],
-    lifts: int,
+    lifted: Mapping[LiftTask, ReactedLift],
     jobs: int,
     progress: Progress = lambda *_: None,
 ) -> tuple[Measured, ...]:
     """Return what was measured, the faults behind wires and in real time. SIMULATED throughout.
 
+    lifted: the lifts that were looked at so far; they are repeated with a grip that just holds.
     Raises `DeviceError` as `run_faults`.
     """
-    tasks = all_tasks(objects, lifts)
-    firm = [lifted for lifted in _all(partial(lift_firmly, settings), tasks, jobs, progress) if lifted]
-    rests = _all(partial(watch_at_rest, settings), [task for task in tasks if task.lift == 1], jobs, progress)
-    return (_held(firm), *at_rest(rests, HOURS), _ends(_faults(settings, progress)))
+    held = _all(partial(lift_once, settings), just_holding(lifted), jobs, progress)
+    rests = _all(
+        partial(watch_at_rest, settings), [task for task in lifted if task.lift == 1], jobs, progress
+    )
+    return (_held(held), *at_rest(rests, HOURS), _ends(_faults(settings, progress)))
 
 
 def at_rest(rests: Sequence[Rest], hours: float) -> tuple[Measured, ...]:
@@ -68,9 +72,18 @@ def _faults(settings: TrialSettings, progress: Progress) -> list[FaultResult]:
         return run_faults(Path(folder) / "faults", cases, note, react=settings.react)
 
 
-def _held(firm: Sequence[ReactedLift]) -> Measured:
-    name = f"share of lifts at the largest grip that hold and react all the same, of {len(firm)}"
-    return at_most(name, float(np.mean([bool(lift.told) for lift in firm])) if firm else None, MOST_FALSE)
+def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
+    """Return the lifts that a grip can hold, with one that just does."""
+    return [
+        replace(task, grip_counts=lift.holds_from + SPARE_COUNTS)
+        for task, lift in lifted.items()
+        if lift.holds_from is not None
+    ]
+
+
+def _held(lifts: Sequence[ReactedLift]) -> Measured:
+    name = f"share of lifts with a grip that just holds that react all the same, of {len(lifts)}"
+    return at_most(name, float(np.mean([bool(lift.told) for lift in lifts])) if lifts else None, MOST_FALSE)
 
 
 def _ends(faults: Sequence[FaultResult]) -> Measured:

@@ -38,8 +38,9 @@ class Told:
 class ReactedLift:
     """One lift. turn_deg: at its end, None where no marker was seen or a fault ended it.
 
-    damaged: the object keeps a mark of the fingers. would_hold: friction carries its torque at the largest
-    grip that its file allows and the gripper reaches. late: it turned by half a degree, and no event came.
+    damaged: the object keeps a mark of the fingers. holds_from: the loosest grip at which friction carries
+    its torque, in counts; None where the largest that its file allows and the gripper reaches does not.
+    late: it turned by half a degree, and no event came.
     """
 
     object_id: str
@@ -48,13 +49,18 @@ class ReactedLift:
     turn_deg: float | None
     told: tuple[Told, ...]
     damaged: bool
-    would_hold: bool
+    holds_from: int | None
     late: bool
 
     @property
     def counts_added(self) -> int:
         """How far the fingers closed further, in all."""
         return sum(reaction.counts_added for reaction in self.told)
+
+    @property
+    def would_hold(self) -> bool:
+        """Whether a grip holds it that may be reached."""
+        return self.holds_from is not None
 
     @property
     def slips(self) -> bool:
@@ -83,11 +89,9 @@ def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift
     return _lifted(without, task), _lifted(settings, task)
 
 
-def lift_firmly(settings: TrialSettings, task: LiftTask) -> ReactedLift | None:
-    """Carry out one lift with a reaction at the largest grip; None where that does not hold the object."""
-    largest = find_grasp_file(task.object_id, settings.bench.objects).require_largest_grip()
-    lifted = _lifted(settings, replace(task, grip_counts=largest))
-    return lifted if lifted.would_hold else None
+def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
+    """Carry out one lift as the settings say; what a worker process does."""
+    return _lifted(settings, task)
 
 
 def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
@@ -108,7 +112,7 @@ def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
         turn_deg,
         told,
         damaged=world.damaged,
-        would_hold=world.would_hold(offset_m, furthest),
+        holds_from=next((grip for grip in range(furthest + 1) if world.would_hold(offset_m, grip)), None),
         late=settings.react is not ReactionKind.NONE and not told and abs(turn_deg or 0.0) > 0.5,
     )
 

@@ -119,7 +119,7 @@ def test_the_worst_case_is_the_one_that_failed_or_stood_last() -> None:
 def test_a_film_shows_all_sources_side_by_side() -> None:
     def stream(width: int, height: int) -> list[Frame]:
         image = np.full((height, width, 3), 90, np.uint8)
-        return [Frame(image, to_ns(i / 30), "serial", i) for i in range(30)]
+        return [Frame(image, to_ns(i / 30), i, "serial") for i in range(30)]
 
     pictures = list(_pictures([stream(24, 32), stream(24, 32), stream(64, 48)], "SIMULATED"))
     assert 27 <= len(pictures) <= 30

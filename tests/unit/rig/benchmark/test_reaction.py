@@ -12,7 +12,7 @@ from rig.experiments.lift_attempt import TrialSettings
 from rig.sessions.records import LiftOutcome
 from rig.tactile.estimators import choose_estimator
 
-CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Told(0.01, 0.004, 6),), False, True, False)
+CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Told(0.01, 0.004, 6),), False, 9, False)
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Told(0.01, 0.004, 6),),
         ({"told": ()}, False),
         ({"outcome": LiftOutcome.FALLEN}, False),
         ({"outcome": LiftOutcome.SLIPPED}, False),  # it was not lifted to the end, and could have been
-        ({"outcome": LiftOutcome.SLIPPED, "would_hold": False}, True),
+        ({"outcome": LiftOutcome.SLIPPED, "holds_from": None}, True),
     ],
 )
 def test_caught_is_a_small_turn_at_the_height_that_friction_allows(

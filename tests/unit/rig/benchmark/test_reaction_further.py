@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.types import Pose
-from rig.benchmark.reaction.full import _ends, at_rest
+from rig.benchmark.reaction.full import SPARE_COUNTS, _ends, at_rest, just_holding
+from rig.benchmark.reaction.lifts import ReactedLift
 from rig.benchmark.reaction.rest import Rest, false_reactions
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult
@@ -13,6 +14,7 @@ from rig.benchmark.wire.moments import Stage, StageWatch
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
 from rig.lift.fusion import TipAnswer
+from rig.sessions.records import LiftOutcome
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import SlipSample, State
 
@@ -72,3 +74,11 @@ def test_a_grip_that_is_given_is_the_one_that_is_lifted_with(light_bench: BenchC
     drawn = plan_lift(settings, LiftTask(1, "t1", 1), table)
     given = plan_lift(settings, LiftTask(1, "t1", 1, grip_counts=40), table)
     assert given == replace(drawn, grip_counts=40)
+
+
+def test_lifts_are_repeated_with_a_grip_that_just_holds() -> None:
+    held, never = (
+        ReactedLift("t1", 1, LiftOutcome.SLIPPED, 12.0, (), False, grip, False) for grip in (9, None)
+    )
+    lifted = {LiftTask(1, "t1", 1): held, LiftTask(2, "t1", 2): never}
+    assert just_holding(lifted) == [LiftTask(1, "t1", 1, grip_counts=9 + SPARE_COUNTS)]

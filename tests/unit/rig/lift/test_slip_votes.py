@@ -80,7 +80,7 @@ def told_at_deg(voters: Voters) -> tuple[float, dict[str, float]]:
     made.begin({"a": [answer(i, float(angle), float(rate)) for i, angle, rate in rest]})
     made.gripper(fingers(90 * 16_000_000, 100, moving=True))
     for i in range(100):
-        made.update("a", answer(100, 0.01 * i, 3.5))
+        made.update("a", answer(100, 0.01 * i, 10.0))
         if made.events:
             return 0.01 * i, dict(made.events[0].votes)
     raise AssertionError("never told")

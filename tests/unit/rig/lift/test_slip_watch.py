@@ -64,6 +64,23 @@ def test_a_tip_that_tells_no_rate_raises_nothing() -> None:
     assert made.thresholds() == {}
 
 
+def test_a_gel_that_gives_way_and_comes_to_rest_is_no_slip() -> None:
+    made = watch()
+    show(made, *((100 + i, 0.7 * (1.0 - 0.9**i), 4.0 * 0.9**i) for i in range(60)))
+    assert made.slip_ns() is None
+    show(made, (160, 0.75, 6.0))
+    assert made.slip_ns() == 160 * FRAME_NS
+
+
+def test_the_fingertip_that_sees_it_slowest_says_whether_it_goes_on() -> None:
+    made = SlipWatch(SlipSettings())
+    made.begin({TIP: resting(0.02, 0.5), "other": resting(0.02, 0.5, seed=1)})
+    for frame, slowest_deg_s in ((100, 1.0), (101, 6.0)):
+        made.update("other", answer(frame, 0.5, slowest_deg_s))
+        show(made, (frame, 0.6, 30.0))
+        assert (made.slip_ns() is None) is (slowest_deg_s < 4.0)
+
+
 def test_noise_alone_is_a_slip_no_more_often_than_asked() -> None:
     """Ten minutes of rest at 1,000 an hour; re-armed after each alarm."""
     made = SlipWatch(SlipSettings(false_alarms_per_hour=1000.0))

@@ -223,6 +223,4 @@ def _object_cells(row: ObjectSummary) -> list[str]:
 
 def mare_text(value: Mare | None) -> str:
     """Write a mean over lifts with its spread and its 95 % interval, degrees."""
-    if value is None:
-        return "no answer"
-    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f} {value.interval}".rstrip()
+    return "no answer" if value is None else value.text

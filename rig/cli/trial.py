@@ -17,6 +17,7 @@ from rig.cli.common import (
     ResumeStoredOption,
     SeedOption,
     TagOption,
+    VotesOption,
     YesOption,
     ask,
     emit_json,
@@ -84,10 +85,7 @@ def trial(
             help="React only when the object would else turn by more; without it at once.",
         ),
     ] = None,
-    votes: Annotated[
-        Literal["none", "wrist", "gripper", "both"],
-        typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
-    ] = "none",
+    votes: VotesOption = "none",
     no_skip: Annotated[
         bool,
         typer.Option(

@@ -19,7 +19,6 @@ CAUGHT_DEG = 5.0
 """A caught object has turned by no more, unless another limit was given."""
 RESERVE = 1.5
 """The next slip may be so many times as large as the largest so far."""
-
 SOON_S, SLIPS_DEG = 0.1, 1.0
 """A slip is what will have turned so far so soon, at its present rate: a gel that gives way comes to rest."""
 FIRST_CLOSING_S = 0.15

@@ -33,6 +33,11 @@ class Mare:
         """The interval as text, "" where there is none."""
         return "" if self.low_deg is None else f"[{self.low_deg:.2f}, {self.high_deg:.2f}]"
 
+    @property
+    def text(self) -> str:
+        """The mean with its spread and interval, in plain characters."""
+        return f"{self.mean_deg:.2f} +- {self.std_deg:.2f} {self.interval}".rstrip()
+
 
 def summarize(errors_deg: Floats) -> ErrorSummary | None:
     """Summarize a lift's absolute errors (N,) in degrees; None when there are none."""

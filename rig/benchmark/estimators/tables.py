@@ -192,9 +192,7 @@ def _times(spread: Spread) -> tuple[str, ...]:
 
 
 def _mare(value: Mare | None) -> str:
-    if value is None:
-        return "no answer"
-    return f"{value.mean_deg:.2f} +- {value.std_deg:.2f} {value.interval}".rstrip()
+    return "no answer" if value is None else value.text
 
 
 def _number(value: float | None) -> str:

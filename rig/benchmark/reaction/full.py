@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import poisson
 
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.reaction.lifts import ReactedLift, lift_once
+from rig.benchmark.reaction.lifts import MOST_FALSE, ReactedLift, lift_once
 from rig.benchmark.reaction.rest import RATES_PER_HOUR, Rest, false_reactions, watch_at_rest
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
@@ -20,7 +20,6 @@ from rig.experiments.process_pool import run_tasks
 
 HOURS = 2.0
 SURE = 0.95
-MOST_FALSE = 1.0 / 45.0
 SPARE_COUNTS = 2
 """So much firmer than just firm enough."""
 Progress = Callable[[int, int, str], None]

@@ -16,6 +16,8 @@ from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
 from rig.lift.slip_watch import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
 
+MOST_FALSE = 1.0 / 45.0
+"""Share of lifts that hold and may react all the same."""
 GRIPPER_PERIOD_S = 0.01
 """How often the driver of the real gripper asks for its state; its registers are refreshed each 5 ms."""
 
@@ -86,15 +88,11 @@ def as_late_as_real(bench: BenchConfig) -> BenchConfig:
 def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift, ReactedLift]:
     """Carry out one lift without a reaction and with the settings' own; what a worker process does."""
     without = replace(settings, react=ReactionKind.NONE)
-    return _lifted(without, task), _lifted(settings, task)
+    return lift_once(without, task), lift_once(settings, task)
 
 
 def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     """Carry out one lift as the settings say; what a worker process does."""
-    return _lifted(settings, task)
-
-
-def _lifted(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     cv2.setNumThreads(1)
     worlds: list[Any] = []
     row = attempt_lift(settings, task, FreshBenches(settings.bench, watch=worlds.append)).row

@@ -6,7 +6,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import print_tables
-from rig.cli.common import JobsOption, JsonOption, SeedOption, emit_json
+from rig.cli.common import JobsOption, JsonOption, SeedOption, VotesOption, emit_json
 
 
 def reaction(
@@ -25,10 +25,7 @@ def reaction(
         float | None,
         typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
     ] = None,
-    votes: Annotated[
-        Literal["none", "wrist", "gripper", "both"],
-        typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
-    ] = "none",
+    votes: VotesOption = "none",
     wire_lifts: Annotated[
         int,
         typer.Option("--wire-lifts", min=0, max=100, help="Further lifts behind wires, in real time."),

@@ -177,8 +177,15 @@ def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> Calibrati
         value=value,
         assessment=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
         created=datetime.fromisoformat(about["created"]).isoformat(),
-        quality=about.get("quality", {}),
+        quality=_mapping(about, "quality"),
         rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),
-        inputs=about.get("inputs", {}),
-        software=about.get("software", {}),
+        inputs=_mapping(about, "inputs"),
+        software=_mapping(about, "software"),
     )
+
+
+def _mapping(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    value = about.get(name, {})
+    if not isinstance(value, Mapping):
+        raise ValueError(f"'{name}' is no mapping")
+    return value

@@ -64,7 +64,7 @@ def parse_time(text: str) -> FrameTime | None:
         value = Decimal(text.strip())
     except InvalidOperation:
         return None
-    if not value.is_finite() or abs(value) > MAX_TIME_S:
+    if not value.is_finite() or value.copy_abs() > MAX_TIME_S:  # abs() rounds, and fails beyond its exponents
         return None
     return FrameTime(text.strip(), round(value * NS_PER_S))
 

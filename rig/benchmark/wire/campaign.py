@@ -1,26 +1,28 @@
 """`rig benchmark faults --full`: every fault, alone and with another, at random moments of every stage.
 
-Lifts are done in parts of some twenty; the recordings of a part are looked at and then left out, and what
-came of its faults is kept. A part that was broken off begins anew.
+Lifts are done in parts of ten, each a trial on a bench of its own; the recordings of a part are looked at and
+then left out, and what came of its faults is kept. A part that was broken off begins anew.
 """
 
 import random
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import DeviceError, InputError
 from drivers.types import Frame, Image
 from rig.benchmark.measured import Measured, at_most
 from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
 from rig.benchmark.wire.faults import FaultResult, run_faults
 from rig.benchmark.wire.moments import Moment, Stage, random_moment
 from rig.config import BenchConfig, load_bench
+from rig.experiments.process_pool import run_tasks
 from rig.report.film import HEIGHT_PX
 from rig.report.film_file import save_film
 from rig.sessions.codec import Codec, json_line
@@ -29,7 +31,8 @@ from rig.sessions.layout import recording_file
 from rig.sessions.reading import recorded_frames
 from rig.sessions.rows import read_rows
 
-PART = 20
+PART = 10
+TRIES = 3
 TWO_AT_ONCE = 1 / 3
 """Share of the faults that come with another one."""
 FILE, PART_FOLDER, FILM = "faults.jsonl", "part", "worst.avi"
@@ -80,28 +83,67 @@ def run_campaign(
     resume: bool = False,
     progress: Callable[[FaultRow], None] = lambda row: None,
     bench: BenchConfig | None = None,
+    jobs: int = 1,
 ) -> list[FaultRow]:
-    """Run the faults that are not in the folder yet; return what came of all.
+    """Run the faults that are not in the folder yet; return what came of all, in the plan's order.
 
-    bench: the bench behind wires, by default `wire`. Raises `InputError` for a folder that has faults and
-    is not to be resumed, and what `run_faults` raises.
+    bench: the bench behind wires, by default `wire`. jobs: benches side by side, each in real time. Raises
+    `InputError` for a folder that has faults and is not to be resumed, and what `run_faults` raises.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    rows = read_rows(folder / FILE, CODEC)
+    rows = {row.number: row for row in read_rows(folder / FILE, CODEC)}
     if rows and not resume:
         raise InputError(f"{folder}: has {len(rows)} faults; go on with --resume, or give another folder")
-    while len(rows) < len(plan):
-        part = plan[len(rows) : len(rows) + PART]
-        shutil.rmtree(folder / PART_FOLDER, ignore_errors=True)
-        results = run_faults(folder / PART_FOLDER, part, bench=bench)
-        new = [row_of(len(rows) + i, result) for i, result in enumerate(results, start=1)]
-        _film_if_worst(folder, rows, new, bench or load_bench("wire"))
+    wire = bench or load_bench("wire")
+    work = partial(_run_part, folder, wire)
+    for part, new in run_tasks(work, _parts_left(plan, rows), jobs):
+        _film_if_worst(folder, part, list(rows.values()), new, wire)
+        shutil.rmtree(folder / part.folder)
         for row in new:
             append_line(folder / FILE, json_line(row))
             progress(row)
-        rows += new
-    shutil.rmtree(folder / PART_FOLDER, ignore_errors=True)
-    return rows[: len(plan)]
+        rows |= {row.number: row for row in new}
+    return [rows[number] for number in range(1, len(plan) + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Faults that are next to each other in the plan. first: the number of the first one, from 1."""
+
+    first: int
+    planned: tuple[Planned, ...]
+
+    @property
+    def folder(self) -> str:
+        """Of its lifts."""
+        return f"{PART_FOLDER}_{self.first}"
+
+
+def _parts_left(plan: Sequence[Planned], rows: Mapping[int, FaultRow]) -> list[_Part]:
+    """Return the parts of the plan that have faults without a row, with these alone."""
+    parts: list[_Part] = []
+    for number, planned in enumerate(plan, start=1):
+        if number in rows:
+            continue
+        if parts and (last := parts[-1]).first + len(last.planned) == number and len(last.planned) < PART:
+            parts[-1] = _Part(last.first, (*last.planned, planned))
+        else:
+            parts.append(_Part(number, (planned,)))
+    return parts
+
+
+def _run_part(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultRow]:
+    """Run a part, and again where no lift runs any more although nothing is wrong with a device."""
+    for left in reversed(range(TRIES)):
+        shutil.rmtree(folder / part.folder, ignore_errors=True)
+        try:
+            results = run_faults(folder / part.folder, part.planned, bench=bench)
+        except DeviceError:
+            if not left:
+                raise
+        else:
+            return [row_of(number, result) for number, result in enumerate(results, start=part.first)]
+    raise AssertionError("the last try returns or raises")
 
 
 def row_of(number: int, result: FaultResult) -> FaultRow:
@@ -163,11 +205,13 @@ def worst(rows: Sequence[FaultRow]) -> FaultRow | None:
     return max(seen, key=lambda row: (not row.passed, row.still_s), default=None)
 
 
-def _film_if_worst(folder: Path, rows: list[FaultRow], new: list[FaultRow], bench: BenchConfig) -> None:
+def _film_if_worst(
+    folder: Path, part: _Part, rows: list[FaultRow], new: list[FaultRow], bench: BenchConfig
+) -> None:
     found = worst([*rows, *new])
     if found is None or found not in new:
         return
-    recording = folder / PART_FOLDER / recording_file(found.number - len(rows), 0)
+    recording = folder / part.folder / recording_file(1 + found.number - part.first, 0)
     serials = [*(tactile.serial for tactile in bench.tactile), bench.camera.serial]
     streams = [list(recorded_frames(recording, serial)) for serial in serials]
     if all(streams):

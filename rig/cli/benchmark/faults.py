@@ -30,6 +30,10 @@ def faults(
         Path | None, typer.Option("--out", help="Session folder of the lifts.", callback=folder_place)
     ] = None,
     resume: ResumeOption = False,
+    jobs: Annotated[
+        int,
+        typer.Option("--jobs", min=1, max=64, help="Benches side by side with --full; about a core each."),
+    ] = 1,
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:
@@ -46,18 +50,21 @@ def faults(
 
       rig benchmark faults --full --out campaign --resume
 
+      rig benchmark faults --full --count 200 --jobs 8
+
     """
     if full:
-        _campaign(session_folder(out, resume, "faults"), seed, count, resume, json)
+        _campaign(session_folder(out, resume, "faults"), seed, count, resume, jobs, json)
     else:
         _each_once(cases, session_folder(out, False, "faults"), json)
 
 
-def _campaign(folder: Path, seed: int, count: int, resume: bool, json: bool) -> None:
+def _campaign(folder: Path, seed: int, count: int, resume: bool, jobs: int, json: bool) -> None:
     from rig.benchmark.wire.campaign import judge_campaign, plan_campaign, run_campaign, worst
 
     say(f"SIMULATED bench 'wire', {count} faults at random moments, seed {seed}, folder {folder}")
-    rows = run_campaign(folder, plan_campaign(seed, count), resume, lambda row: say(f"  {_line(row)}"))
+    plan = plan_campaign(seed, count)
+    rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), jobs=jobs)
     limits = judge_campaign(rows)
     if json:
         from dataclasses import asdict

@@ -93,11 +93,16 @@ def test_another_kind_and_a_refused_one_are_refused(tmp_path: Path) -> None:
     assert load(path, "camera", allow_refused=True).assessment.refusals
 
 
+WITHOUT_INPUTS = """calibration: {schema: 1, kind: camera, serials: {camera: C}, refusals: [], doubts: [],
+  created: '2026-01-01T00:00:00+00:00', inputs: here}"""
+
+
 @pytest.mark.parametrize(
     ("text", "seen"),
     [
         ("", "no mapping"), ("{", "not YAML"), ("a: 1", "schema"), ("- 1", "no mapping"),
         ("calibration: {schema: 9}", "schema"), ("calibration: {schema: 1, kind: camera}", "damaged"),
+        (WITHOUT_INPUTS, "'inputs' is no mapping"),
     ],
 )  # fmt: skip
 def test_damaged_files_are_said_to_be(tmp_path: Path, text: str, seen: str) -> None:

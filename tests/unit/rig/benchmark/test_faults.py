@@ -12,7 +12,9 @@ from drivers.errors import DeviceError, InputError
 from drivers.types import Frame
 from rig.benchmark.wire.campaign import (
     FILE,
+    PART,
     FaultRow,
+    _parts_left,
     _pictures,
     campaign_rows,
     judge_campaign,
@@ -107,6 +109,22 @@ def test_faults_that_were_kept_are_not_run_again(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--resume"):
         run_campaign(tmp_path, plan)
     assert run_campaign(tmp_path, plan, resume=True) == [row()]
+
+
+def test_a_campaign_goes_on_with_what_is_left_in_parts_that_share_no_bench() -> None:
+    plan = plan_campaign(0, 2 * PART + 5)
+    assert [(part.first, len(part.planned)) for part in _parts_left(plan, {})] == [
+        (1, PART),
+        (PART + 1, PART),
+        (2 * PART + 1, 5),
+    ]
+    done = {number: row() for number in (*range(1, PART + 1), PART + 3)}
+    parts = _parts_left(plan, done)
+    assert [part.first for part in parts] == [PART + 1, PART + 4, 2 * PART + 4]
+    assert [planned for part in parts for planned in part.planned] == [
+        planned for number, planned in enumerate(plan, start=1) if number not in done
+    ]
+    assert len({part.folder for part in parts}) == len(parts)
 
 
 def test_the_worst_case_is_the_one_that_failed_or_stood_last() -> None:

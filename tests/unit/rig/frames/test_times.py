@@ -56,6 +56,7 @@ def test_a_byte_order_mark_and_equal_times_do_no_harm(tmp_path: Path) -> None:
         (("frame,t_s", "a1,0", "a2", "b,2"), "line 3: frame 'a2', t_s ''"),
         (("frame,t_s", "a1,0", ",1", "b,2"), "line 3: frame ''"),
         (("frame,t_s", "a1,0", "a2,1e99", "b,2"), "line 3"),
+        (("frame,t_s", "a1,0", "a2,1e999999999", "b,2"), "line 3"),
         (("frame,t_s", "a1,0", "a2,1"), "line 3 is the last and 'b.png' has no row"),
         (("frame,t_s", "a1,0", "a2,1", "b,2", "c,3"), "line 5: there is no frame 'c'"),
         (("frame,t_s", "0,0", "1,1", "2,2", "3,3"), "line 5: there is no frame '3'"),

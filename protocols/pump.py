@@ -15,14 +15,18 @@ FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
 """Share of its period by which a frame may be captured before it is due."""
 CATCH_UP_S = 3.0
+PICTURE_S = 0.004
+"""The time left until a fingertip may capture a frame in which a picture of the camera is begun."""
+PATIENCE_S = 0.04
+"""How old a picture of the camera becomes that waits for such a time, before it is begun anyway."""
 
 
 class Pump:
     """Delivers the frames of all sources one by one.
 
     Those of the fingertips come in the order in which they were captured: one is held back while
-    the other fingertip may still bring an earlier one. The camera's come whenever no fingertip's is
-    there: nobody waits for the marker angle, and an angle from the fingertips must not wait for it.
+    the other fingertip may still bring an earlier one. The camera's come when no fingertip's is there
+    and none is due: nobody waits for the marker angle, and an angle from the fingertips must not wait for it.
     A single reader keeps the order, and with it every result, the same on each run; the sources'
     backlogs hold what arrives meanwhile.
     """
@@ -75,10 +79,15 @@ class Pump:
             if first.waiting is not None:
                 return first.source, first.take()
             self._camera.look()
-            if self._camera.waiting is not None:
+            if self._camera.waiting is not None and self._time_for(self._camera.waiting, first.next_ns):
                 return self._camera.source, self._camera.take()
             self._camera.check_alive(self._bench.clock.now_ns())
             first.fetch()
+
+    def _time_for(self, picture: Frame, due_ns: int) -> bool:
+        """Whether a picture of the camera keeps no fingertip waiting, or has itself waited too long."""
+        now_ns = self._bench.clock.now_ns()
+        return due_ns - now_ns >= to_ns(PICTURE_S) or not 0 <= now_ns - picture.time_ns < to_ns(PATIENCE_S)
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
         if source is self._bench.camera:

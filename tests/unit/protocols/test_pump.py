@@ -1,6 +1,7 @@
 """The pump: every frame once, the fingertips' in the order of capture, whatever phases and jitter."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,6 +90,25 @@ def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
         if frame.serial == "S2" and i > 20
     ]
     assert min(behind) > to_ns(bench_late_s - 0.02)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.005, 0.008, 0.014])
+def test_no_picture_of_the_camera_is_begun_shortly_before_a_fingertips_frame_is_due(phase_s: float) -> None:
+    tips = [Shutter(60.0, 0.0, jitter_s=0.0), Shutter(60.0, 0.003, jitter_s=0.0)]
+    frames, _ = pumped([*tips, Shutter(30.0, phase_s, jitter_s=0.0)], 0.5)
+    order = [frame.serial for frame in frames]
+    assert order.count("S2") > 10
+    assert {before for before, serial in pairwise(order) if serial == "S2"} == {"S1"}
+
+
+def test_a_picture_of_the_camera_is_begun_in_the_end_where_a_frame_is_always_due_soon() -> None:
+    tips = [Shutter(60.0, phase_s, jitter_s=0.0) for phase_s in (0.0, 0.004)]
+    crowded = [Shutter(240.0, phase_s, jitter_s=0.0) for phase_s in (0.0, 0.002)]
+    often, seldom = (
+        [frame for frame in pumped([*rest, Shutter(30.0, 0.011)], 0.5)[0] if frame.serial == "S2"]
+        for rest in (tips, crowded)
+    )
+    assert len(seldom) >= len(often) - 1
 
 
 def test_a_camera_that_falls_silent_is_told_of_while_the_fingertips_go_on() -> None:

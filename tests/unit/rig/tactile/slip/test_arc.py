@@ -1,0 +1,68 @@
+"""An arc that is all a contact shows of the object tells a turn only as far as the pivot is known."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.tactile.slip.arc import ONE_ARC, PIVOT_SHARE, pivot_doubt
+
+SIZE = 64
+MIDDLE = complex(31.5, 31.5)
+RADIUS = 20.0
+PLACES = np.arange(SIZE)[None, :] + 1j * np.arange(SIZE)[:, None] - MIDDLE
+
+
+def field(*edges: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (h, w) of edges, steepest at their middle, on a dome that is ten times flatter; and the mask."""
+    dome = -0.1 * PLACES / RADIUS
+    total = dome + sum(edges, np.zeros_like(PLACES))
+    return np.where(within, total, 0).astype(np.complex64), within.astype(np.uint8)
+
+
+def arc(center: complex, radius: float) -> np.ndarray:
+    """The edge of a disc: slopes outwards, 1.5 px wide."""
+    out = PLACES - center
+    return out / np.maximum(np.abs(out), 1e-9) * np.exp(-(((np.abs(out) - radius) / 1.5) ** 2))
+
+
+def line(direction_rad: float, off_px: float) -> np.ndarray:
+    """A straight edge."""
+    normal = np.exp(1j * direction_rad)
+    return normal * np.exp(-((((PLACES * np.conj(normal)).real - off_px) / 1.5) ** 2))
+
+
+DOME = np.abs(PLACES) < RADIUS
+
+
+def lens(center: complex, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A round gel against a disc that it covers in part."""
+    return field(arc(center, radius), within=DOME & (np.abs(PLACES - center) < radius + 2.0))
+
+
+@given(st.floats(18.0, 30.0), st.floats(0.6, 0.9), st.floats(-math.pi, math.pi))
+def test_a_lone_arc_leaves_a_share_open_that_grows_as_its_center_comes_near(
+    radius: float, share: float, direction_rad: float
+) -> None:
+    center = share * radius * np.exp(1j * direction_rad)
+    gradient, mask = lens(center, radius)
+    rows, columns = np.nonzero(mask)
+    lever = abs(center - (columns.mean() + 1j * rows.mean() - MIDDLE))
+    wanted = PIVOT_SHARE * math.sqrt(len(rows) / math.pi) / lever
+    assert pivot_doubt(gradient, mask) == pytest.approx(min(1.0, wanted), rel=0.25)
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_what_tells_a_turn_by_itself_leaves_nothing_open(direction_rad: float) -> None:
+    across = direction_rad + math.pi / 2
+    assert pivot_doubt(*field(line(direction_rad, 4.0), line(across, 4.0), within=DOME)) == 0.0
+    assert pivot_doubt(*field(arc(0j, 12.0), within=DOME)) == 0.0
+    straight = pivot_doubt(*field(line(direction_rad, 4.0), within=DOME))
+    assert straight < 0.05
+
+
+def test_a_contact_without_slopes_leaves_nothing_open() -> None:
+    assert pivot_doubt(np.zeros((SIZE, SIZE), np.complex64), DOME.astype(np.uint8)) == 0.0
+    assert ONE_ARC < 1.0

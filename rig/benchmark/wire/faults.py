@@ -34,6 +34,8 @@ from rig.sessions.rows import read_usable_lifts
 from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
+LEAST_ATTEMPTS = 2
+"""So often the next lift is tried once its case is mended, before it is given up."""
 MID_LIFT = Moment(Stage.LIFT, 0.4)
 IN_REACTION = Moment(Stage.HOLD, 0.03)
 """In a lift that reacts the arm first stands when it was stopped; the fingers are closing then."""
@@ -47,9 +49,9 @@ class FaultResult:
 
     Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
     after it, when the simulated tool then stood still. stage: of the lift at the fault. dropped: whether
-    the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run within three
-    attempts. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long enough to miss any
-    device.
+    the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run although its
+    case was mended. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long enough to
+    miss any device.
     """
 
     case: FaultCase
@@ -215,9 +217,10 @@ def run_faults(
 
 
 def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> None:
-    """Run the trial; where three attempts at a lift fail, so has its case, and the trial is resumed.
+    """Run the trial; where it ends after three faults in a row, resume it, as a person would.
 
-    attempts: the cases of the attempts so far. Raises `DeviceError` where a lift fails again after that.
+    A case has failed where the attempts after its mending have. attempts: the cases of the attempts so far.
+    Raises `DeviceError` where a lift fails again after that.
     """
     while True:
         try:
@@ -226,4 +229,6 @@ def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> 
         except DeviceError:
             if not attempts or attempts[-1].given_up:
                 raise
-            attempts[-1].given_up = True
+            case = attempts[-1]
+            tried = sum(attempt is case for attempt in attempts) - case.case.mended_after
+            case.given_up = tried >= LEAST_ATTEMPTS

@@ -37,7 +37,7 @@ def trial_that_fails(at: list[int], attempts: list[FaultResult]) -> Callable[[bo
     def run(resume: bool) -> None:
         assert resume == bool(attempts)
         if at:
-            attempts.append(results[at.pop(0)])
+            attempts.extend([results[at.pop(0)]] * 3)
             raise DeviceError("three rig faults in a row")
 
     return run
@@ -46,7 +46,7 @@ def trial_that_fails(at: list[int], attempts: list[FaultResult]) -> Callable[[bo
 def test_the_trial_goes_on_after_a_case_that_failed() -> None:
     attempts: list[FaultResult] = []
     _run_to_the_end(trial_that_fails([0, 2], attempts), attempts)
-    assert [result.case for result in attempts] == [CASES[0], CASES[2]]
+    assert [result.case for result in attempts[::3]] == [CASES[0], CASES[2]]
     assert all(result.given_up and not result.passed for result in attempts)
 
 
@@ -54,7 +54,21 @@ def test_a_bench_on_which_nothing_works_ends_the_benchmark() -> None:
     attempts: list[FaultResult] = []
     with pytest.raises(DeviceError, match="in a row"):
         _run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
-    assert len(attempts) == 2
+    assert len(attempts) == 6
+
+
+def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more() -> None:
+    case = FaultResult(next(case for case in CASES if case.mended_after == 2))
+    attempts: list[FaultResult] = []
+    over = iter([False, True])
+
+    def run(resume: bool) -> None:
+        attempts.extend([case] * 3)
+        if not next(over):
+            raise DeviceError("three rig faults in a row")
+
+    _run_to_the_end(run, attempts)
+    assert not case.given_up
 
 
 def test_the_cases_are_named_once_and_cover_every_device() -> None:

@@ -20,9 +20,9 @@ PIVOT_SHARE = 0.25
 # An edge is where the squared slope is this share of what all but the steepest hundredth have.
 EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
-# Slopes of one arc point to its center by this share of their squares (0.96 to 1.00; two edges, a corner or a
-# line with ends 0.2 to 0.9), and lie on one side of it (a half circle 0.64, a full one 0).
-ONE_ARC, ONE_SIDE = 0.95, 0.5
+# Slopes of one arc point to its center by this share of their squares (0.85 to 1.00; two edges, a corner or a
+# line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0).
+ONE_ARC, ONE_SIDE = 0.85, 0.5
 
 
 def pivot_doubt(gradient: Gradient, mask: Image) -> float:

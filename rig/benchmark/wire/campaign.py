@@ -7,6 +7,7 @@ then left out, and what came of its faults is kept. A part that was broken off b
 import random
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -133,17 +134,17 @@ def _parts_left(plan: Sequence[Planned], rows: Mapping[int, FaultRow]) -> list[_
 
 
 def _run_part(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultRow]:
-    """Run a part, and again where no lift runs any more although nothing is wrong with a device."""
-    for left in reversed(range(TRIES)):
-        shutil.rmtree(folder / part.folder, ignore_errors=True)
-        try:
-            results = run_faults(folder / part.folder, part.planned, bench=bench)
-        except DeviceError:
-            if not left:
-                raise
-        else:
-            return [row_of(number, result) for number, result in enumerate(results, start=part.first)]
-    raise AssertionError("the last try returns or raises")
+    """Run a part, and again where no lift runs any more although every device is mended."""
+    for _ in range(TRIES - 1):
+        with suppress(DeviceError):
+            return _run_once(folder, bench, part)
+    return _run_once(folder, bench, part)
+
+
+def _run_once(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultRow]:
+    shutil.rmtree(folder / part.folder, ignore_errors=True)
+    results = run_faults(folder / part.folder, part.planned, bench=bench)
+    return [row_of(number, result) for number, result in enumerate(results, start=part.first)]
 
 
 def row_of(number: int, result: FaultResult) -> FaultRow:

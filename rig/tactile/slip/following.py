@@ -115,6 +115,14 @@ class ContactFollower:
         watch.lap("keyframe")
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
+    def _doubt(self, tracked: Tracked) -> float:
+        """Return what a frame leaves open, rad^2: other turns, a blind contact's, a lone arc's pivot."""
+        by_pivot = (self._pivot * (tracked.pose.angle_rad - self._zero_rad)) ** 2
+        # What the key has inherited holds the pivot's part until then.
+        return (
+            tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2 + max(0.0, by_pivot - tracked.inherited)
+        )
+
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
         """Return the frame's texture where it is due: always while it leads, else now and then."""
         waited_s = (seen.time_ns - self._texture_ns) / NS_PER_S

@@ -21,8 +21,9 @@ PIVOT_SHARE = 0.25
 EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
 # Slopes of one arc point to its center by this share of their squares (0.85 to 1.00; two edges, a corner or a
-# line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0).
-ONE_ARC, ONE_SIDE = 0.85, 0.5
+# line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0). They are this near
+# the circle, work pixels, rms; slopes of a texture that happen to lie around a point are further off.
+ONE_ARC, ONE_SIDE, THIN_PX = 0.85, 0.5, 1.15
 
 
 def pivot_doubt(gradient: Gradient, mask: Image) -> float:
@@ -39,10 +40,13 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
         return 0.0
     places, slopes, squares = places[steep], slopes[steep], squares[steep]
     center = _center(places, squares)
-    outwards = (places - center) / np.maximum(np.abs(places - center), 1e-9)
-    radial = float(((slopes * outwards.conj()).real ** 2).sum() / squares.sum())
-    side = float(abs((squares * outwards).sum()) / squares.sum())
-    if radial < ONE_ARC or side < ONE_SIDE:
+    distance, energy = np.abs(places - center), squares.sum()
+    radius = (squares * distance).sum() / energy
+    outwards = (places - center) / np.maximum(distance, 1e-9)
+    radial = ((slopes * outwards.conj()).real ** 2).sum() / energy
+    side = abs((squares * outwards).sum()) / energy
+    thickness = math.sqrt((squares * (distance - radius) ** 2).sum() / energy)
+    if radial < ONE_ARC or side < ONE_SIDE or thickness > THIN_PX:
         return 0.0
     return min(1.0, PIVOT_SHARE * math.sqrt(len(rows) / math.pi) / max(abs(center), 1e-9))
 

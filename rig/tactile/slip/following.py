@@ -20,6 +20,7 @@ from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
+from rig.tactile.slip.roundness import LEAST_TRACE, missed_rad
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
 from rig.tactile.slip.texture import TextureField, make_texture_key
@@ -70,7 +71,7 @@ class ContactFollower:
     def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool) -> None:
         self._motion, self._aspect_known, self._skip = motion, aspect_known, skip
         self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
-        self._fitted_ns, self._texture_ns = 0, 0
+        self._fitted_ns, self._texture_ns, self._key_ns = 0, 0, 0
         self._answered = self._firmer = False
         self._anchor: AxisAnchor | None = None
         self.release(0)
@@ -106,21 +107,21 @@ class ContactFollower:
             return self._missed(seen, watch)
         if tracked.own_rad > BLIND_RAD:
             self._blind_rad += BLIND_RATE_RAD_S * (seen.time_ns - self._fitted_ns) / NS_PER_S
-        by_pivot = max(
-            0.0, (self._pivot * (tracked.pose.angle_rad - self._zero_rad)) ** 2 - tracked.inherited
-        )
-        tracked = replace(tracked, doubt=tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2 + by_pivot)
+        tracked = replace(tracked, doubt=self._doubt(tracked, seen.time_ns))
         self._fitted_ns, self._misses = seen.time_ns, 0
         renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
         watch.lap("keyframe")
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
-    def _doubt(self, tracked: Tracked) -> float:
-        """Return what a frame leaves open, rad^2: other turns, a blind contact's, a lone arc's pivot."""
-        by_pivot = (self._pivot * (tracked.pose.angle_rad - self._zero_rad)) ** 2
-        # What the key has inherited holds the pivot's part until then.
+    def _doubt(self, tracked: Tracked, time_ns: int) -> float:
+        """Return what a frame leaves open, rad^2: other turns, and what the contact's shape does not tell."""
+        by_pivot = self._pivot * (tracked.pose.angle_rad - self._zero_rad)
+        # A turn that is taken for rest is none that there was no time for.
+        possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
+        by_shape = by_pivot**2 + min(missed_rad(tracked.key.frame.trace) ** 2, possible)
+        # What the key has inherited holds what the shape has left open until then.
         return (
-            tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2 + max(0.0, by_pivot - tracked.inherited)
+            tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2 + max(0.0, by_shape - tracked.inherited)
         )
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
@@ -168,7 +169,7 @@ class ContactFollower:
         frame = make_keyframe(gradient, seen.region.mask)
         if self._grasp is None or frame is None or not _observable(frame):
             return None
-        self._pivot = pivot_doubt(gradient, seen.region.mask)
+        self._pivot, self._key_ns = pivot_doubt(gradient, seen.region.mask), seen.time_ns
         texture = make_texture_key(seen.texture(), seen.region.mask, frame.center_px)
         self._grasp.add_key(frame, texture, placed.pose, variance)
         return placed
@@ -231,7 +232,7 @@ class ContactFollower:
             return False
         moved = self.point_px - self.origin_px if self._grasp is not None else 0j
         self._zero_rad = self._zero_rad if self._grasp is not None else angle_rad
-        self._pivot = pivot_doubt(gradient, mask)
+        self._pivot, self._key_ns = pivot_doubt(gradient, mask), seen.time_ns
         self._settling.renewed(seen.region)
         if self._settling.settled and self._anchor is None:
             self._anchor = anchor(mask, angle_rad)
@@ -264,4 +265,6 @@ def _box(mask: Image) -> Box:
 
 
 def _observable(frame: Keyframe) -> bool:
+    if frame.trace < LEAST_TRACE:
+        return False
     return frame.contrast >= (LEAST_CONTRAST_CLIPPED if frame.clipped else LEAST_CONTRAST)

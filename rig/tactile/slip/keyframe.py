@@ -10,6 +10,7 @@ from drivers.types import Image
 from rig.tactile.slip.channel import Channel, some_of
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
+from rig.tactile.slip.roundness import trace_of_a_turn
 from rig.tactile.slip.sampling import GradientField, sharpened
 
 # The contact proper is where the dent is deeper than this share of its depth, which so much of it does
@@ -29,7 +30,7 @@ class Keyframe:
     gradients, sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
     jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share of the
     energy of the gradients, as they are, that a rotation by 1 rad changes beyond what translation, gain and
-    slope can imitate: 0 for a smooth ball, about 1 and more for an edge.
+    slope can imitate: 0 for a smooth ball, about 1 and more for an edge. trace: see `trace_of_a_turn`.
     clipped: whether the contact reaches the image's edge.
     """
 
@@ -41,6 +42,7 @@ class Keyframe:
     jacobian: NDArray[np.float32]
     energy: float
     contrast: float
+    trace: float
     clipped: bool
 
     def within(self, field: GradientField, step: int = 1) -> Channel:
@@ -81,6 +83,7 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
         jacobian=jacobian,
         energy=energy,
         contrast=_contrast(plain_jacobian, _energy(plain_squares)),
+        trace=trace_of_a_turn(points, template, gradient, mask),
         clipped=_clipped(mask),
     )
 

@@ -12,14 +12,14 @@ from rig.tactile.slip.estimator import SlipEstimator
 FORCE_N, STILL, TURNS_DEG = 4.0, 12, np.arange(0.0, 20.1, 0.8)
 
 
-def followed(ball: ContactShape) -> list[SlipSample]:
+def followed(ball: ContactShape, force_n: float = FORCE_N, seed: int = 3) -> list[SlipSample]:
     """A ball that rests for some frames, and then turns."""
-    surface, gel, rng = build_surface(ball, 1, 3), GelSensor(5), np.random.default_rng(1)
+    surface, gel, rng = build_surface(ball, 1, seed), GelSensor(5), np.random.default_rng(1)
     blank = np.mean([gel.render(None, i / 60, rng) for i in range(8)], 0).round().astype(np.uint8)
     estimator = SlipEstimator(blank, 1.0)
     samples = []
     for i, turn in enumerate([0.0] * STILL + TURNS_DEG.tolist()):
-        depth = depth_for_force(surface, FORCE_N, angle_deg=turn)
+        depth = depth_for_force(surface, force_n, angle_deg=turn)
         image = gel.render(Imprint(surface, turn, depth_mm=depth), 1.0 + i / 60, rng)
         samples.append(estimator.update(image, round((1.0 + i / 60) * 1e9)))
     return samples
@@ -29,9 +29,24 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
     return ContactShape((Ball(radius_mm=radius_mm),), texture=texture, texture_mm=texture_mm, pitch_mm=1.5)
 
 
-@pytest.mark.parametrize("radius_mm", [12.0, 25.0])
-def test_a_smooth_ball_is_refused(radius_mm: float) -> None:
-    assert {sample.state for sample in followed(ball(radius_mm))} == {State.UNOBSERVABLE}
+@pytest.mark.parametrize(
+    ("radius_mm", "force_n"), [(3.0, 8.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
+)
+def test_a_smooth_ball_is_refused_however_steep(radius_mm: float, force_n: float) -> None:
+    assert {sample.state for sample in followed(ball(radius_mm), force_n)} == {State.UNOBSERVABLE}
+
+
+@pytest.mark.parametrize("radius_mm", [8.0, 12.0])
+@pytest.mark.parametrize("texture", ["leather", "fabric", "letters"])
+@pytest.mark.parametrize("texture_mm", [0.02, 0.05, 0.08])
+def test_a_ball_with_weak_grain_is_refused_or_its_sigma_tells(
+    radius_mm: float, texture: str, texture_mm: float
+) -> None:
+    samples = followed(ball(radius_mm, texture, texture_mm), seed=1)
+    last, zero_deg = samples[-1], next((s.angle_deg for s in samples if s.angle_deg is not None), 0.0)
+    if last.angle_deg is not None:
+        assert last.sigma_deg is not None
+        assert abs(last.angle_deg - zero_deg - TURNS_DEG[-1]) < 2.0 * last.sigma_deg
 
 
 @pytest.mark.parametrize("radius_mm", [12.0, 25.0])

@@ -1,0 +1,67 @@
+"""Round contacts: whether anything shows a turn, or only what the learnt map makes up.
+
+A smooth ball looks the same however it is turned. But the map from colours to slopes is linear and a sensor
+is not, so that a steep ball seems to have a pattern, which rests with the lights. How large that is the field
+itself tells: a map that errs leaves curl, and slopes of a height have none.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.slip.height import Gradient, window
+
+RINGS = 12
+# A contact is round of which a smaller share of the energy is not alike all around its middle: an oval of
+# axis ratio 1.3 has 0.1, a smooth ball up to 0.12, real contacts of other shapes 0.4 and more.
+NOT_ROUND = 0.15
+# Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.0, weak grain on them 6 to 18, ovals 40
+# and more.
+LEAST_TRACE = 7.5
+# Where grain competes with what rests, 20 degrees are missed by so much; less by this power of the trace.
+MISSED_RAD, MISSED_POWER = math.radians(20.0) * 6.0**3, 3
+# Frequencies that are asked for curl, cycles per pixel.
+HIGHEST_FREQUENCY = 0.25
+
+
+def trace_of_a_turn(
+    points: NDArray[np.complex64], template: NDArray[np.float32], gradient: Gradient, mask: Image
+) -> float:
+    """Return how much more of a round contact is not round than its share of curl; inf for other contacts.
+
+    points: (N,) from the contact's middle. template: (2, N), the sharpened slopes there. gradient: (h, w) of
+    the frame. mask: (h, w) uint8, 1 in the contact.
+    """
+    unround = unround_share(points, template)
+    return math.inf if unround >= NOT_ROUND else unround / max(curl_share(gradient, mask), 1e-9)
+
+
+def missed_rad(trace: float) -> float:
+    """Return one standard deviation of a turn of 20 degrees that is taken for rest, or in part."""
+    return MISSED_RAD / trace**MISSED_POWER
+
+
+def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) -> float:
+    """Return the share of the energy of slopes (2, N) that is not alike on each ring around the middle."""
+    slopes, distance = template[0] + 1j * template[1], np.abs(points)
+    from_middle = slopes * points.conj() / np.maximum(distance, 1e-6)
+    ring = (distance / max(float(distance.max()), 1e-6) * (RINGS - 0.5)).astype(int)
+    many = np.maximum(np.bincount(ring, minlength=RINGS), 1)
+    means = [np.bincount(ring, part, RINGS) / many for part in (from_middle.real, from_middle.imag)]
+    rest = from_middle - (means[0] + 1j * means[1])[ring]
+    return float((np.abs(rest) ** 2).sum() / max(float((np.abs(slopes) ** 2).sum()), 1e-20))
+
+
+def curl_share(gradient: Gradient, mask: Image) -> float:
+    """Return the share of the energy of a field of slopes (h, w) around a contact that is curl, 0 to 1."""
+    field = gradient * window(mask)
+    size = 2 * field.shape[0], 2 * field.shape[1]
+    along_x, along_y = np.fft.rfft2(field.real, size), np.fft.rfft2(field.imag, size)
+    ky, kx = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])[None]
+    length = np.hypot(kx, ky)
+    used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
+    curl = (kx * along_y - ky * along_x)[used] / length[used]
+    whole = (np.abs(along_x[used]) ** 2 + np.abs(along_y[used]) ** 2).sum()
+    return float((np.abs(curl) ** 2).sum() / max(float(whole), 1e-20))

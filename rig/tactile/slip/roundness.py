@@ -17,11 +17,11 @@ RINGS = 12
 # A contact is round of which a smaller share of the energy is not alike all around its middle: an oval of
 # axis ratio 1.3 has 0.1, a smooth ball up to 0.12, real contacts of other shapes 0.4 and more.
 NOT_ROUND = 0.15
-# Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.0, weak grain on them 6 to 18, ovals 40
+# Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.7, weak grain on them 6 to 18, ovals 40
 # and more.
-LEAST_TRACE = 7.5
+LEAST_TRACE = 8.0
 # Where grain competes with what rests, 20 degrees are missed by so much; less by this power of the trace.
-MISSED_RAD, MISSED_POWER = math.radians(20.0) * 6.0**3, 3
+MISSED_RAD, MISSED_POWER = math.radians(20.0) * 6.5**3, 3
 # Frequencies that are asked for curl, cycles per pixel.
 HIGHEST_FREQUENCY = 0.25
 

@@ -43,10 +43,12 @@ def test_a_ball_with_weak_grain_is_refused_or_its_sigma_tells(
     radius_mm: float, texture: str, texture_mm: float
 ) -> None:
     samples = followed(ball(radius_mm, texture, texture_mm), seed=1)
-    last, zero_deg = samples[-1], next((s.angle_deg for s in samples if s.angle_deg is not None), 0.0)
-    if last.angle_deg is not None:
-        assert last.sigma_deg is not None
-        assert abs(last.angle_deg - zero_deg - TURNS_DEG[-1]) < 2.0 * last.sigma_deg
+    told = [
+        (sample.angle_deg - turn, sample.sigma_deg)
+        for sample, turn in zip(samples, [*[0.0] * STILL, *TURNS_DEG], strict=True)
+        if sample.angle_deg is not None and sample.sigma_deg is not None
+    ]
+    assert all(abs(off - told[0][0]) < 2.0 * sigma_deg for off, sigma_deg in told[1:])
 
 
 @pytest.mark.parametrize("radius_mm", [12.0, 25.0])

@@ -20,6 +20,8 @@ PIVOT_SHARE = 0.25
 # An edge is where the squared slope is this share of what all but the steepest hundredth have.
 EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
+# Places on one line are on circles of any size: so much, in squared pixels, keeps their equations solvable.
+RIDGE = 1e-9
 # Slopes of one arc point to its center by this share of their squares (0.85 to 1.00; two edges, a corner or a
 # line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0). They are this near
 # the circle, work pixels, rms; slopes of a texture that happen to lie around a point are further off.
@@ -35,7 +37,8 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
     slopes = gradient[rows, columns]
     places = columns + 1j * rows - complex(columns.mean(), rows.mean())
     squares = slopes.real**2 + slopes.imag**2
-    steep = squares > EDGE_SHARE * np.quantile(squares, STEEPEST)
+    nth = int(STEEPEST * (len(squares) - 1))
+    steep = squares > EDGE_SHARE * np.partition(squares, nth)[nth]  # np.quantile takes ten times as long
     if np.count_nonzero(steep) < LEAST_POINTS:
         return 0.0
     places, slopes, squares = places[steep], slopes[steep], squares[steep]
@@ -53,7 +56,7 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
 
 def _center(places: NDArray[np.complex128], weights: NDArray[np.float32]) -> complex:
     """Return the center of the circle that places (N,) lie on, by the least squares of its equation."""
-    root = np.sqrt(weights)
-    equations = np.stack([places.real, places.imag, np.ones(len(places))], axis=1) * root[:, None]
-    solved, *_ = np.linalg.lstsq(equations, np.abs(places) ** 2 * root, rcond=None)
+    rows = np.stack([places.real, places.imag, np.ones(len(places))])
+    normal = (rows * weights) @ rows.T + RIDGE * weights.sum() * np.eye(3)
+    solved = np.linalg.solve(normal, (rows * weights) @ (places.real**2 + places.imag**2))
     return complex(solved[0], solved[1]) / 2.0

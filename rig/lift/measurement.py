@@ -124,8 +124,13 @@ class LiftMeasurement:
             _log.warning("%s: frame %d says a time that cannot be: left out", frame.serial, frame.sequence)
         elif tip is not None:
             self._tactile(tip, frame)
-        elif self._tcp is not None and Phase.GRASP in self.phases:
+        elif self._tcp is not None and self._since_grasp(frame):
             self.truth.update(frame.image, frame.time_ns, self._tcp)
+
+    def _since_grasp(self, frame: Frame) -> bool:
+        """Whether a frame was captured after the grasp; one may come after it that was captured before."""
+        grasp_ns = self.phases.get(Phase.GRASP)
+        return grasp_ns is not None and frame.time_ns >= grasp_ns
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""

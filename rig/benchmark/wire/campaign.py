@@ -7,7 +7,6 @@ then left out, and what came of its faults is kept. A part that was broken off b
 import random
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,12 +15,13 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import DeviceError, InputError
+from drivers.errors import InputError
 from drivers.types import Frame, Image
 from rig.benchmark.measured import Measured, at_most
 from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
 from rig.benchmark.wire.faults import FaultResult, run_faults
 from rig.benchmark.wire.moments import Moment, Stage, random_moment
+from rig.benchmark.wire.tries import tried
 from rig.config import BenchConfig, load_bench
 from rig.experiments.process_pool import run_tasks
 from rig.report.film import HEIGHT_PX
@@ -33,7 +33,6 @@ from rig.sessions.reading import recorded_frames
 from rig.sessions.rows import read_rows
 
 PART = 10
-TRIES = 3
 TWO_AT_ONCE = 1 / 3
 """Share of the faults that come with another one."""
 FILE, PART_FOLDER, FILM = "faults.jsonl", "part", "worst.avi"
@@ -135,16 +134,13 @@ def _parts_left(plan: Sequence[Planned], rows: Mapping[int, FaultRow]) -> list[_
 
 def _run_part(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultRow]:
     """Run a part, and again where no lift runs any more although every device is mended."""
-    for _ in range(TRIES - 1):
-        with suppress(DeviceError):
-            return _run_once(folder, bench, part)
-    return _run_once(folder, bench, part)
-
-
-def _run_once(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultRow]:
-    shutil.rmtree(folder / part.folder, ignore_errors=True)
-    results = run_faults(folder / part.folder, part.planned, bench=bench)
+    results = tried(partial(_run_once, folder / part.folder, bench, part))
     return [row_of(number, result) for number, result in enumerate(results, start=part.first)]
+
+
+def _run_once(folder: Path, bench: BenchConfig, part: _Part) -> list[FaultResult]:
+    shutil.rmtree(folder, ignore_errors=True)
+    return run_faults(folder, part.planned, bench=bench)
 
 
 def row_of(number: int, result: FaultResult) -> FaultRow:

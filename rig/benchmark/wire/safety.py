@@ -12,7 +12,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
@@ -24,6 +23,7 @@ from rig.benchmark.wire.real_bench import as_real
 from rig.benchmark.wire.safety_events import BY_NAME, Event, PlannedRun
 from rig.benchmark.wire.safety_judge import judge
 from rig.benchmark.wire.safety_program import TrialProgram, own_state, strike, switch_on
+from rig.benchmark.wire.tries import tried
 from rig.benchmark.wire.true_track import TrueState, read_track
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
@@ -37,12 +37,8 @@ RUNS = "runs.jsonl"
 STOPPED_S = 1.5
 """How long a stopped program stays stopped before it goes on."""
 END_S = 90.0
-TRIES = 3
 SETTLE_S = 0.5
 """After the end of the program: what a killed one left going ends too."""
-
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,28 +93,14 @@ def run_safety(
     if left:
         with own_state(folder / "state"), started_fakes(bench or load_bench("wire")) as config:
             place = _Place(folder, config)
-            _tried(place.finish_a_lift, place.put_in_order)
+            tried(place.finish_a_lift, place.put_in_order)
             for planned in left:
-                run = _tried(partial(place.run, planned), place.put_in_order)
+                run = tried(partial(place.run, planned), place.put_in_order)
                 append_line(folder / RUNS, json_line(run))
                 runs.append(run)
                 progress(run)
     numbers = {planned.number for planned in plan}
     return sorted((run for run in runs if run.number in numbers), key=lambda run: run.number)
-
-
-def _tried(do: Callable[[], Result], before_again: Callable[[], str]) -> Result:
-    """Do it, and again where the trial ended before anything happened to it: a busy computer's fault.
-
-    Raises `DeviceError` where it does so each time.
-    """
-    for _ in range(TRIES - 1):
-        try:
-            return do()
-        except DeviceError:
-            if before_again():
-                raise
-    return do()
 
 
 class _Place:

@@ -14,7 +14,6 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import Region
 from rig.tactile.sample import State
-from rig.tactile.slip.arc import pivot_doubt
 from rig.tactile.slip.axis_check import AxisAnchor, anchor, contact_shape
 from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
@@ -107,15 +106,15 @@ class ContactFollower:
             return self._missed(seen, watch)
         if tracked.own_rad > BLIND_RAD:
             self._blind_rad += BLIND_RATE_RAD_S * (seen.time_ns - self._fitted_ns) / NS_PER_S
-        tracked = replace(tracked, doubt=self._doubt(tracked, seen.time_ns))
+        tracked = replace(tracked, doubt=self._doubt(self._grasp.newest, tracked, seen.time_ns))
         self._fitted_ns, self._misses = seen.time_ns, 0
         renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
         watch.lap("keyframe")
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
-    def _doubt(self, tracked: Tracked, time_ns: int) -> float:
+    def _doubt(self, newest: Keyframe, tracked: Tracked, time_ns: int) -> float:
         """Return what a frame leaves open, rad^2: other turns, and what the contact's shape does not tell."""
-        by_pivot = self._pivot * (tracked.pose.angle_rad - self._zero_rad)
+        by_pivot = newest.pivot * (tracked.pose.angle_rad - self._zero_rad)
         # A turn that is taken for rest is none that there was no time for.
         possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
         by_shape = by_pivot**2 + min(missed_rad(tracked.key.frame.trace) ** 2, possible)
@@ -169,7 +168,7 @@ class ContactFollower:
         frame = make_keyframe(gradient, seen.region.mask)
         if self._grasp is None or frame is None or not _observable(frame):
             return None
-        self._pivot, self._key_ns = pivot_doubt(gradient, seen.region.mask), seen.time_ns
+        self._key_ns = seen.time_ns
         texture = make_texture_key(seen.texture(), seen.region.mask, frame.center_px)
         self._grasp.add_key(frame, texture, placed.pose, variance)
         return placed
@@ -222,17 +221,12 @@ class ContactFollower:
         self._patience = PATIENCE_FRAMES
         mask = seen.region.mask
         learnt = learn_map(seen.difference, mask)
-        gradient = None if learnt is None else learnt.apply(seen.difference)
-        frame = None if gradient is None else make_keyframe(gradient, mask)
-        if (
-            gradient is None
-            or frame is None
-            or not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST))
-        ):
+        frame = None if learnt is None else make_keyframe(learnt.apply(seen.difference), mask)
+        if frame is None or not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST)):
             return False
         moved = self.point_px - self.origin_px if self._grasp is not None else 0j
         self._zero_rad = self._zero_rad if self._grasp is not None else angle_rad
-        self._pivot, self._key_ns = pivot_doubt(gradient, mask), seen.time_ns
+        self._key_ns = seen.time_ns
         self._settling.renewed(seen.region)
         if self._settling.settled and self._anchor is None:
             self._anchor = anchor(mask, angle_rad)
@@ -250,8 +244,7 @@ class ContactFollower:
         self._grasp: KeyframeTracker | None = None
         self._map: LearntGradientMap | None = None
         self._settling = Settling()
-        self._patience, self._misses, self._blind_rad = 0, 0, 0.0
-        self._zero_rad = self._pivot = 0.0
+        self._patience, self._misses, self._blind_rad, self._zero_rad = 0, 0, 0.0, 0.0
         self.point_px = self.origin_px = 0j
         self._motion.restart()
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.slip.arc import pivot_doubt
 from rig.tactile.slip.channel import Channel, some_of
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
@@ -31,7 +32,7 @@ class Keyframe:
     jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share of the
     energy of the gradients, as they are, that a rotation by 1 rad changes beyond what translation, gain and
     slope can imitate: 0 for a smooth ball, about 1 and more for an edge. trace: see `trace_of_a_turn`.
-    clipped: whether the contact reaches the image's edge.
+    pivot: see `pivot_doubt`. clipped: whether the contact reaches the image's edge.
     """
 
     center_px: complex
@@ -43,6 +44,7 @@ class Keyframe:
     energy: float
     contrast: float
     trace: float
+    pivot: float
     clipped: bool
 
     def within(self, field: GradientField, step: int = 1) -> Channel:
@@ -84,6 +86,7 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
         energy=energy,
         contrast=_contrast(plain_jacobian, _energy(plain_squares)),
         trace=trace_of_a_turn(points, template, gradient, mask),
+        pivot=pivot_doubt(gradient, mask),
         clipped=_clipped(mask),
     )
 

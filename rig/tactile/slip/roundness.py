@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.slip.gradient import HIGHEST_FREQUENCY
 from rig.tactile.slip.height import Gradient, window
 
 RINGS = 12
 # A contact is round of which a smaller share of the energy is not alike all around its middle: an oval of
-# axis ratio 1.3 has 0.1, a smooth ball up to 0.12, real contacts of other shapes 0.4 and more.
+# axis ratio 1.3 has 0.1, a smooth ball up to 0.12, most real contacts of other shapes 0.4 and more.
 NOT_ROUND = 0.15
 # Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.7, weak grain on them 6 to 18, ovals 40
 # and more.
 LEAST_TRACE = 8.0
-# Where grain competes with what rests, 20 degrees are missed by so much; less by this power of the trace.
-MISSED_RAD, MISSED_POWER = math.radians(20.0) * 6.5**3, 3
-# Frequencies that are asked for curl, cycles per pixel.
-HIGHEST_FREQUENCY = 0.25
+# Where grain competes with what rests, all of a turn of 20 degrees may be missed at this trace, above it less by
+# this power.
+MISSED_RAD, ALL_MISSED_TRACE, MISSED_POWER = math.radians(20.0), 6.5, 3
 
 
 def trace_of_a_turn(
@@ -40,7 +40,7 @@ def trace_of_a_turn(
 
 def missed_rad(trace: float) -> float:
     """Return one standard deviation of a turn of 20 degrees that is taken for rest, or in part."""
-    return MISSED_RAD / trace**MISSED_POWER
+    return MISSED_RAD * (ALL_MISSED_TRACE / trace) ** MISSED_POWER
 
 
 def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) -> float:

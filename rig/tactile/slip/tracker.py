@@ -109,6 +109,11 @@ class KeyframeTracker:
         self._judge = Judge()
         self.texture_leads = False
 
+    @property
+    def newest(self) -> Keyframe:
+        """The keyframe that was taken last."""
+        return self._keys[-1].frame
+
     def track(
         self, field: GradientField, texture: TextureField | None, expected_rad: float
     ) -> Tracked | None:

@@ -21,8 +21,8 @@ NOT_ROUND = 0.15
 # Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.7, weak grain on them 6 to 18, ovals 40
 # and more.
 LEAST_TRACE = 8.0
-# Where grain competes with what rests, all of a turn of 20 degrees may be missed at this trace, above it less by
-# this power.
+# Where grain competes with what rests, all of a turn of 20 degrees may be missed at this trace, above it less
+# by this power.
 MISSED_RAD, ALL_MISSED_TRACE, MISSED_POWER = math.radians(20.0), 6.5, 3
 
 

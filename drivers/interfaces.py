@@ -19,7 +19,10 @@ class Motion(Protocol):
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, having stopped it."""
+        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and what `done` raises.
+
+        A wait that ends early, also by an interruption, stops the motion.
+        """
         ...
 
 

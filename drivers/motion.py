@@ -1,9 +1,10 @@
-"""The one way to wait for a motion: its device is asked whether it goes on; a timeout stops it."""
+"""The one way to wait for a motion: its device is asked whether it goes on; a wait that fails stops it."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import DeviceTimeoutError
+from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.interfaces import Motion
 
 POLL_S = 0.008
@@ -30,8 +31,12 @@ class PolledMotion(Motion):
 
     def wait(self, timeout_s: float) -> None:
         """Block until done, see `drivers.interfaces.Motion`."""
-        if not wait_until(self._clock, self.done, timeout_s, POLL_S):
-            self._stop()
-            raise DeviceTimeoutError(
-                f"{self._device}: motion not finished after {timeout_s:.1f} s; stopped it"
-            )
+        try:
+            if not wait_until(self._clock, self.done, timeout_s, POLL_S):
+                raise DeviceTimeoutError(
+                    f"{self._device}: motion not finished after {timeout_s:.1f} s; stopped it"
+                )
+        except BaseException:  # an interruption as well: what nobody watches does not go on
+            with suppress(DeviceError):  # the first error says more
+                self._stop()
+            raise

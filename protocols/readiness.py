@@ -12,7 +12,7 @@ from drivers.errors import GripperFaultError
 from drivers.types import HandState, Holding
 from protocols.home import go_home
 from protocols.operator import Operator
-from protocols.safe_end import is_above, is_around
+from protocols.safe_end import is_above, is_around, safe_end
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
 OPEN_COUNTS = 3
@@ -30,7 +30,8 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
     """
     free_hand(bench, operator, after_fault)
     _activate(bench, operator)
-    go_home(bench)
+    with safe_end(bench):
+        go_home(bench)
 
 
 def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> None:

@@ -46,9 +46,34 @@ def test_a_motion_that_takes_too_long_is_stopped() -> None:
     assert device.stops == 1
 
 
-def test_what_is_wrong_with_the_device_ends_the_wait() -> None:
+def test_what_is_wrong_with_the_device_ends_the_wait_and_stops_the_motion() -> None:
+    device = Device(ends_s=5.0, breaks_s=0.2)
     with pytest.raises(DeviceError, match="hand: broken"):
-        Device(ends_s=5.0, breaks_s=0.2).motion().wait(1.0)
+        device.motion().wait(1.0)
+    assert device.stops == 1
+
+
+def test_a_device_that_cannot_be_stopped_either_is_told_of_by_its_first_error() -> None:
+    device = Device(ends_s=5.0, breaks_s=0.2)
+
+    def refuse() -> None:
+        raise DeviceError("hand: does not listen")
+
+    with pytest.raises(DeviceError, match="hand: broken"):
+        PolledMotion("hand", device.clock, device.ended, refuse).wait(1.0)
+
+
+def test_a_motion_does_not_go_on_when_its_wait_is_interrupted() -> None:
+    device = Device(ends_s=5.0)
+
+    def interrupted() -> bool:
+        if device.clock.now_ns() >= to_ns(0.2):
+            raise KeyboardInterrupt
+        return False
+
+    with pytest.raises(KeyboardInterrupt):
+        PolledMotion("hand", device.clock, interrupted, device.stop).wait(1.0)
+    assert device.stops == 1
 
 
 def test_a_condition_that_is_met_costs_no_time() -> None:

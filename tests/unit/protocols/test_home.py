@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers.bench import Bench
-from drivers.errors import OperatorStopError, OutOfLimitsError
+from drivers.errors import DeviceError, OperatorStopError, OutOfLimitsError
 from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
 from protocols.home import go_home, home_plan
@@ -22,10 +22,12 @@ HOME = (0.45, 0.0, 0.30)
 
 @dataclass
 class WatchedArm(Arm):
-    """The simulated arm, and where it was sent."""
+    """The simulated arm, where it was sent, how often it was stopped; lost after so many motions more."""
 
     arm: Arm
     sent: list[Pose] = field(default_factory=list)
+    stops: int = 0
+    lost_after: int = 1_000
 
     @property
     def limits(self) -> ArmLimits:
@@ -41,10 +43,13 @@ class WatchedArm(Arm):
         return self.arm.state()
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
+        if len(self.sent) >= self.lost_after:
+            raise DeviceError("arm: gone")
         self.sent.append(base_T_tcp)
         return self.arm.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
 
     def stop(self) -> None:
+        self.stops += 1
         self.arm.stop()
 
     def recover(self, confirm: Callable[[str], None]) -> None:
@@ -106,6 +111,17 @@ def test_a_bench_is_ready_once_the_arm_is_home(watched: tuple[Bench, WatchedArm]
     stand_at(bench, arm, 0.50, 0.0, 0.16)
     make_ready(bench, ConsoleOperator(lambda _: False))
     assert arm.sent[-1].position_m == HOME
+
+
+def test_on_the_way_home_a_lost_arm_is_told_to_stop_and_stays(watched: tuple[Bench, WatchedArm]) -> None:
+    bench, arm = watched
+    stand_at(bench, arm, 0.50, 0.0, 0.16)
+    arm.lost_after = 1
+    with pytest.raises(DeviceError, match="arm: gone") as raised:
+        make_ready(bench, ConsoleOperator(lambda _: False))
+    assert arm.stops == 1
+    assert raised.value.__notes__ == ["stopped where it was, nothing held"]
+    assert bench.arm.state().base_T_tcp.position_m != pytest.approx(HOME)
 
 
 def test_without_a_look_after_a_fault_the_arm_stays(watched: tuple[Bench, WatchedArm]) -> None:

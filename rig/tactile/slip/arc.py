@@ -26,7 +26,7 @@ RIDGE = 1e-9
 # Slopes of one arc point to its center by this share of their squares (0.85 to 1.00; two edges, a corner or a
 # line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0). They are this near
 # the circle, work pixels, rms; slopes of a texture that happen to lie around a point are further off.
-ONE_ARC, ONE_SIDE, THIN_PX = 0.85, 0.5, 1.15
+ONE_ARC, ONE_SIDE, THIN_PX = 0.88, 0.5, 1.25
 
 
 def pivot_doubt(gradient: Gradient, mask: Image) -> float:

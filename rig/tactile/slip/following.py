@@ -19,6 +19,7 @@ from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
+from rig.tactile.slip.keys import Key
 from rig.tactile.slip.roundness import LEAST_TRACE, missed_rad
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
@@ -106,21 +107,24 @@ class ContactFollower:
             return self._missed(seen, watch)
         if tracked.own_rad > BLIND_RAD:
             self._blind_rad += BLIND_RATE_RAD_S * (seen.time_ns - self._fitted_ns) / NS_PER_S
-        tracked = replace(tracked, doubt=self._doubt(self._grasp.newest, tracked, seen.time_ns))
+        tracked = replace(tracked, doubt=self._doubt(tracked, seen.time_ns))
         self._fitted_ns, self._misses = seen.time_ns, 0
         renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
         watch.lap("keyframe")
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
-    def _doubt(self, newest: Keyframe, tracked: Tracked, time_ns: int) -> float:
+    def _doubt(self, tracked: Tracked, time_ns: int) -> float:
         """Return what a frame leaves open, rad^2: other turns, and what the contact's shape does not tell."""
-        by_pivot = newest.pivot * (tracked.pose.angle_rad - self._zero_rad)
+        by_pivot = max(0.0, tracked.pivot_rad**2 - tracked.base.pivot_rad**2)
         # A turn that is taken for rest is none that there was no time for.
         possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
-        by_shape = by_pivot**2 + min(missed_rad(tracked.key.frame.trace) ** 2, possible)
-        # What the key has inherited holds what the shape has left open until then.
+        missed = min(missed_rad(tracked.key.frame.trace) ** 2, possible)
+        # What the key has inherited holds what its shape has left open until then.
         return (
-            tracked.doubt + min(self._blind_rad, ANY_TURN_RAD) ** 2 + max(0.0, by_shape - tracked.inherited)
+            tracked.doubt
+            + min(self._blind_rad, ANY_TURN_RAD) ** 2
+            + by_pivot
+            + max(0.0, missed - tracked.inherited)
         )
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
@@ -161,7 +165,6 @@ class ContactFollower:
             tracked,
             pose=replace(tracked.pose, angle_rad=angle),
             variance=variance,
-            inherited=min(tracked.inherited, variance),
         )
         if settled or outgrown:
             return placed if self._begin(seen, angle, variance, firmer) else None
@@ -170,7 +173,7 @@ class ContactFollower:
             return None
         self._key_ns = seen.time_ns
         texture = make_texture_key(seen.texture(), seen.region.mask, frame.center_px)
-        self._grasp.add_key(frame, texture, placed.pose, variance)
+        self._grasp.add_key(Key(frame, texture, placed.pose, placed.variance, placed.pivot_rad))
         return placed
 
     def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
@@ -225,7 +228,6 @@ class ContactFollower:
         if frame is None or not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST)):
             return False
         moved = self.point_px - self.origin_px if self._grasp is not None else 0j
-        self._zero_rad = self._zero_rad if self._grasp is not None else angle_rad
         self._key_ns = seen.time_ns
         self._settling.renewed(seen.region)
         if self._settling.settled and self._anchor is None:
@@ -244,7 +246,7 @@ class ContactFollower:
         self._grasp: KeyframeTracker | None = None
         self._map: LearntGradientMap | None = None
         self._settling = Settling()
-        self._patience, self._misses, self._blind_rad, self._zero_rad = 0, 0, 0.0, 0.0
+        self._patience, self._misses, self._blind_rad = 0, 0, 0.0
         self.point_px = self.origin_px = 0j
         self._motion.restart()
 

@@ -30,13 +30,15 @@ class ContactPose:
 class Key:
     """A keyframe, the pose at which it was taken, and the variance of that angle, rad^2.
 
-    texture: None where there is too little of it.
+    texture: None where there is too little of it. pivot_rad: what an unknown pivot has left open of the angle
+    until then, a part of its standard deviation; it grows with the turn and shrinks on the way back.
     """
 
     frame: Keyframe
     texture: TextureKey | None
     pose: ContactPose
     variance: float
+    pivot_rad: float = 0.0
 
     def near(self, angle_rad: float) -> bool:
         """Whether a contact at an angle may still look like this key."""

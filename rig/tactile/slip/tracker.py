@@ -45,19 +45,25 @@ KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 class Tracked:
     """A frame's pose, by which key, and how well it fits.
 
-    variance: of the angle, rad^2. inherited: the part of it that was there when the key was taken. doubt:
-    what other turns add to it that fit nearly as well. alignment: of the slopes. motion: where the texture
-    led, what speaks for it, else None. own_rad: there, one standard deviation of what this frame says alone.
+    variance: of the angle, rad^2. base: the key whose variance is part of it. doubt: what other turns add to
+    it that fit nearly as well. alignment: of the slopes. motion: where the texture led, what speaks for it,
+    else None. own_rad: there, one standard deviation of what this frame says alone. pivot_rad: see `Key`.
     """
 
     pose: ContactPose
     key: Key
     variance: float
-    inherited: float
+    base: Key
     alignment: Alignment | None = None
     motion: Motion | None = None
     own_rad: float = 0.0
     doubt: float = 0.0
+    pivot_rad: float = 0.0
+
+    @property
+    def inherited(self) -> float:
+        """The part of the variance that was there when the key was taken."""
+        return min(self.base.variance, self.variance)
 
     @property
     def misfit(self) -> float:
@@ -109,11 +115,6 @@ class KeyframeTracker:
         self._judge = Judge()
         self.texture_leads = False
 
-    @property
-    def newest(self) -> Keyframe:
-        """The keyframe that was taken last."""
-        return self._keys[-1].frame
-
     def track(
         self, field: GradientField, texture: TextureField | None, expected_rad: float
     ) -> Tracked | None:
@@ -130,12 +131,11 @@ class KeyframeTracker:
             if belief.motion.evidence < LOST_EVIDENCE:
                 return None
             key = self._keys[-1]
-            inherited = min(key.variance, belief.variance)
             found = Tracked(
                 belief.pose,
                 key,
                 belief.variance,
-                inherited,
+                key,
                 motion=belief.motion,
                 own_rad=belief.own_rad,
                 doubt=belief.doubt,
@@ -181,12 +181,10 @@ class KeyframeTracker:
         ]
         return self._accept(min(fitting, key=lambda f: f.misfit)) if fitting else None
 
-    def add_key(
-        self, frame: Keyframe, texture: TextureKey | None, pose: ContactPose, variance: float
-    ) -> None:
-        """Take a further keyframe at a pose; the oldest but the first goes when there are many."""
-        self._key = Key(frame, texture, pose, variance)
-        self._keys.append(self._key)
+    def add_key(self, key: Key) -> None:
+        """Take a further keyframe; the oldest but the first goes when there are many."""
+        self._key = key
+        self._keys.append(key)
         self._weights = None
         if len(self._keys) > MAX_KEYFRAMES:
             del self._keys[1]
@@ -221,14 +219,17 @@ class KeyframeTracker:
             return None
         pose = key.pose_after(alignment.angle_rad, alignment.shift_px)
         own = angle_variance(alignment, key.frame.contrast, self._aspect_known)
-        return Tracked(pose, key, key.variance + own, key.variance, alignment)
+        return Tracked(pose, key, key.variance + own, key, alignment)
 
     def _accept(self, found: Tracked) -> Tracked:
         moved = found.pose.point_px - self._pose.point_px
         self._moving_px = 0.5 * (self._moving_px + moved * min(1.0, MOST_MOVING_PX / max(abs(moved), 1e-9)))
         self._key, self._pose = found.key, found.pose
         self._weights = None if found.alignment is None else found.alignment.weights
-        return found
+        key = found.key  # whichever it is, what fits it is the arc that the newest one shows
+        by_pivot = max(key.frame.pivot, self._keys[-1].frame.pivot)
+        turned = found.pose.angle_rad - key.pose.angle_rad
+        return replace(found, pivot_rad=key.pivot_rad + by_pivot * turned)
 
 
 def _fused(newer: Tracked, older: Tracked) -> Tracked:
@@ -243,4 +244,4 @@ def _fused(newer: Tracked, older: Tracked) -> Tracked:
         return newer
     share = one / (one + two)
     pose = replace(newer.pose, angle_rad=newer.pose.angle_rad + share * gap)
-    return replace(newer, pose=pose, variance=common + one * two / (one + two), inherited=common)
+    return replace(newer, pose=pose, variance=common + one * two / (one + two), base=older.key)

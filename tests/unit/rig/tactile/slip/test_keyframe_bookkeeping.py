@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,10 +15,10 @@ from rig.tactile.slip.axis_check import anchor
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.height import Gradient
 from rig.tactile.slip.keyframe import make_keyframe
-from rig.tactile.slip.keys import ContactPose
+from rig.tactile.slip.keys import ContactPose, Key
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.settling import Tearing
-from rig.tactile.slip.tracker import KeyframeTracker
+from rig.tactile.slip.tracker import KeyframeTracker, Tracked
 from rig.tactile.slip.unseen import unseen_variance
 
 Image = NDArray[np.uint8]
@@ -103,12 +104,32 @@ def test_a_chain_of_keyframes_is_held_by_its_surest(press: Draw) -> None:
     tracker = KeyframeTracker(first, None, 0.0, 0.0)
     wrong_deg = 18.0
     pose = ContactPose(math.radians(wrong_deg), first.center_px)
-    tracker.add_key(newer, None, pose, math.radians(5.0) ** 2)
+    tracker.add_key(Key(newer, None, pose, math.radians(5.0) ** 2))
     tracked = tracker.track(field(12.0, (22.0, 12.0), 0.0), None, math.radians(17.0))
     assert tracked is not None
     alone_deg = wrong_deg + 2.0
     assert math.degrees(tracked.pose.angle_rad) < 0.5 * (12.0 + alone_deg)
     assert math.degrees(math.sqrt(tracked.variance)) < 5.0
+
+
+def test_what_a_pivot_leaves_open_grows_over_keyframes_and_shrinks_on_the_way_back() -> None:
+    half_axes = (18.0, 7.0)
+    first, newer = (make_keyframe(*dent(turn, half_axes)) for turn in (0.0, 10.0))
+    assert first is not None
+    assert newer is not None
+    tracker = KeyframeTracker(replace(first, pivot=0.5), None, 0.0, 0.0)
+
+    def turned_to(angle_deg: float) -> Tracked:
+        tracked = tracker.track(field(angle_deg, half_axes, 0.0), None, math.radians(angle_deg))
+        assert tracked is not None
+        assert math.degrees(tracked.pose.angle_rad) == pytest.approx(angle_deg, abs=0.5)
+        return tracked
+
+    there = turned_to(10.0)
+    assert math.degrees(there.pivot_rad) == pytest.approx(5.0, abs=0.3)
+    tracker.add_key(Key(replace(newer, pivot=0.5), None, there.pose, 1e-4, there.pivot_rad))
+    assert math.degrees(turned_to(20.0).pivot_rad) == pytest.approx(10.0, abs=0.6)
+    assert math.degrees(turned_to(1.0).pivot_rad) == pytest.approx(0.5, abs=0.3)
 
 
 def test_a_jump_beyond_what_the_rate_allows_is_not_found_again(press: Draw, blank: Image) -> None:

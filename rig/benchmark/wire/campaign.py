@@ -34,7 +34,7 @@ from rig.sessions.rows import read_rows
 
 PART = 10
 TWO_AT_ONCE = 1 / 3
-"""Share of the faults that come with another one."""
+"""Share of the lifts in which two faults come at once."""
 FILE, PART_FOLDER, FILM = "faults.jsonl", "part", "worst.avi"
 FPS = 30.0
 Planned = tuple[FaultCase, Moment]
@@ -62,14 +62,21 @@ CODEC: Codec[FaultRow] = Codec(FaultRow)
 
 
 def plan_campaign(seed: int, count: int) -> list[Planned]:
-    """Draw faults and moments: each fault in each stage as often, a third of them with another device's."""
+    """Draw the lifts that so many faults take: each in each stage as often, a third with another device's."""
     rng = random.Random(seed)  # noqa: S311 - moments, no secrets
     plan: list[Planned] = []
-    while len(plan) < count:
+    while count_faults(plan) < count:
         cells = [(case, stage) for case in CASES for stage in Stage]
         rng.shuffle(cells)
         plan += [(_maybe_two(case, rng), random_moment(stage, rng)) for case, stage in cells]
-    return plan[:count]
+    while count_faults(plan[:-1]) >= count:
+        plan.pop()
+    return plan
+
+
+def count_faults(plan: Sequence[Planned]) -> int:
+    """Return how many faults a plan has; two at once are two."""
+    return sum(case.faults for case, _ in plan)
 
 
 def _maybe_two(case: FaultCase, rng: random.Random) -> FaultCase:
@@ -168,7 +175,7 @@ def judge_campaign(rows: Sequence[FaultRow]) -> list[Measured]:
 
 
 CAMPAIGN_COLUMNS = (
-    "fault", "faults", "with another", "seen, s: median", "longest", "stood, s: longest", "not missed",
+    "fault", "lifts", "with another", "seen, s: median", "longest", "stood, s: longest", "not missed",
     "dropped", "next lift", "passed",
 )  # fmt: skip
 

@@ -10,13 +10,15 @@ class FaultCase:
     """What goes wrong. injected: (device, kind, arguments) in order.
 
     named: words of which the outcome has to contain one. mended_after: how many attempts fail before somebody
-    looks after it (a cable, a switch); a protective stop is left for the rig to recover from.
+    looks after it (a cable, a switch); a protective stop is left for the rig to recover from. faults: so many
+    come at once.
     """
 
     name: str
     injected: tuple[tuple[str, str, Mapping[str, Any]], ...]
     named: tuple[str, ...]
     mended_after: int = 1
+    faults: int = 1
 
 
 def _case(name: str, device: str, kind: str, named: str, **arguments: Any) -> FaultCase:
@@ -62,4 +64,5 @@ def both(one: FaultCase, other: FaultCase) -> FaultCase:
     """Two at once; the outcome has to name one of them."""
     mended_after = max(one.mended_after, other.mended_after)
     name = f"{one.name} + {other.name}"
-    return FaultCase(name, one.injected + other.injected, one.named + other.named, mended_after)
+    faults = one.faults + other.faults
+    return FaultCase(name, one.injected + other.injected, one.named + other.named, mended_after, faults)

@@ -147,8 +147,8 @@ class FaultyBench(StandingBench):
             if result.injected_ns:
                 yield bench, operator
                 return
-            timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: self._note_stop(result, now_ns)))
             over = threading.Event()
+            timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: _note_stop(result, over, now_ns)))
             injector = threading.Thread(target=self._inject, args=(result, over), daemon=True)
             injector.start()
             try:
@@ -157,10 +157,6 @@ class FaultyBench(StandingBench):
                 over.set()
                 injector.join()
                 self._judge(result)
-
-    def _note_stop(self, result: FaultResult, now_ns: int) -> None:
-        if result.injected_ns and not result.detected_ns:
-            result.detected_ns = now_ns
 
     def _inject(self, result: FaultResult, over: threading.Event) -> None:
         """Wait for the moment, then let it go wrong."""
@@ -176,6 +172,18 @@ class FaultyBench(StandingBench):
             track = read_track(self._control.call, result.injected_ns)
             result.still_ns = standstill(track, result.detected_ns or result.injected_ns).time_ns
             result.dropped = result.dropped or dropped(track, self._grasp_m)
+
+
+def _note_stop(result: FaultResult, over: threading.Event, now_ns: int) -> None:
+    """Note the first stop after the fault; after one before it, the fault waits for the next attempt.
+
+    A lift that reacts stops the arm and goes on.
+    """
+    if not result.injected_ns:
+        if not result.reacts:
+            over.set()
+    elif not result.detected_ns:
+        result.detected_ns = now_ns
 
 
 def run_faults(

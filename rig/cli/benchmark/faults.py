@@ -24,7 +24,8 @@ def faults(
         typer.Option("--full", help="Every fault, also two at once, at random moments: hours."),
     ] = False,
     count: Annotated[
-        int, typer.Option("--count", min=1, max=100_000, help="How many faults with --full.")
+        int,
+        typer.Option("--count", min=1, max=100_000, help="How many faults with --full, two at once as two."),
     ] = 1000,
     out: Annotated[
         Path | None, typer.Option("--out", help="Session folder of the lifts.", callback=folder_place)
@@ -39,7 +40,7 @@ def faults(
 ) -> None:
     """Let each device fail in mid-lift on the bench behind wires; print how the rig comes through.
 
-    Runs in real time, about 25 s a fault. Exit code 4 when a fault was not seen, not named, not
+    Runs in real time, about 25 s a lift. Exit code 4 when a fault was not seen, not named, not
     made safe within a second, something was dropped, or the next lift did not run. With --full the
     worst case is filmed, into worst.avi.
 
@@ -60,10 +61,11 @@ def faults(
 
 
 def _campaign(folder: Path, seed: int, count: int, resume: bool, jobs: int, json: bool) -> None:
-    from rig.benchmark.wire.campaign import judge_campaign, plan_campaign, run_campaign, worst
+    from rig.benchmark.wire.campaign import count_faults, judge_campaign, plan_campaign, run_campaign, worst
 
-    say(f"SIMULATED bench 'wire', {count} faults at random moments, seed {seed}, folder {folder}")
     plan = plan_campaign(seed, count)
+    told = f"{count_faults(plan)} faults in {len(plan)} lifts at random moments"
+    say(f"SIMULATED bench 'wire', {told}, seed {seed}, folder {folder}")
     rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), jobs=jobs)
     limits = judge_campaign(rows)
     if json:

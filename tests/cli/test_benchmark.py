@@ -26,6 +26,13 @@ def test_a_session_that_is_none_is_one_line(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_faults_are_injected_into_no_bench_but_its_own_fakes(tmp_path: Path) -> None:
+    done = rig("benchmark", "faults", "--bench", "fake", "--out", str(tmp_path / "f"))
+    assert done.returncode == 2
+    assert "fakes that the benchmark starts itself" in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "f").exists()
+
+
 def test_a_readme_without_markers_is_refused_at_once(tmp_path: Path) -> None:
     readme = tmp_path / "README.md"
     readme.write_text("nothing here\n")

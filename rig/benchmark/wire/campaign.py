@@ -95,12 +95,19 @@ def run_campaign(
     """Run the faults that are not in the folder yet; return what came of all, in the plan's order.
 
     bench: the bench behind wires, by default `wire`. jobs: benches side by side, each in real time. Raises
-    `InputError` for a folder that has faults and is not to be resumed, and what `run_faults` raises.
+    `InputError` for a folder that has faults and is not to be resumed, or has those of another plan, and what
+    `run_faults` raises.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows = {row.number: row for row in read_rows(folder / FILE, CODEC)}
     if rows and not resume:
         raise InputError(f"{folder}: has {len(rows)} faults; go on with --resume, or give another folder")
+    for number, row in rows.items():
+        if number > len(plan) or row.fault != plan[number - 1][0].name:
+            raise InputError(
+                f"{folder}: its fault {number} is '{row.fault}', which is another plan's; resume with the "
+                "--seed and --count that it was begun with, or give another folder"
+            )
     wire = bench or load_bench("wire")
     work = partial(_run_part, folder, wire)
     for part, new in run_tasks(work, _parts_left(plan, rows), jobs):

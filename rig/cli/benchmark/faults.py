@@ -12,6 +12,7 @@ from rig.cli.places import folder_place
 if TYPE_CHECKING:
     from rig.benchmark.wire.campaign import FaultRow
     from rig.benchmark.wire.faults import FaultResult
+    from rig.config import BenchConfig
 
 
 def faults(
@@ -27,6 +28,10 @@ def faults(
         int,
         typer.Option("--count", min=1, max=100_000, help="How many faults with --full, two at once as two."),
     ] = 1000,
+    bench: Annotated[
+        str,
+        typer.Option("--bench", help="wire, or the path of a bench file whose [fakes] are started for it."),
+    ] = "wire",
     out: Annotated[
         Path | None, typer.Option("--out", help="Session folder of the lifts.", callback=folder_place)
     ] = None,
@@ -53,20 +58,39 @@ def faults(
 
       rig benchmark faults --full --count 200 --jobs 8
 
+      rig benchmark faults --full --bench slow.toml --jobs 2
+
     """
+    config = _started_for_it(bench)
     if full:
-        _campaign(session_folder(out, resume, "faults"), seed, count, resume, jobs, json)
+        _campaign(config, session_folder(out, resume, "faults"), seed, count, resume, jobs, json)
     else:
-        _each_once(cases, session_folder(out, False, "faults"), json)
+        _each_once(config, cases, session_folder(out, False, "faults"), json)
 
 
-def _campaign(folder: Path, seed: int, count: int, resume: bool, jobs: int, json: bool) -> None:
+def _started_for_it(name: str) -> "BenchConfig":
+    """Return a bench whose fakes the benchmark starts, and nothing else uses. Raises `InputError`."""
+    from drivers.errors import InputError
+    from rig.config import load_bench
+
+    config = load_bench(name)
+    if config.fakes is None or config.fakes.control is not None:
+        raise InputError(
+            f"bench '{config.name}': faults are injected into fakes that the benchmark starts itself; give a "
+            "bench of real drivers with an empty [fakes] table, as wire"
+        )
+    return config
+
+
+def _campaign(
+    config: "BenchConfig", folder: Path, seed: int, count: int, resume: bool, jobs: int, json: bool
+) -> None:
     from rig.benchmark.wire.campaign import count_faults, judge_campaign, plan_campaign, run_campaign, worst
 
     plan = plan_campaign(seed, count)
     told = f"{count_faults(plan)} faults in {len(plan)} lifts at random moments"
-    say(f"SIMULATED bench 'wire', {told}, seed {seed}, folder {folder}")
-    rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), jobs=jobs)
+    say(f"SIMULATED bench '{config.name}', {told}, seed {seed}, folder {folder}")
+    rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), config, jobs)
     limits = judge_campaign(rows)
     if json:
         from dataclasses import asdict
@@ -74,7 +98,7 @@ def _campaign(folder: Path, seed: int, count: int, resume: bool, jobs: int, json
         figures = {"faults": [asdict(row) for row in rows], "limits": [asdict(limit) for limit in limits]}
         emit_json({"folder": str(folder), "simulated": True, **figures})
     else:
-        _print_campaign(rows)
+        _print_campaign(config.name, rows)
         if found := worst(rows):
             say(f"longest until standstill: {_line(found)}")
     exit_where_missed(limits)
@@ -86,19 +110,20 @@ def _line(row: "FaultRow") -> str:
     return f"{row.number} {row.fault}, {row.stage}: {seen}, stood after {row.still_s:.2f} s; {verdict}"
 
 
-def _print_campaign(rows: "list[FaultRow]") -> None:
+def _print_campaign(bench: str, rows: "list[FaultRow]") -> None:
     from rich.table import Table
 
     from rig.benchmark.wire.campaign import CAMPAIGN_COLUMNS, campaign_rows
     from rig.cli.fitting import table_console
 
-    table = Table(*CAMPAIGN_COLUMNS, title="SIMULATED bench 'wire': faults at random moments of every stage")
+    title = f"SIMULATED bench '{bench}': faults at random moments of every stage"
+    table = Table(*CAMPAIGN_COLUMNS, title=title)
     for row in campaign_rows(rows):
         table.add_row(*row)
     table_console().print(table)
 
 
-def _each_once(cases: list[str] | None, folder: Path, json: bool) -> None:
+def _each_once(config: "BenchConfig", cases: list[str] | None, folder: Path, json: bool) -> None:
     from drivers.errors import InputError
     from rig.benchmark.wire.fault_cases import CASES
     from rig.benchmark.wire.faults import MID_LIFT, run_faults
@@ -107,13 +132,15 @@ def _each_once(cases: list[str] | None, folder: Path, json: bool) -> None:
     if not wanted:
         names = ", ".join(case.name for case in CASES)
         raise InputError(f"no case contains {' or '.join(cases or [])}; cases are: {names}")
-    say(f"SIMULATED bench 'wire', {len(wanted)} faults in mid-lift, session {folder}")
+    say(f"SIMULATED bench '{config.name}', {len(wanted)} faults in mid-lift, session {folder}")
     planned = [(case, MID_LIFT) for case in wanted]
-    results = run_faults(folder, planned, lambda result: say(f"  {result.case.name}: {_outcome(result)}"))
+    results = run_faults(
+        folder, planned, lambda result: say(f"  {result.case.name}: {_outcome(result)}"), config
+    )
     if json:
         emit_json({"session": str(folder), "faults": [_plain(result) for result in results]})
     else:
-        _print_table(results)
+        _print_table(config.name, results)
     if not all(result.passed for result in results):
         raise typer.Exit(Exit.LIMIT_MISSED)
 
@@ -142,14 +169,14 @@ def _plain(result: "FaultResult") -> dict[str, object]:
     }
 
 
-def _print_table(results: "list[FaultResult]") -> None:
+def _print_table(bench: str, results: "list[FaultResult]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
     from rig.cli.fitting import table_console
 
     table = Table("fault in mid-lift", "detected, s", "then still, s", "outcome", "next lift", "")
-    table.title = "SIMULATED bench 'wire': from the fault to the rig's stop, from there to standstill"
+    table.title = f"SIMULATED bench '{bench}': from the fault to the rig's stop, from there to standstill"
     for result in results:
         times = ["never" if t is None else f"{t:.3f}" for t in (result.detected_s, result.safe_s)]
         after = "done" if result.recovered else "not done"

@@ -3,6 +3,7 @@
 import threading
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -139,10 +140,18 @@ def test_a_fault_passes_only_when_it_is_seen_named_safe_and_recovered_from() -> 
 
 def test_faults_that_were_kept_are_not_run_again(tmp_path: Path) -> None:
     plan = plan_campaign(0, 1)
-    append_line(tmp_path / FILE, json_line(row()))
+    kept = replace(row(), fault=plan[0][0].name)
+    append_line(tmp_path / FILE, json_line(kept))
     with pytest.raises(InputError, match="--resume"):
         run_campaign(tmp_path, plan)
-    assert run_campaign(tmp_path, plan, resume=True) == [row()]
+    assert run_campaign(tmp_path, plan, resume=True) == [kept]
+
+
+def test_a_campaign_does_not_go_on_with_another_plan(tmp_path: Path) -> None:
+    plan = plan_campaign(0, 1)
+    append_line(tmp_path / FILE, json_line(replace(row(), fault="somebody trips over a cable")))
+    with pytest.raises(InputError, match="another plan's"):
+        run_campaign(tmp_path, plan, resume=True)
 
 
 def test_a_campaign_goes_on_with_what_is_left_in_parts_that_share_no_bench() -> None:

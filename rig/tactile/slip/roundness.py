@@ -6,13 +6,15 @@ itself tells: a map that errs leaves curl, and slopes of a height have none.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from drivers.types import Image
 from rig.tactile.slip.gradient import HIGHEST_FREQUENCY
-from rig.tactile.slip.height import Gradient, window
+from rig.tactile.slip.height import Field, Gradient, padded, window
 
 RINGS = 12
 # A contact is round of which a smaller share of the energy is not alike all around its middle: an oval of
@@ -57,11 +59,23 @@ def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) 
 def curl_share(gradient: Gradient, mask: Image) -> float:
     """Return the share of the energy of a field of slopes (h, w) around a contact that is curl, 0 to 1."""
     field = gradient * window(mask)
-    size = 2 * field.shape[0], 2 * field.shape[1]
-    along_x, along_y = np.fft.rfft2(field.real, size), np.fft.rfft2(field.imag, size)
-    ky, kx = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])[None]
+    spread = padded(np.stack([field.real, field.imag]), 1.0)
+    along_x, along_y = np.asarray(fft.rfft2(spread), np.complex64)
+    unit_x, unit_y, used = _directions(spread.shape[1], spread.shape[2])
+    curl, whole = unit_x * along_y - unit_y * along_x, used * (_squares(along_x) + _squares(along_y))
+    return float(_squares(curl).sum() / max(float(whole.sum()), 1e-20))
+
+
+@lru_cache(maxsize=8)
+def _directions(height: int, width: int) -> tuple[Field, Field, Field]:
+    """Return the direction of each frequency of a real transform, x and y, and which are used, 0 or 1."""
+    ky, kx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]
     length = np.hypot(kx, ky)
     used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
-    curl = (kx * along_y - ky * along_x)[used] / length[used]
-    whole = (np.abs(along_x[used]) ** 2 + np.abs(along_y[used]) ** 2).sum()
-    return float((np.abs(curl) ** 2).sum() / max(float(whole), 1e-20))
+    per_length = used / np.where(used, length, 1.0)
+    unit_x, unit_y, told = kx * per_length, ky * per_length, used.astype(np.float32)
+    return unit_x.astype(np.float32), unit_y.astype(np.float32), told
+
+
+def _squares(values: Gradient) -> Field:
+    return np.asarray(values.real**2 + values.imag**2, np.float32)

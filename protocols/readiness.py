@@ -26,7 +26,7 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
 
     What follows a fault, and what concerns an object in the hand, is asked of somebody who looks at
     the bench; the activation is asked for because the fingers sweep their range; the way home is part
-    of the plan that was agreed to (`protocols.home`).
+    of the plan that was agreed to (`protocols.home`). Where it ends early, the arm stays where it is.
     """
     free_hand(bench, operator, after_fault)
     _activate(bench, operator)

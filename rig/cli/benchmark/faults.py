@@ -61,14 +61,14 @@ def faults(
       rig benchmark faults --full --bench slow.toml --jobs 2
 
     """
-    config = _started_for_it(bench)
+    config = _wire_bench(bench)
     if full:
         _campaign(config, session_folder(out, resume, "faults"), seed, count, resume, jobs, json)
     else:
         _each_once(config, cases, session_folder(out, False, "faults"), json)
 
 
-def _started_for_it(name: str) -> "BenchConfig":
+def _wire_bench(name: str) -> "BenchConfig":
     """Return a bench whose fakes the benchmark starts, and nothing else uses. Raises `InputError`."""
     from drivers.errors import InputError
     from rig.config import load_bench

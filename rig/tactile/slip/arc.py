@@ -23,9 +23,10 @@ EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
 # Places on one line are on circles of any size: so much, in squared pixels, keeps their equations solvable.
 RIDGE = 1e-9
-# Slopes of one arc point to its center by this share of their squares (0.85 to 1.00; two edges, a corner or a
+# Slopes of one arc point to its center by this share of their squares (0.88 to 1.00; two edges, a corner or a
 # line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0). They are this near
-# the circle, work pixels, rms; slopes of a texture that happen to lie around a point are further off.
+# the circle, work pixels, rms. Slopes of a texture that happen to lie around a point are further off, or
+# point less well to it.
 ONE_ARC, ONE_SIDE, THIN_PX = 0.88, 0.5, 1.25
 
 

@@ -1,4 +1,4 @@
-"""Contacts that show one edge of the object, an arc: its turn is seen only as far as the pivot is known.
+"""Contacts that show one arc of the object, or a ring: its turn is seen only as far as the pivot is known.
 
 An arc that turns about its own center looks the same. What is seen of another turn is where that center goes,
 and the way there per turn is its distance from the pivot. The rest of the contact's outline is the gel's, and
@@ -23,11 +23,10 @@ EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
 # Places on one line are on circles of any size: so much, in squared pixels, keeps their equations solvable.
 RIDGE = 1e-9
-# Slopes of one arc point to its center by this share of their squares (0.88 to 1.00; two edges, a corner or a
-# line with ends 0.2 to 0.8), and lie on one side of it (a half circle 0.64, a full one 0). They are this near
-# the circle, work pixels, rms. Slopes of a texture that happen to lie around a point are further off, or
-# point less well to it.
-ONE_ARC, ONE_SIDE, THIN_PX = 0.88, 0.5, 1.25
+# Slopes of one arc or ring point to its center by this share of their squares (0.88 to 1.00; two edges, a
+# corner or a line with ends 0.2 to 0.8), and are this near the circle, work pixels, rms. Slopes of a texture
+# that happen to lie around a point are further off, or point less well to it.
+ONE_ARC, THIN_PX = 0.88, 1.25
 
 
 def pivot_doubt(gradient: Gradient, mask: Image) -> float:
@@ -51,9 +50,8 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
     radius = (squares * distance).sum() / energy
     outwards = (places - center) / np.maximum(distance, 1e-9)
     radial = ((slopes * outwards.conj()).real ** 2).sum() / energy
-    side = abs((squares * outwards).sum()) / energy
     thickness = math.sqrt((squares * (distance - radius) ** 2).sum() / energy)
-    if radial < ONE_ARC or side < ONE_SIDE or thickness > THIN_PX:
+    if radial < ONE_ARC or thickness > THIN_PX:
         return 0.0
     return min(1.0, PIVOT_SHARE * math.sqrt(area / math.pi) / max(abs(center), 1e-9))
 

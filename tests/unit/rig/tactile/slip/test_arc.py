@@ -58,9 +58,13 @@ def test_a_lone_arc_leaves_a_share_open_that_grows_as_its_center_comes_near(
 def test_what_tells_a_turn_by_itself_leaves_nothing_open(direction_rad: float) -> None:
     across = direction_rad + math.pi / 2
     assert pivot_doubt(*field(line(direction_rad, 4.0), line(across, 4.0), within=DOME)) == 0.0
-    assert pivot_doubt(*field(arc(0j, 12.0), within=DOME)) == 0.0
     straight = pivot_doubt(*field(line(direction_rad, 4.0), within=DOME))
     assert straight < 0.05
+
+
+@given(st.floats(0.0, 2.0), st.floats(8.0, 14.0))
+def test_a_ring_around_the_middle_leaves_all_of_a_turn_open(off_px: float, radius: float) -> None:
+    assert pivot_doubt(*field(arc(complex(off_px), radius), within=DOME)) == 1.0
 
 
 def test_a_contact_without_slopes_leaves_nothing_open() -> None:

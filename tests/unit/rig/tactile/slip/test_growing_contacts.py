@@ -1,0 +1,44 @@
+"""A grip that grows from a quarter of a newton to eight turns nothing. SIMULATED."""
+
+import numpy as np
+import pytest
+
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.objects.catalogue import find_object
+from fakes.objects.surfaces import build_surface, depth_for_force
+from rig.tactile.slip.estimator import SlipEstimator
+
+FORCES_N = (*np.geomspace(0.25, 8.0, 48), *[8.0] * 6)
+RATE_HZ, BLANKS, SEED = 60.0, 8, 1
+
+
+def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angles from the first answer on, deg, and their sigmas; the contact grows threefold and more."""
+    surface = build_surface(find_object(object_id).sites[site], 1, SEED)
+    gel, rng = GelSensor(5 + SEED), np.random.default_rng(SEED)
+    blank = np.mean([gel.render(None, i / RATE_HZ, rng) for i in range(BLANKS)], 0).round().astype(np.uint8)
+    estimator = SlipEstimator(blank, 1.0)
+    samples = []
+    for i, force_n in enumerate(FORCES_N):
+        imprint = Imprint(surface, 0.0, depth_mm=depth_for_force(surface, force_n))
+        at_s = 1.0 + i / RATE_HZ
+        samples.append(estimator.update(gel.render(imprint, at_s, rng), round(at_s * 1e9)))
+    answered = [sample for sample in samples if sample.angle_deg is not None]
+    assert len(answered) > len(FORCES_N) // 2
+    assert answered[-1].contact_area_px > 3.0 * answered[0].contact_area_px
+    angles = np.array([sample.angle_deg for sample in answered], float)
+    return angles - angles[0], np.array([sample.sigma_deg for sample in answered], float)
+
+
+@pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t4", 0), ("t5", 2), ("t7", 1)])
+def test_a_contact_with_an_edge_stays_where_it_is(object_id: str, site: int) -> None:
+    angles, sigmas = drift(object_id, site)
+    assert np.abs(angles).max() < 0.5
+    assert (sigmas > 0.0).all()
+
+
+@pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
+def test_one_that_tells_little_says_so_as_it_grows(object_id: str, site: int) -> None:
+    """A barrel that is round both ways, and a rounded corner."""
+    angles, sigmas = drift(object_id, site)
+    assert (np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)).all()

@@ -58,7 +58,7 @@ def faults(
 
       rig benchmark faults --full --count 200 --jobs 8
 
-      rig benchmark faults --full --bench slow.toml --jobs 2
+      rig benchmark faults --full --bench slow.toml
 
     """
     config = _wire_bench(bench)

@@ -22,7 +22,7 @@ HOME = (0.45, 0.0, 0.30)
 
 @dataclass
 class WatchedArm(Arm):
-    """The simulated arm, where it was sent, how often it was stopped; lost after so many motions more."""
+    """The simulated arm, where it was sent, how often it was stopped; lost once it was sent so often."""
 
     arm: Arm
     sent: list[Pose] = field(default_factory=list)

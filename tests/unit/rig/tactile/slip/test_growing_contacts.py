@@ -3,26 +3,17 @@
 import numpy as np
 import pytest
 
-from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import find_object
-from fakes.objects.surfaces import build_surface, depth_for_force
-from rig.tactile.slip.estimator import SlipEstimator
+from fakes.objects.surfaces import build_surface
+from support.presses import followed_presses
 
 FORCES_N = (*np.geomspace(0.25, 8.0, 48), *[8.0] * 6)
-RATE_HZ, BLANKS, SEED = 60.0, 8, 1
 
 
 def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
     """Angles from the first answer on, deg, and their sigmas; the contact grows threefold and more."""
-    surface = build_surface(find_object(object_id).sites[site], 1, SEED)
-    gel, rng = GelSensor(5 + SEED), np.random.default_rng(SEED)
-    blank = np.mean([gel.render(None, i / RATE_HZ, rng) for i in range(BLANKS)], 0).round().astype(np.uint8)
-    estimator = SlipEstimator(blank, 1.0)
-    samples = []
-    for i, force_n in enumerate(FORCES_N):
-        imprint = Imprint(surface, 0.0, depth_mm=depth_for_force(surface, force_n))
-        at_s = 1.0 + i / RATE_HZ
-        samples.append(estimator.update(gel.render(imprint, at_s, rng), round(at_s * 1e9)))
+    surface = build_surface(find_object(object_id).sites[site], 1, seed=1)
+    samples = followed_presses(surface, [(force_n, 0.0) for force_n in FORCES_N], gel_seed=6)
     answered = [sample for sample in samples if sample.angle_deg is not None]
     assert len(answered) > len(FORCES_N) // 2
     assert answered[-1].contact_area_px > 3.0 * answered[0].contact_area_px
@@ -32,9 +23,8 @@ def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t4", 0), ("t5", 2), ("t7", 1)])
 def test_a_contact_with_an_edge_stays_where_it_is(object_id: str, site: int) -> None:
-    angles, sigmas = drift(object_id, site)
+    angles, _ = drift(object_id, site)
     assert np.abs(angles).max() < 0.5
-    assert (sigmas > 0.0).all()
 
 
 @pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])

@@ -3,26 +3,18 @@
 import numpy as np
 import pytest
 
-from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.shapes import Ball, ContactShape
-from fakes.objects.surfaces import build_surface, depth_for_force
+from fakes.objects.surfaces import build_surface
 from rig.tactile.sample import SlipSample, State
-from rig.tactile.slip.estimator import SlipEstimator
+from support.presses import followed_presses
 
 FORCE_N, STILL, TURNS_DEG = 4.0, 12, np.arange(0.0, 20.1, 0.8)
 
 
 def followed(ball: ContactShape, force_n: float = FORCE_N, seed: int = 3) -> list[SlipSample]:
     """A ball that rests for some frames, and then turns."""
-    surface, gel, rng = build_surface(ball, 1, seed), GelSensor(5), np.random.default_rng(1)
-    blank = np.mean([gel.render(None, i / 60, rng) for i in range(8)], 0).round().astype(np.uint8)
-    estimator = SlipEstimator(blank, 1.0)
-    samples = []
-    for i, turn in enumerate([0.0] * STILL + TURNS_DEG.tolist()):
-        depth = depth_for_force(surface, force_n, angle_deg=turn)
-        image = gel.render(Imprint(surface, turn, depth_mm=depth), 1.0 + i / 60, rng)
-        samples.append(estimator.update(image, round((1.0 + i / 60) * 1e9)))
-    return samples
+    presses = [(force_n, turn) for turn in [0.0] * STILL + TURNS_DEG.tolist()]
+    return followed_presses(build_surface(ball, 1, seed), presses)
 
 
 def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> ContactShape:

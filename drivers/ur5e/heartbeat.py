@@ -114,6 +114,9 @@ class Heartbeat:
         if silent_ns - self._waited_ns <= limit_ns and silent_ns <= self._longest_ns:
             return ""
         silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
+        if since_check_ns > silent_ns / 2:
+            stood_s = since_check_ns / NS_PER_S
+            return f"{silence}; for {stood_s:.2f} s of it the computer itself stood still"
         if self._waited_ns < silent_ns / 2:
             return f"{silence}: it hangs"
         waited_s = self._waited_ns / NS_PER_S

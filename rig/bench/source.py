@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
+import cv2
+from threadpoolctl import threadpool_limits
+
 from drivers.bench import Bench, Hand
 from drivers.errors import InputError
 from drivers.realtime import realtime
@@ -160,6 +163,7 @@ class StandingBench(BenchSource):
     def _open(self) -> Bench:
         config = self._config if self._config.fakes is None else self._reach_fakes(self._config)
         sys.setswitchinterval(SWITCH_S)
+        _compute_in_one_thread()
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
             readings = read_devices(bench)
@@ -195,6 +199,15 @@ class StandingBench(BenchSource):
     def _let_go(self) -> None:
         self._connected = False
         self._connection.close()
+
+
+def _compute_in_one_thread() -> None:
+    """Keep libraries from threads of their own, which get no core on a busy computer: a lift waits for them.
+
+    A frame took up to three seconds so.
+    """
+    cv2.setNumThreads(1)
+    threadpool_limits(1)
 
 
 @contextmanager

@@ -126,6 +126,15 @@ def test_a_program_without_a_core_gets_its_time_but_no_motion_goes_on_unwatched(
     assert "too busy" in watched.heartbeat.halted
 
 
+def test_a_computer_that_stands_still_is_not_taken_for_a_program_that_hangs(state: SharedState) -> None:
+    watched = Watched(state, ScriptedProgram())
+    watched.look()
+    watched.pass_unchecked(0.5)  # a virtual machine that was held: neither the program nor who watches it ran
+    watched.heartbeat.check()
+    assert watched.control.stops == 1
+    assert "0.50 s of it the computer itself stood still" in watched.heartbeat.halted
+
+
 def test_who_waits_for_a_slow_controller_is_not_blamed_for_it_and_may_hang_no_longer(
     state: SharedState,
 ) -> None:

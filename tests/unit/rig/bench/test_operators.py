@@ -2,7 +2,9 @@
 
 from typing import Any
 
+import cv2
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError, InputError, OperatorStopError
@@ -111,6 +113,22 @@ def test_devices_that_cannot_be_read_are_one_message_and_nobody_is_asked() -> No
     assert text.startswith("5 of 5 devices cannot be read, nothing was started: SIM-D0001: ")
     assert text.count("SIM-D0002") == text.count("/dev/video99") == 1
     assert "127.0.0.9" in text
+
+
+def test_a_lift_in_real_time_never_waits_for_the_helpers_of_a_library() -> None:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        with (
+            threadpool_limits(2),
+            session_bench(unreachable(), ConsoleOperator(lambda _: True), "Begin?") as benches,
+        ):
+            with pytest.raises(DeviceError):
+                benches.begin()
+            assert cv2.getNumThreads() == 1
+            assert {library["num_threads"] for library in threadpool_info()} == {1}
+    finally:
+        cv2.setNumThreads(before)
 
 
 def unreachable() -> BenchConfig:

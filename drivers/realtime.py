@@ -2,6 +2,7 @@
 
 import gc
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -9,14 +10,15 @@ LOWEST_REAL_TIME = 1
 
 
 def ask_for_realtime() -> None:
-    """Ask for the lowest real-time priority for this thread and what it starts from now on.
+    """Ask for the lowest real-time priority for this process's threads and what they start from now on.
 
-    Granted to root, and to users with an `rtprio` limit (/etc/security/limits.conf); elsewhere
-    nothing changes. Only for threads that sleep most of the time: they run before everything else.
+    All of them: one that has the interpreter and gets no core keeps the others waiting. Granted to root, and
+    to users with an `rtprio` limit (/etc/security/limits.conf); elsewhere nothing changes. Only for threads
+    that sleep most of the time: they run before everything else.
     Garbage collection no longer looks at the objects that exist now; a pass over them takes up to 0.1 s.
     """
-    with suppress(OSError, AttributeError):  # not allowed, or a system without it
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOWEST_REAL_TIME))
+    for thread in _ordinary_threads():
+        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
     gc.collect()
     gc.freeze()
 
@@ -24,13 +26,31 @@ def ask_for_realtime() -> None:
 @contextmanager
 def realtime() -> Iterator[None]:
     """Run the block at real-time priority; threads started in it keep theirs."""
+    before = _ordinary_threads()
     ask_for_realtime()
     try:
         yield
     finally:
         gc.unfreeze()
-        with suppress(OSError, AttributeError):
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        for thread in before:
+            _schedule(thread, os.SCHED_OTHER, 0)
+
+
+def _ordinary_threads() -> list[int]:
+    """Return the interpreter's own threads at ordinary priority, none where a system has no other."""
+    if not hasattr(os, "sched_getscheduler"):
+        return []
+    found = []
+    for thread in threading.enumerate():
+        with suppress(OSError):  # it has ended just now
+            if thread.native_id and os.sched_getscheduler(thread.native_id) == os.SCHED_OTHER:
+                found.append(thread.native_id)
+    return found
+
+
+def _schedule(thread: int, policy: int, priority: int) -> None:
+    with suppress(OSError):  # not allowed, or ended
+        os.sched_setscheduler(thread, policy, os.sched_param(priority))
 
 
 @contextmanager

@@ -115,8 +115,7 @@ class Heartbeat:
             return ""
         silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
         if since_check_ns > silent_ns / 2:
-            stood_s = since_check_ns / NS_PER_S
-            return f"{silence}; for {stood_s:.2f} s of it the computer itself stood still"
+            return f"{silence}; for {since_check_ns / NS_PER_S:.2f} s of it nothing here ran that watches it"
         if self._waited_ns < silent_ns / 2:
             return f"{silence}: it hangs"
         waited_s = self._waited_ns / NS_PER_S

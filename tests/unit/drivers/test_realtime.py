@@ -2,19 +2,48 @@
 
 import gc
 import os
+import threading
+from collections.abc import Iterator
 
 import pytest
 
 from drivers.realtime import ask_for_realtime, ordinary, realtime
 
 
-def test_the_lowest_real_time_priority_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, int, int]] = []
-    monkeypatch.setattr(
-        os, "sched_setscheduler", lambda pid, policy, p: asked.append((pid, policy, p.sched_priority))
-    )
+class Asked:
+    """Notes what threads are asked for; nothing changes."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.of: list[tuple[int, int, int]] = []
+        monkeypatch.setattr(
+            os,
+            "sched_setscheduler",
+            lambda thread, policy, p: self.of.append((thread, policy, p.sched_priority)),
+        )
+
+    def of_thread(self, thread: int) -> list[int]:
+        return [policy for asked, policy, _ in self.of if asked == thread]
+
+
+@pytest.fixture
+def other() -> Iterator[int]:
+    """A thread of this process that waits."""
+    over = threading.Event()
+    thread = threading.Thread(target=over.wait)
+    thread.start()
+    assert thread.native_id is not None
+    yield thread.native_id
+    over.set()
+    thread.join()
+
+
+def test_the_lowest_real_time_priority_is_asked_for_all_threads(
+    monkeypatch: pytest.MonkeyPatch, other: int
+) -> None:
+    asked = Asked(monkeypatch)
     ask_for_realtime()
-    assert asked == [(0, os.SCHED_RR, os.sched_get_priority_min(os.SCHED_RR))]
+    lowest = os.sched_get_priority_min(os.SCHED_RR)
+    assert {(threading.get_native_id(), os.SCHED_RR, lowest), (other, os.SCHED_RR, lowest)} <= set(asked.of)
 
 
 def test_a_refusal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,13 +55,19 @@ def test_a_refusal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
-def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, p: asked.append(policy))
+def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch, other: int) -> None:
+    asked = Asked(monkeypatch)
     with realtime():
         assert gc.get_freeze_count() > 0
+        over = threading.Event()
+        begun_within = threading.Thread(target=over.wait)
+        begun_within.start()
+    over.set()
+    begun_within.join()
     assert gc.get_freeze_count() == 0
-    assert asked == [os.SCHED_RR, os.SCHED_OTHER]
+    for thread in (threading.get_native_id(), other):
+        assert asked.of_thread(thread) == [os.SCHED_RR, os.SCHED_OTHER]
+    assert not asked.of_thread(begun_within.native_id or 0), "a device's thread keeps what it began with"
 
 
 def test_what_computes_while_it_waits_has_no_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,16 +3,18 @@
 Noise is the smaller part: thousands of pixels average it away. What remains is the gel giving way
 at the contact's edge, colours that saturate, a map learnt on one picture. Such errors grow with
 what the alignment leaves unexplained and shrink with what a turn changes, so their sigma is taken
-proportional to misfit over the root of contrast. The factor was fitted on simulated lifts of two
-renderers so that 95 % of errors or more lie within two sigma (half of the lifts are within half a sigma:
-it is a bound for the hard ones rather than a fit to the easy ones).
+proportional to misfit over the root of contrast. The factor was fitted on objects by which nothing
+is judged: the simulated ones that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87,
+90 and 91 % of their answers are within two sigma; the least that keeps nine in ten was taken. What
+remains is not of this kind: half of it is where an object jerks, between two frames of the markers;
+the rest are three contacts whose ends belong to the gel.
 """
 
 import math
 
 from rig.tactile.slip.registration import Alignment
 
-SYSTEMATIC_RAD = math.radians(8.0)
+SYSTEMATIC_RAD = math.radians(6.5)
 FLOOR_RAD = math.radians(0.03)
 # Width over height of a pixel on the gel, one sigma: unknown, and from a calibration. Turned by d, a
 # long contact whose pixels are wider by the share a is seen up to a sin(d) off.

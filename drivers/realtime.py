@@ -25,26 +25,42 @@ def ask_for_realtime() -> None:
 
 @contextmanager
 def realtime() -> Iterator[None]:
-    """Run the block at real-time priority; threads started in it keep theirs."""
-    before = _ordinary_threads()
-    ask_for_realtime()
+    """Run the block at real-time priority, without garbage collection of what exists now."""
+    with before_others():
+        gc.collect()
+        gc.freeze()
+        try:
+            yield
+        finally:
+            gc.unfreeze()
+
+
+@contextmanager
+def before_others() -> Iterator[None]:
+    """Run the block at real-time priority, where that is granted; threads started in it keep theirs."""
+    threads = _ordinary_threads()
+    for thread in threads:
+        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
     try:
         yield
     finally:
-        gc.unfreeze()
-        for thread in before:
-            _schedule(thread, os.SCHED_OTHER, 0)
+        for thread, policy in threads.items():
+            _schedule(thread, policy, 0)
 
 
-def _ordinary_threads() -> list[int]:
-    """Return the interpreter's own threads at ordinary priority, none where a system has no other."""
+def _ordinary_threads() -> dict[int, int]:
+    """Return the interpreter's own threads without real-time priority, and how they are scheduled.
+
+    None where a system has no such priority.
+    """
     if not hasattr(os, "sched_getscheduler"):
-        return []
-    found = []
-    for thread in threading.enumerate():
+        return {}
+    found: dict[int, int] = {}
+    for thread in filter(None, (thread.native_id for thread in threading.enumerate())):
         with suppress(OSError):  # it has ended just now
-            if thread.native_id and os.sched_getscheduler(thread.native_id) == os.SCHED_OTHER:
-                found.append(thread.native_id)
+            policy = os.sched_getscheduler(thread)
+            if policy not in (os.SCHED_RR, os.SCHED_FIFO):
+                found[thread] = policy
     return found
 
 

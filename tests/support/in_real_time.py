@@ -1,15 +1,20 @@
-"""Tests in real time: skipped, not failed, where the computer had no time for them, and named at the end."""
+"""Tests in real time: before all others, and skipped, not failed, where the computer had no time for them.
+
+Those are named at the end.
+"""
 
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Generator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import CalibrationError, DeviceError
+from drivers.realtime import before_others
 from support.waking import MOST_OTHERS_CORES
 
 MOST_LATE_S = 0.05
@@ -28,9 +33,10 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
         # a worker's tests are the whole run's: what its sisters compute is no business of others
         root = os.getppid() if "PYTEST_XDIST_WORKER" in os.environ else os.getpid()
         command = [sys.executable, "-I", "-S", str(WAKING), str(root)]
-        item.stash[_watch] = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        with before_others():
+            item.stash[_watch] = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
     return (yield from _in_time(item))
 
 
@@ -55,7 +61,8 @@ def _in_time(item: pytest.Item) -> Generator[None]:
     """Go on with a test marked `real_time`; where it fails and the computer had no time, skip it."""
     watch = item.stash.get(_watch, None)
     try:
-        return (yield)
+        with nullcontext() if watch is None else before_others():
+            return (yield)
     except LATENESS as failure:
         if watch is None or watch.poll() is not None:
             raise

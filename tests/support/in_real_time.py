@@ -1,6 +1,6 @@
-"""Tests in real time: before all others, and skipped, not failed, where the computer had no time for them.
+"""Tests in real time: before other programs by priority, where that is granted.
 
-Those are named at the end.
+Skipped, not failed, where the computer had no time for them all the same; those are named at the end.
 """
 
 import json

@@ -1,9 +1,9 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
-Real time comes first, on one worker, at real-time priority: what the other workers compute waits for it.
-Where that priority is not granted it has two cores to itself: simulated devices and their drivers take more
-than one, and fall behind where they get less. Tests in real time that mostly wait, `real_time(beside=True)`,
-run beside the others in real time, on a second worker. Then come the folders whose files take longest.
+Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers
+take more than one, and fall behind where they get less. Beside what other tests compute one in a hundred
+failed even at real-time priority. Tests in real time that mostly wait, `real_time(beside=True)`, run
+beside the others in real time, on a second worker. Then come the folders whose files take longest.
 Hardware is driven by one process: with `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
@@ -15,13 +15,10 @@ import os
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import TextIO
 
 import pytest
-
-from drivers.realtime import before_others
 
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
@@ -69,9 +66,9 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_runtest_protocol(
     item: pytest.Item, nextitem: pytest.Item | None
 ) -> Generator[None, object, object]:
-    """Leave two cores to tests in real time while there are any, unless these come first anyway."""
+    """Leave two cores to tests in real time while there are any."""
     alone = "PYTEST_XDIST_WORKER" not in os.environ
-    if alone or _comes_first() or not any(_group(other) == REAL_TIME for other in item.session.items):
+    if alone or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
     # Of a worker this is a folder of its own, beside those of the others.
     over = Path(str(item.config.getoption("basetemp"))).parent / "real_time_is_over"
@@ -85,13 +82,6 @@ def pytest_runtest_protocol(
     finally:
         if nextitem is None or _group(nextitem) != REAL_TIME:
             over.touch()
-
-
-@cache
-def _comes_first() -> bool:
-    """Whether real-time priority is granted to who asks for it."""
-    with before_others():
-        return hasattr(os, "SCHED_RR") and os.sched_getscheduler(0) == os.SCHED_RR
 
 
 @contextmanager

@@ -115,7 +115,8 @@ class Heartbeat:
             return ""
         silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
         if since_check_ns > silent_ns / 2:
-            return f"{silence}; for {since_check_ns / NS_PER_S:.2f} s of it nothing here ran that watches it"
+            stood_s = since_check_ns / NS_PER_S
+            return f"{silence}; for {stood_s:.2f} s of it the process that watches it stood still as well"
         if self._waited_ns < silent_ns / 2:
             return f"{silence}: it hangs"
         waited_s = self._waited_ns / NS_PER_S

@@ -143,7 +143,7 @@ def test_a_computer_that_stood_still_is_not_taken_for_a_program_that_hangs(state
     watched.pass_unchecked(0.5)  # a virtual machine that was held: neither the program nor who watches it ran
     watched.heartbeat.check()
     assert watched.control.stops == 1
-    assert "0.50 s of it nothing here ran" in watched.heartbeat.halted
+    assert "0.50 s of it the process that watches it stood still" in watched.heartbeat.halted
 
 
 def test_who_waits_for_a_slow_controller_is_not_blamed_for_it_and_may_hang_no_longer(

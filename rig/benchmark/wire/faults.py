@@ -137,6 +137,11 @@ class FaultyBench(StandingBench):
         self._grasp_m = config.table.position_m[2]
         self._results = results
 
+    def begin(self) -> None:
+        """Mend what is left of the last case, as a person does before a trial goes on, then begin."""
+        self._control.call("fault", device="all", kind="clear")
+        super().begin()
+
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Give the bench, mended where the time has come, with the fault on its way."""
@@ -228,14 +233,15 @@ def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> 
     """Run the trial; where it ends after three faults in a row, resume it, as a person would.
 
     A case has failed where the attempts after its mending have. attempts: the cases of the attempts so far.
-    Raises `DeviceError` where a lift fails again after that.
+    Raises `DeviceError` where a lift fails again after that, and where none is tried.
     """
     while True:
+        before = len(attempts)
         try:
             run(resume=bool(attempts))
             return
         except DeviceError:
-            if not attempts or attempts[-1].given_up:
+            if len(attempts) == before or attempts[-1].given_up:
                 raise
             case = attempts[-1]
             tried = sum(attempt is case for attempt in attempts) - case.case.mended_after

@@ -235,6 +235,7 @@ def test_who_runs_only_where_nobody_else_does_waits_for_its_core(started: "subpr
         try:
             time.sleep(0.2)
             os.sched_setaffinity(other.pid, core)
+            os.sched_setscheduler(other.pid, os.SCHED_OTHER, os.sched_param(0))
             for thread in os.listdir(f"/proc/{started.pid}/task"):
                 os.sched_setaffinity(int(thread), core)
                 os.sched_setscheduler(int(thread), os.SCHED_IDLE, os.sched_param(0))

@@ -60,6 +60,19 @@ def test_a_bench_on_which_nothing_works_ends_the_benchmark() -> None:
     assert len(attempts) == 6
 
 
+def test_a_bench_that_cannot_be_reached_again_ends_the_benchmark() -> None:
+    attempts: list[FaultResult] = []
+
+    def run(resume: bool) -> None:
+        if not resume:
+            attempts.extend([FaultResult(next(case for case in CASES if case.mended_after == 2))] * 3)
+        raise DeviceError("remote control is off")
+
+    with pytest.raises(DeviceError, match="remote control is off"):
+        _run_to_the_end(run, attempts)
+    assert len(attempts) == 3
+
+
 def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more() -> None:
     case = FaultResult(next(case for case in CASES if case.mended_after == 2))
     attempts: list[FaultResult] = []

@@ -14,13 +14,11 @@ from typing import Any
 
 from drivers.vectors import Vector3
 
-# Native, so that it is written as one word: a standard format is written byte by byte, and
-# another process could read a count that never was.
-_COUNT = struct.Struct("@Q")
+_WORD = 8
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
-_LOOKED = _COUNT.size + 2 * _SAMPLE.size
-"""Place of the last look, a whole word."""
-_SIZE = _LOOKED + _COUNT.size
+_COUNT, _LOOKED = 0, 1 + 2 * _SAMPLE.size // _WORD
+"""Words: of the counter, and of the last look."""
+_SIZE = _WORD * (_LOOKED + 1)
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -63,16 +61,19 @@ class SharedState:
         if fd is None:
             os.ftruncate(self.fd, _SIZE)
         self._memory = mmap.mmap(self.fd, _SIZE)
+        # Written whole: `struct` clears a place before it writes there, and another process would read the 0.
+        self._words = memoryview(self._memory).cast("Q")
 
     def close(self) -> None:
         """Let go of the memory. Safe to call twice."""
         if not self._memory.closed:
+            self._words.release()
             self._memory.close()
             os.close(self.fd)
 
     def write(self, sample: StateSample) -> None:
         """Publish a sample; one process writes."""
-        (count,) = _COUNT.unpack_from(self._memory)
+        count = self._words[_COUNT]
         _SAMPLE.pack_into(
             self._memory,
             _place(count + 1),
@@ -82,32 +83,31 @@ class SharedState:
             *(sample.robot_mode, sample.safety_bits, sample.status_bits, sample.runtime_state),
             *(sample.samples, sample.gaps),
         )
-        _COUNT.pack_into(self._memory, 0, count + 1)
+        self._words[_COUNT] = count + 1
 
     def look(self, time_ns: int) -> None:
         """Say that the program that drives the arm looks at it now, monotonic time."""
         with contextlib.suppress(ValueError):  # closed
-            _COUNT.pack_into(self._memory, _LOOKED, time_ns)
+            self._words[_LOOKED] = time_ns
 
     def looked_ns(self) -> int:
         """When it looked last; 0 before the first time."""
-        return int(_COUNT.unpack_from(self._memory, _LOOKED)[0])
+        return self._words[_LOOKED]
 
     def read(self) -> StateSample | None:
         """The newest sample; None before the first and after `close`."""
         try:
             while True:
-                (count,) = _COUNT.unpack_from(self._memory)
+                count = self._words[_COUNT]
                 values = _SAMPLE.unpack_from(self._memory, _place(count))
-                (after,) = _COUNT.unpack_from(self._memory)
-                if after == count:  # otherwise its place may have been written anew meanwhile
+                if self._words[_COUNT] == count:  # otherwise its place may have been written anew meanwhile
                     return _sample(values) if count else None
         except ValueError:  # closed, maybe by another thread just now
             return None
 
 
 def _place(count: int) -> int:
-    return _COUNT.size + count % 2 * _SAMPLE.size
+    return _WORD + count % 2 * _SAMPLE.size
 
 
 def _sample(values: tuple[Any, ...]) -> StateSample:

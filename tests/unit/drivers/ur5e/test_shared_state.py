@@ -1,0 +1,32 @@
+"""Memory that one process writes and another reads, without locks."""
+
+import subprocess
+import sys
+
+from drivers.ur5e.shared_state import SharedState
+
+READING = """
+import sys
+from drivers.ur5e.shared_state import SharedState
+state = SharedState(int(sys.argv[1]))
+least = state.looked_ns()
+print(flush=True)
+for _ in range(400_000):
+    least = min(least, state.looked_ns())
+print(least)
+"""
+
+
+def test_a_look_is_never_read_half_written() -> None:
+    """One that was read as 0 stopped an arm whose program looked."""
+    state = SharedState()
+    state.look(1000)
+    command = [sys.executable, "-c", READING, str(state.fd)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, pass_fds=(state.fd,)) as reader:
+        assert reader.stdout is not None
+        reader.stdout.readline()
+        while reader.poll() is None:
+            for time_ns in range(1000, 2000):
+                state.look(time_ns)
+        assert int(reader.stdout.read()) >= 1000
+    state.close()

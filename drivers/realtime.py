@@ -17,18 +17,15 @@ def ask_for_realtime() -> None:
     that sleep most of the time: they run before everything else.
     Garbage collection no longer looks at the objects that exist now; a pass over them takes up to 0.1 s.
     """
-    for thread in _ordinary_threads():
-        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
-    gc.collect()
-    gc.freeze()
+    _come_first()
+    _keep_from_collection()
 
 
 @contextmanager
 def realtime() -> Iterator[None]:
     """Run the block at real-time priority, without garbage collection of what exists now."""
     with before_others():
-        gc.collect()
-        gc.freeze()
+        _keep_from_collection()
         try:
             yield
         finally:
@@ -38,14 +35,25 @@ def realtime() -> Iterator[None]:
 @contextmanager
 def before_others() -> Iterator[None]:
     """Run the block at real-time priority, where that is granted; threads started in it keep theirs."""
-    threads = _ordinary_threads()
-    for thread in threads:
-        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
+    before = _come_first()
     try:
         yield
     finally:
-        for thread, policy in threads.items():
+        for thread, policy in before.items():
             _schedule(thread, policy, 0)
+
+
+def _come_first() -> dict[int, int]:
+    """Ask for real-time priority for the threads without it; return them and how they were scheduled."""
+    threads = _ordinary_threads()
+    for thread in threads:
+        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
+    return threads
+
+
+def _keep_from_collection() -> None:
+    gc.collect()
+    gc.freeze()
 
 
 def _ordinary_threads() -> dict[int, int]:

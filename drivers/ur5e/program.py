@@ -9,7 +9,7 @@ CPUCLOCK_SCHED = 2
 
 
 class Program:
-    """A process. Where the system does not tell (no /proc), it counts as at work."""
+    """A process, with all its threads. Where the system does not tell (no /proc), it counts as at work."""
 
     def __init__(self, pid: int) -> None:
         self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")

@@ -33,7 +33,7 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
         # a worker's tests are the whole run's: what its sisters compute is no business of others
         root = os.getppid() if "PYTEST_XDIST_WORKER" in os.environ else os.getpid()
         command = [sys.executable, "-I", "-S", str(WAKING), str(root)]
-        with before_others():
+        with before_others():  # as the test: what keeps it waiting keeps the test waiting
             item.stash[_watch] = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
             )

@@ -1,10 +1,9 @@
 """Which tests run side by side: a file at a time on each core, tests in real time one after the other.
 
 Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers
-take more than one, and fall behind where they get less. Beside what other tests compute one in a hundred
-failed even at real-time priority. Tests in real time that mostly wait, `real_time(beside=True)`, run
-beside the others in real time, on a second worker. Then come the folders whose files take longest.
-Hardware is driven by one process: with `--bench` there are no workers.
+take more than one, and fall behind where they get less. Tests in real time that mostly wait,
+`real_time(beside=True)`, run beside the others in real time, on a second worker. Then come the folders
+whose files take longest. Hardware is driven by one process: with `--bench` there are no workers.
 
 There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
 another computes.

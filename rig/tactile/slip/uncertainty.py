@@ -6,8 +6,8 @@ what the alignment leaves unexplained and shrink with what a turn changes, so th
 proportional to misfit over the root of contrast. The factor was fitted on objects by which nothing
 is judged: the simulated ones that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87,
 90 and 91 % of their answers are within two sigma; the least that keeps nine in ten was taken. What
-remains is not of this kind: half of it is where an object jerks, between two frames of the markers;
-the rest are three bent contacts, off by 5 to 15 % of the turn.
+remains is not of this kind: seven tenths of it are three bent contacts, off by 5 to 15 % of the turn;
+elsewhere an object jerks between two frames of the markers.
 """
 
 import math

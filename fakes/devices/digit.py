@@ -14,7 +14,6 @@ from fakes.gel.codec import coded
 from fakes.gel.dots import Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Variation
-from fakes.objects.soft_faces import Bulge
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.slip import PAD_M, SLIDE_M_PER_RAD
@@ -90,7 +89,7 @@ class FakeDigit(FakeSource, TactileSensor):
         """The touched surface, and the depth it is pressed to over a grid of forces."""
         key = (grasp, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
-            kind, bulge = self._face(grasp)
+            kind, bulge = self._conditions.face(grasp.site.contact)
             if kind is None:
                 surface = build_surface(grasp.site, self._side, self._world.seed)
             else:
@@ -99,12 +98,6 @@ class FakeDigit(FakeSource, TactileSensor):
             depths = np.array([depth_for_force(surface, float(force), **at) for force in _FORCE_GRID_N])
             self._pressed = (key, surface, depths)
         return self._pressed[1], self._pressed[2]
-
-    def _face(self, grasp: Grasp) -> tuple[str | None, Bulge | None]:
-        """The soft face of a hard lift; none on what is made to size, or smooth and round."""
-        contact, conditions = grasp.site.contact, self._conditions
-        soft = not (contact.exact or contact.smooth_round)
-        return (conditions.kind, conditions.bulge) if soft else (None, None)
 
     def _imprint(self, state: WorldState) -> Imprint | None:
         grasp = self._world.grasp
@@ -115,7 +108,7 @@ class FakeDigit(FakeSource, TactileSensor):
         force_n = state.force_n
         if not grasp.site.contact.exact:
             force_n *= self._conditions.pressed_more(math.degrees(_slipped(state)))
-        bulge = self._face(grasp)[1]
+        bulge = self._conditions.face(grasp.site.contact)[1]
         return Imprint(
             surface=surface,
             angle_deg=math.degrees(self._side * turn),
@@ -148,7 +141,7 @@ class FakeDigit(FakeSource, TactileSensor):
         x, y = _turned(px, py, turn_rad)
         across = variation.misplacement_m[0] * 1e3 + px - x
         down = variation.misplacement_m[1] * 1e3 + py - y + state.slide_m * 1e3
-        if self._face(grasp)[1] is not None:
+        if self._conditions.face(grasp.site.contact)[1] is not None:
             roll_x, roll_y = self._conditions.roll_mm_per_rad
             across, down = across + roll_x * _slipped(state), down + roll_y * _slipped(state)
         return self._side * across + off_x, down + off_y

@@ -12,6 +12,7 @@ import numpy as np
 
 from fakes.gel.codec import Codec, draw_codec
 from fakes.gel.variation import FAMILY, Variation
+from fakes.objects.shapes import ContactShape
 from fakes.objects.soft_faces import KINDS, Bulge, draw_bulge
 
 Difficulty = Literal["easy", "hard"]
@@ -49,6 +50,14 @@ class Conditions:
     def pressed_more(self, turn_deg: float) -> float:
         """Return how many times as hard the press is at a turn."""
         return self.press * (1.0 + self.growth * min(abs(turn_deg) / GROWTH_OVER_DEG, 1.0))
+
+    def face(self, contact: ContactShape) -> tuple[str | None, Bulge | None]:
+        """Return the soft face in place of a contact's own, and its bulge.
+
+        None for both on what is made to size, or smooth and round.
+        """
+        soft = not (contact.exact or contact.smooth_round)
+        return (self.kind, self.bulge) if soft else (None, None)
 
 
 EASY = Conditions()

@@ -50,12 +50,12 @@ def training_frames(
     rng = np.random.default_rng((seed, 41))
     while True:
         unit = GelSensor(int(rng.integers(1 << 31)), variation=FAMILY if family else draw_variation(rng))
-        background = _reference(unit, rng)
+        background = mean_at_rest(unit, rng)
         yield [_frame(unit, background, objects, random_share, rng) for _ in range(FRAMES_PER_UNIT)]
 
 
-def _reference(unit: GelSensor, rng: np.random.Generator) -> Image:
-    """The unit's mean frame without contact, taken before the light begins to drift."""
+def mean_at_rest(unit: GelSensor, rng: np.random.Generator) -> Image:
+    """Return a unit's mean frame without contact, taken before the light begins to drift."""
     total = sum(unit.render(None, 0.0, rng).astype(np.float32) for _ in range(REFERENCE_FRAMES))
     return np.rint(total / np.float32(REFERENCE_FRAMES)).astype(np.uint8)
 

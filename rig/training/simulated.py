@@ -1,6 +1,6 @@
 """Simulated frames with their labels, in memory at the size that networks see."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -23,8 +23,18 @@ def simulated_examples(
 
     size: (width, height) in px that frames are kept at. The same seed gives the same frames.
     """
+    return examples_of(training_frames(objects, seed, random_share, family), count, size, progress)
+
+
+def examples_of(
+    units: Iterable[Sequence[TrainingFrame]],
+    count: int,
+    size: tuple[int, int],
+    progress: Callable[[int], None] = lambda done: None,
+) -> Examples:
+    """Keep the first so many frames of units, at (width, height) `size`."""
     frames, backgrounds, labels, ids = [], [], [], []
-    for unit in training_frames(objects, seed, random_share, family):
+    for unit in units:
         for shown in unit:
             frames.append(sized(shown.image, size))
             backgrounds.append(sized(shown.background, size))

@@ -8,8 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rich.markup import render
 
 from support.command_line import rig
+from support.documentation import commands
 
 HEAVY = {
     "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
@@ -46,6 +48,16 @@ def test_every_command_has_help_with_examples(command: str) -> None:
     assert done.returncode == 0
     assert "Examples" in done.stdout
     assert f"rig {command}" in done.stdout
+
+
+def test_no_help_loses_what_stands_in_brackets() -> None:
+    lost = [
+        f"{name} {option.opts[0]}: {option.help}"
+        for name, command in commands().items()
+        for option in command.params
+        if (said := getattr(option, "help", None)) and render(said).plain != said.replace("\\[", "[")
+    ]
+    assert lost == []
 
 
 def test_a_trial_prints_one_json_object_and_says_simulated(

@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from rig.cli.main import app
 
@@ -57,12 +57,15 @@ def parse(line: str, may_be_a_name: bool = False) -> str:
     return " ".join(names)
 
 
-def commands() -> set[str]:
-    """Every command of the program, as `fakes serve`."""
+def commands() -> dict[str, TyperCommand]:
+    """Every command of the program by its name, as `fakes serve`."""
 
-    def below(command: object, name: str) -> set[str]:
+    def below(command: object, name: str) -> dict[str, TyperCommand]:
         if not isinstance(command, TyperGroup):
-            return {name}
-        return set().union(*(below(c, f"{name} {n}".strip()) for n, c in command.commands.items()))
+            return {name: command}
+        found: dict[str, TyperCommand] = {}
+        for word, inner in command.commands.items():
+            found |= below(inner, f"{name} {word}".strip())
+        return found
 
     return below(typer.main.get_command(app), "")

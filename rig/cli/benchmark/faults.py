@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import Exit, JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
 from rig.cli.places import folder_place
 
@@ -30,7 +31,7 @@ def faults(
     ] = 1000,
     bench: Annotated[
         str,
-        typer.Option("--bench", help="wire, or the path of a bench file whose [fakes] are started for it."),
+        typer.Option("--bench", help="wire, or the path of a bench file whose \\[fakes] are started for it."),
     ] = "wire",
     out: Annotated[
         Path | None, typer.Option("--out", help="Session folder of the lifts.", callback=folder_place)
@@ -40,6 +41,7 @@ def faults(
         int,
         typer.Option("--jobs", min=1, max=64, help="Benches side by side with --full; about a core each."),
     ] = 1,
+    readme: ReadmeOption = None,
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:
@@ -47,23 +49,30 @@ def faults(
 
     Runs in real time, about 25 s a lift. Exit code 4 when a fault was not seen, not named, not
     made safe within a second, something was dropped, or the next lift did not run. With --full the
-    worst case is filmed, into worst.avi.
+    worst case is filmed, into worst.avi, and --readme takes the table.
 
     Examples:
       rig benchmark faults
 
       rig benchmark faults --case arm --case "gripper: silent" --json
 
-      rig benchmark faults --full --out campaign --resume
+      rig benchmark faults --full --out campaign --resume --readme docs/wire.md
 
       rig benchmark faults --full --count 200 --jobs 8
 
       rig benchmark faults --full --bench slow.toml
 
     """
+    from drivers.errors import InputError
+    from rig.benchmark.readme import check_readme
+
     config = _wire_bench(bench)
+    if readme is not None:
+        if not full:
+            raise InputError("--readme takes the table of a campaign: give --full as well")
+        check_readme(readme, "faults")
     if full:
-        _campaign(config, session_folder(out, resume, "faults"), seed, count, resume, jobs, json)
+        _campaign(config, session_folder(out, resume, "faults"), seed, count, resume, jobs, readme, json)
     else:
         _each_once(config, cases, session_folder(out, False, "faults"), json)
 
@@ -83,13 +92,28 @@ def _wire_bench(name: str) -> "BenchConfig":
 
 
 def _campaign(
-    config: "BenchConfig", folder: Path, seed: int, count: int, resume: bool, jobs: int, json: bool
+    config: "BenchConfig",
+    folder: Path,
+    seed: int,
+    count: int,
+    resume: bool,
+    jobs: int,
+    readme: Path | None,
+    json: bool,
 ) -> None:
-    from rig.benchmark.wire.campaign import count_faults, judge_campaign, plan_campaign, run_campaign, worst
+    from rig.benchmark.readme import write_section
+    from rig.benchmark.wire.campaign import (
+        campaign_section,
+        count_faults,
+        judge_campaign,
+        plan_campaign,
+        run_campaign,
+        worst,
+    )
 
     plan = plan_campaign(seed, count)
-    told = f"{count_faults(plan)} faults in {len(plan)} lifts at random moments"
-    say(f"SIMULATED bench '{config.name}', {told}, seed {seed}, folder {folder}")
+    told = f"SIMULATED, {count_faults(plan)} faults in {len(plan)} lifts at random moments, seed {seed}"
+    say(f"{told}; bench '{config.name}', folder {folder}")
     rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), config, jobs)
     limits = judge_campaign(rows)
     if json:
@@ -101,6 +125,8 @@ def _campaign(
         _print_campaign(config.name, rows)
         if found := worst(rows):
             say(f"longest until standstill: {_line(found)}")
+    if readme is not None:
+        write_section(readme, "faults", campaign_section(told, rows))
     exit_where_missed(limits)
 
 

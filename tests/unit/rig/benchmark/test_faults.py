@@ -19,6 +19,7 @@ from rig.benchmark.wire.campaign import (
     _parts_left,
     _pictures,
     campaign_rows,
+    campaign_section,
     count_faults,
     judge_campaign,
     plan_campaign,
@@ -204,3 +205,11 @@ def test_the_table_has_a_row_for_each_fault() -> None:
     table = campaign_rows([row(), row(faults=[], detected_ns=0, stage=Stage.RELEASE)])
     assert len(table) == len(CASES)
     assert table[0][1:] == ["2", "0", "0.20", "0.20", "0.30", "1", "0", "2 of 2", "2 of 2"]
+
+
+def test_a_page_takes_the_table_with_its_limits() -> None:
+    section = campaign_section("SIMULATED, 2 faults", [row(), row(recovered=False)])
+    head, _, *lines = section.splitlines()
+    assert head == "SIMULATED, 2 faults."
+    assert sum(line.startswith("| ") for line in lines) == len(CASES) + 2
+    assert "- lifts after a fault that did not run: 1 (at most 0)" in lines

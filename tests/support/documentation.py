@@ -3,9 +3,10 @@
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 from rig.cli.main import app
 
@@ -57,13 +58,13 @@ def parse(line: str, may_be_a_name: bool = False) -> str:
     return " ".join(names)
 
 
-def commands() -> dict[str, TyperCommand]:
+def commands() -> dict[str, Any]:
     """Every command of the program by its name, as `fakes serve`."""
 
-    def below(command: object, name: str) -> dict[str, TyperCommand]:
+    def below(command: Any, name: str) -> dict[str, Any]:
         if not isinstance(command, TyperGroup):
             return {name: command}
-        found: dict[str, TyperCommand] = {}
+        found: dict[str, Any] = {}
         for word, inner in command.commands.items():
             found |= below(inner, f"{name} {word}".strip())
         return found

@@ -13,6 +13,11 @@ class Measured:
     asked: str
     met: bool | None
 
+    @property
+    def line(self) -> str:
+        """A line of Markdown."""
+        return f"- {self.name}: {'-' if self.value is None else f'{self.value:.3g}'} ({self.asked})"
+
 
 def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:
     """A number that should not exceed a limit; None, where nothing was there to measure on, misses it."""

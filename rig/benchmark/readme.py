@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.errors import InputError
-from rig.benchmark.measured import Measured
 
 
 def markers(name: str) -> tuple[str, str]:
@@ -32,8 +31,3 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str
     """Return a table in Markdown."""
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
-
-
-def limit_lines(limits: Sequence[Measured]) -> list[str]:
-    """Return a line of Markdown for each limit."""
-    return [f"- {of.name}: {'-' if of.value is None else f'{of.value:.3g}'} ({of.asked})" for of in limits]

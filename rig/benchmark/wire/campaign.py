@@ -18,7 +18,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Frame, Image
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.readme import limit_lines, markdown_table
+from rig.benchmark.readme import markdown_table
 from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
 from rig.benchmark.wire.faults import FaultResult, run_faults
 from rig.benchmark.wire.moments import Moment, Stage, random_moment
@@ -198,7 +198,7 @@ def campaign_rows(rows: Sequence[FaultRow]) -> list[list[str]]:
 def campaign_section(head: str, rows: Sequence[FaultRow]) -> str:
     """Return the table in Markdown, under a sentence of what was run and over its limits."""
     table = markdown_table(CAMPAIGN_COLUMNS, campaign_rows(rows))
-    return "\n".join([f"{head}.", "", table, "", *limit_lines(judge_campaign(rows))])
+    return "\n".join([f"{head}.", "", table, "", *(limit.line for limit in judge_campaign(rows))])
 
 
 def _table_row(name: str, rows: Sequence[FaultRow]) -> list[str]:

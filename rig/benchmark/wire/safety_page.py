@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rig.benchmark.readme import limit_lines, markdown_table
+from rig.benchmark.readme import markdown_table
 from rig.benchmark.wire.safety import SafetyRun
 from rig.benchmark.wire.safety_limits import COLUMNS, judge_runs, table_rows
 
@@ -12,5 +12,5 @@ def section(runs: Sequence[SafetyRun], seed: int) -> str:
     what = "longest time (s) and way (mm) from the event to standstill"
     head = f"SIMULATED, {len(runs)} runs, seed {seed}: {what}, by stage of the lift."
     return "\n".join(
-        [head, "", markdown_table(COLUMNS, table_rows(runs)), "", *limit_lines(judge_runs(runs))]
+        [head, "", markdown_table(COLUMNS, table_rows(runs)), "", *(limit.line for limit in judge_runs(runs))]
     )

@@ -82,6 +82,10 @@ class GelSensor:
             return np.zeros(self._pad.shape, np.uint8)
         return self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
 
+    def change(self, imprint: Imprint) -> NDArray[np.float32]:
+        """Return what an imprint changes, (H, W, 3) in grey levels, without noise and in light that rests."""
+        return self._change(imprint).astype(np.float32) / np.float32(_UNITS)
+
     def _marked(
         self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint
     ) -> NDArray[np.int16]:

@@ -86,7 +86,7 @@ def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
         growth=growth,
         roll_mm_per_rad=(float(roll[0]), float(roll[1])),
         rock_mm_per_rad=(float(rock[0]), float(rock[1])),
-        unit=_unit(make, int(own.integers(1 << 31)) if worn else None, own),
+        unit=draw_unit(make, int(own.integers(1 << 31)) if worn else None, own),
         codec=draw_codec(own) if coded else None,
         rate_hz=rate_hz if coded else None,
     )
@@ -101,7 +101,8 @@ def _kind(rng: np.random.Generator) -> str | None:
     return None
 
 
-def _unit(make: int | None, marks: int | None, rng: np.random.Generator) -> Variation:
+def draw_unit(make: int | None, marks: int | None, rng: np.random.Generator) -> Variation:
+    """Draw a soft gel. make, marks: seeds of another make's light and of specks; None for neither."""
     return replace(
         FAMILY,
         slope_at_knee=float(np.exp(rng.uniform(np.log(0.2), np.log(0.45)))),

@@ -36,6 +36,7 @@ from rig.cli.sessions import sessions
 from rig.cli.teach import teach
 from rig.cli.train import train
 from rig.cli.train_angle import train_angle
+from rig.cli.train_turning import train_turning
 from rig.cli.trial import trial
 
 app = typer.Typer(
@@ -70,7 +71,9 @@ def _program(
 
 for command in (record, trial, teach, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, explain, estimators, segment, label, label_angle, train, train_angle, doctor, new):
+for command in (estimate, explain, estimators, segment, label, label_angle):
+    app.command()(command)
+for command in (train, train_angle, train_turning, doctor, new):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(bench, name="bench")

@@ -66,7 +66,7 @@ def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
     Raises `InputError` for a folder that holds something or cannot be made, or sessions that cannot be
     split.
     """
-    _claim(out)
+    claimed(out)
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     result = (_train_wrist if settings.name == TOSKOV else _train_angle_net)(out, settings, tell)
@@ -111,8 +111,8 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
     return split
 
 
-def _claim(out: Path) -> None:
-    """Make the folder before anything is learnt for it."""
+def claimed(out: Path) -> None:
+    """Make the folder before anything is learnt for it; raise `InputError` for one that holds something."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         taken = any(out.iterdir())

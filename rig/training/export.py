@@ -60,8 +60,16 @@ def export_onnx(
     return worst
 
 
-def onnx_model(network: nn.Module, inputs: dict[str, torch.Tensor], outputs: list[str]) -> onnx.ModelProto:
-    """Return a network as ONNX, for inputs of just these shapes. Raises `RigError`."""
+def onnx_model(
+    network: nn.Module,
+    inputs: dict[str, torch.Tensor],
+    outputs: list[str],
+    free: tuple[dict[int, object], ...] | None = None,
+) -> onnx.ModelProto:
+    """Return a network as ONNX, for inputs of just these shapes. Raises `RigError`.
+
+    free: of each input, the axes that may have another length (`torch.export.Dim`).
+    """
     network.eval()
     with warnings.catch_warnings():
         # the exporter warns of its own insides
@@ -74,6 +82,7 @@ def onnx_model(network: nn.Module, inputs: dict[str, torch.Tensor], outputs: lis
             opset_version=OPSET,
             input_names=list(inputs),
             output_names=outputs,
+            dynamic_shapes=free,
         )
     if program is None:
         raise RigError("the network could not be exported")

@@ -1,4 +1,4 @@
-"""Fitting a network that answers with an angle: Adam, a one-cycle rate, the best epoch kept."""
+"""Fitting a network: Adam, a one-cycle rate, the best epoch kept."""
 
 from collections.abc import Callable, Iterable
 from copy import deepcopy
@@ -21,7 +21,7 @@ class Plan:
 
 
 Tell = Callable[[int, float, float], None]
-"""Is told epoch, mean loss in deg, and mean absolute error on validation in deg."""
+"""Is told epoch, mean loss, and mean absolute error on validation, in the unit of its answer."""
 
 
 def fit(
@@ -29,12 +29,12 @@ def fit(
     plan: Plan,
     examples: int,
     loss: Callable[[torch.Tensor], torch.Tensor],
-    error_deg: Callable[[], float],
+    error: Callable[[], float],
     tell: Tell,
 ) -> list[float]:
     """Fit in place and leave the network with the weights of its best epoch; return the epochs' errors.
 
-    examples: how many there are. loss: of those at some places. error_deg: on the validation lifts,
+    examples: how many there are. loss: of those at some places. error: on the validation lifts,
     with the network as it then is.
     """
     steps = -(-examples // plan.batch)
@@ -45,7 +45,7 @@ def fit(
         network.train()
         losses = [_step(network, optimizer, cycle, loss(at)) for at in _batches(examples, plan.batch)]
         network.eval()
-        errors.append(error_deg())
+        errors.append(error())
         if errors[-1] <= min(errors):
             best = deepcopy(network.state_dict())
         tell(epoch, float(np.mean(losses)), errors[-1])

@@ -26,6 +26,7 @@ from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.texture import TextureField, fine_scale
 from rig.tactile.slip.tracker import Tracked
+from rig.tactile.slip.turning import shipped_turning
 from rig.tactile.stopwatch import Stopwatch
 
 NOISE_BLUR_PX = 0.7
@@ -63,6 +64,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._fine_light = RelativeDifference(background, fine)
         marked = found_marks(background, fine)
         self._marks, self._fine_marks = GelMarks(marked, size), GelMarks(marked, fine)
+        self._turning = shipped_turning()
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()
@@ -106,7 +108,7 @@ class SlipEstimator(FreshFrameEstimator):
 
     def _texture(self, image: Image) -> TextureField:
         fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image)))
-        return TextureField(fine, self._scale)
+        return TextureField(fine, self._scale, self._turning.counts(fine, self._scale))
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
         self._variance = self._steady(tracked.variance + tracked.doubt, sample)

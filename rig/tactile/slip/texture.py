@@ -37,13 +37,16 @@ MOST_POINTS, FEWEST_POINTS, REACH_PX = 600, 30, 6
 class TextureField:
     """The texture of a frame, read between pixels.
 
-    difference: (h, w, 3), relative, with `scale` pixels per work pixel. planes: (h, w, 3) float32,
-    direction's real and imaginary part and strength.
+    difference: (h, w, 3), relative, with `scale` pixels per work pixel. counts: (h, w), how much each pixel's
+    texture does (`rig.tactile.slip.turning`), all alike where None. planes: (h, w, 3) float32, direction's
+    real and imaginary part and strength.
     """
 
-    def __init__(self, difference: Field, scale: int) -> None:
+    def __init__(self, difference: Field, scale: int, counts: Field | None = None) -> None:
         self.scale = scale
         self.planes = structure(difference, scale / FINENESS)
+        if counts is not None:
+            self.planes *= counts[..., None]
 
     @property
     def middle_px(self) -> complex:

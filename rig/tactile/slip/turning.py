@@ -1,0 +1,77 @@
+"""What of a contact's texture turns with the object, as a network tells it from one picture.
+
+Lines, edges and marks of the object turn; the rim of a gel's bulge, its specks and a codec's blocks rest. A
+small network that has seen many simulated contacts turn (`rig train-turning`) tells them apart by their
+looks, before anything has moved.
+"""
+
+from functools import cache
+from importlib.resources import as_file
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from rig.tactile.contact.model_files import MODELS, open_model, run_model
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.texture import FINENESS
+
+# The network answers for squares of so many pixels, and takes sides that are multiples of the second.
+SHARE_PX, MULTIPLE_PX = 2, 16
+# Texture counts more from the first share that turns, fully from the second, never less than the third says:
+# what looks like nothing that the network has seen still tells a turn. Set on the development half of the
+# labelled real clips.
+RESTING, TURNING, LEAST_COUNT = 0.1, 0.7, 0.35
+SHIPPED = "turning.onnx"
+_HOW = "rig train-turning"
+
+
+class TurningNetwork:
+    """Tells the share of a picture's texture that turns."""
+
+    def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
+        entries, answers = session.get_inputs(), session.get_outputs()
+        fits = len(entries) == 1 and len(answers) == 1 and list(entries[0].shape)[:2] == [1, 3]
+        if not fits or len(entries[0].shape) != 4 or list(answers[0].shape)[:2] != [1, 1]:
+            raise InputError(
+                f"{name}: maps {[list(e.shape) for e in entries]} to {[list(a.shape) for a in answers]}: "
+                f"what tells what turns maps (1, 3, h, w) to (1, 1, h / 2, w / 2): make one with {_HOW}"
+            )
+        self._session, self._name, self._key = session, name, entries[0].name
+
+    def share(self, difference: Field) -> NDArray[np.float32]:
+        """Return the share that turns, 0 to 1, of a relative difference (h, w, 3), for `SHARE_PX` squares."""
+        height, width = difference.shape[:2]
+        fed = np.zeros((1, 3, height + -height % MULTIPLE_PX, width + -width % MULTIPLE_PX), np.float32)
+        fed[0, :, :height, :width] = difference.transpose(2, 0, 1)
+        logits = run_model(self._session, self._name, {self._key: fed})[0][0, 0]
+        logits = logits[: -(-height // SHARE_PX), : -(-width // SHARE_PX)]
+        return np.asarray(1.0 / (1.0 + np.exp(-logits)), np.float32)
+
+    def counts(self, difference: Field, scale: int) -> Field:
+        """Return how much each pixel's texture counts, (h, w), `LEAST_COUNT` to 1.
+
+        difference: (h, w, 3), with `scale` pixels per work pixel.
+        """
+        height, width = difference.shape[:2]
+        if scale != FINENESS:  # the network knows lines as wide as they are at that fineness
+            size = (FINENESS * width // scale, FINENESS * height // scale)
+            difference = np.asarray(cv2.resize(difference, size), np.float32)
+        turning = np.clip((self.share(difference) - RESTING) / (TURNING - RESTING), 0.0, 1.0)
+        counts = LEAST_COUNT + (1.0 - LEAST_COUNT) * turning
+        return np.asarray(cv2.resize(counts, (width, height)), np.float32)
+
+
+def load_turning(path: Path) -> TurningNetwork:
+    """Load a network. Raises `InputError` for a file that is missing, damaged or none of its kind."""
+    return TurningNetwork(open_model(path, 1, _HOW), path.name)
+
+
+@cache
+def shipped_turning() -> TurningNetwork:
+    """Return the network that comes with the product."""
+    with as_file(MODELS / SHIPPED) as path:
+        return load_turning(path)

@@ -1,0 +1,113 @@
+"""SIMULATED examples for the network that tells what of a contact's texture turns with the object.
+
+The truth is measured, not declared: a contact is drawn before and after a small turn, without noise, and
+where its texture after, turned back, is more like the texture before than where it stands, it turns.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fakes.studio.turning_frames import FRAMES_PER_FACE, TURN_DEG, TurningFrame, turning_frames
+from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
+from rig.tactile.slip.gel_marks import GelMarks, found_marks
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.texture import FINENESS, structure
+from rig.tactile.slip.turning import SHARE_PX
+
+SIZE = (120, 160)
+"""(width, height) in px of the pictures that are learnt from."""
+_NEIGHBOURS_PX = 1.5
+"""Over so much around a pixel its likeness is measured."""
+_FAINTEST = 0.05
+"""Texture fainter than this share of a picture's strong texture is none: nothing turns there."""
+_LEAST_WEIGHT = 0.03
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurningExamples:
+    """N pictures, what turns in them, and what counts.
+
+    differences: (N, 3, h, w) float16, relative. shares, weights: (N, h / 2, w / 2) float32, the share of the
+    texture that turns with the object, and how strong the texture is, 0 to 1.
+    """
+
+    differences: NDArray[np.float16]
+    shares: NDArray[np.float32]
+    weights: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.differences)
+
+
+def turning_examples(faces: int, seed: int, progress: Callable[[int], None]) -> TurningExamples:
+    """Draw so many faces, `FRAMES_PER_FACE` pictures of each. progress: is told how many are done."""
+    width, height = SIZE
+    count = faces * FRAMES_PER_FACE
+    differences = np.empty((count, 3, height, width), np.float16)
+    shares, weights = (np.empty((count, height // SHARE_PX, width // SHARE_PX), np.float32) for _ in range(2))
+    drawn = turning_frames(seed)
+    for face in range(faces):
+        for number, shown in enumerate(next(drawn), face * FRAMES_PER_FACE):
+            difference, share, weight = example_of(shown)
+            differences[number] = cv2.resize(difference, SIZE).transpose(2, 0, 1)
+            shares[number], weights[number] = _halved(share, weight)
+        progress(face + 1)
+    return TurningExamples(differences, shares, weights)
+
+
+def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
+    """Return the relative difference (h, w, 3), the share that turns and its weight, (h, w), at fine size."""
+    work = work_size(shown.image.shape, shown.aspect)
+    size = (FINENESS * work[0], FINENESS * work[1])
+    light = RelativeDifference(shown.background, size)
+    marks = GelMarks(found_marks(shown.background, size), size)
+    difference = marks.mended(light.of(light.reduced(shown.image)))
+    around = cv2.resize(shown.background.astype(np.float32), size, interpolation=cv2.INTER_AREA) + DARK_OFFSET
+    before, after = (
+        structure(marks.mended(cv2.resize(change, size) / around), 1.0)
+        for change in (shown.before, shown.after)
+    )
+    center_px = _scaled(shown.center_px, shown.image.shape, size)
+    share = _share(before, _turned(after, center_px, -TURN_DEG), after)
+    strength = np.sqrt(_near(np.square(before).sum(axis=2)))
+    weight = np.clip(strength / (np.percentile(strength, 98.0) + 1e-6), 0.0, 1.0)
+    return difference, np.where(weight > _FAINTEST, share, 0.0).astype(np.float32), weight.astype(np.float32)
+
+
+def _share(before: Field, turned_back: Field, after: Field) -> Field:
+    """Return the share of a texture that turns, by what is left when it is turned back, or let rest."""
+    if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
+    return if_resting / (if_turning + if_resting + np.float32(1e-12))
+
+
+def _turned(texture: Field, center_px: tuple[float, float], turn_deg: float) -> Field:
+    """Turn a texture, places and directions, counter-clockwise as seen."""
+    height, width = texture.shape[:2]
+    places = cv2.getRotationMatrix2D(center_px, turn_deg, 1.0)
+    moved = np.asarray(cv2.warpAffine(texture, places, (width, height)), np.float32)
+    directions = (moved[..., 0] + 1j * moved[..., 1]) * np.exp(-2j * math.radians(turn_deg))
+    return np.dstack([directions.real, directions.imag, moved[..., 2]]).astype(np.float32)
+
+
+def _scaled(
+    place_px: tuple[float, float], shape: tuple[int, ...], size: tuple[int, int]
+) -> tuple[float, float]:
+    (x, y), (width, height) = place_px, size
+    return (x + 0.5) * width / shape[1] - 0.5, (y + 0.5) * height / shape[0] - 0.5
+
+
+def _near(squares: Field) -> Field:
+    return np.asarray(cv2.GaussianBlur(squares, (0, 0), _NEIGHBOURS_PX), np.float32)
+
+
+def _halved(share: Field, weight: Field) -> tuple[Field, Field]:
+    """Return share and weight as the network answers: `SHARE_PX` pixels in one."""
+    size = (SIZE[0] // SHARE_PX, SIZE[1] // SHARE_PX)
+    counted = np.maximum(weight, np.float32(_LEAST_WEIGHT))
+    total = cv2.resize(counted, size, interpolation=cv2.INTER_AREA)
+    return cv2.resize(share * counted, size, interpolation=cv2.INTER_AREA) / total, total

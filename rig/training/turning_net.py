@@ -1,0 +1,192 @@
+"""The network that tells what of a contact's texture turns with the object, and how it is trained."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from torch import nn
+from torch.nn import functional
+
+from drivers.errors import RigError
+from rig.sessions.files import write_json
+from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
+from rig.training.angles import CARD, MODEL, claimed
+from rig.training.export import ExportedFile, onnx_model
+from rig.training.regression import Plan, fit
+from rig.training.turning_examples import TurningExamples, turning_examples
+
+BATCH, RATE = 32, 3e-3
+_VALIDATED = 0.05
+"""Share of the faces that choose the epoch."""
+_CLIPPED, _UNIT = 6.0, 0.125
+"""A relative difference is taken in eighths, and clipped."""
+_PLANES = (8, 16, 32, 48)
+_TURNED, _SCALED, _MIXED, _NEGATIVE = 0.6, 0.25, 0.25, 0.2
+_FAINTEST, _STRONGEST, _NOISE = math.log(0.2), math.log(1.6), 0.006
+_MOST_DIFFERENCE = 1e-3
+
+Tell = Callable[[str, float], None]
+
+
+class TurningNet(nn.Module):
+    """Relative differences (N, 3, h, w), sides multiples of `MULTIPLE_PX`, to logits (N, 1, h / 2, w / 2).
+
+    Four scales, added up again: a line at the rim of a bulge is told from the rim by what is around it.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third, fourth = _PLANES
+        self.halved = _layer(3, first, 2)
+        self.quarter = nn.Sequential(_layer(first, second, 2), _layer(second, second))
+        self.eighth = nn.Sequential(_layer(second, third, 2), _layer(third, third))
+        self.sixteenth = nn.Sequential(_layer(third, fourth, 2), _layer(fourth, fourth))
+        self.to_third, self.to_second = nn.Conv2d(fourth, third, 1), nn.Conv2d(third, second, 1)
+        self.at_eighth, self.at_quarter = _layer(third, third), _layer(second, second)
+        self.told = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))
+
+    def forward(self, differences: torch.Tensor) -> torch.Tensor:
+        """Return logits."""
+        quarter = self.quarter(self.halved(torch.clamp(differences / _UNIT, -_CLIPPED, _CLIPPED)))
+        eighth = self.eighth(quarter)
+        eighth = self.at_eighth(_doubled(self.to_third(self.sixteenth(eighth))) + eighth)
+        return self.told(self.at_quarter(_doubled(self.to_second(eighth)) + quarter))
+
+
+def train_turning(
+    out: Path, faces: int, epochs: int, seed: int, threads: int | None, tell: Tell
+) -> dict[str, Any]:
+    """Train the network; write model and card into an empty folder, and return the card.
+
+    faces: drawn to learn from. threads: of torch, None for its own choice. Raises `InputError` for a folder
+    that holds something or cannot be made.
+    """
+    claimed(out)
+    if threads is not None:
+        torch.set_num_threads(threads)
+    torch.manual_seed(seed)
+    examples = turning_examples(faces, seed, lambda done: tell("SIMULATED contacts", done / faces))
+    kept = max(1, round(len(examples) * (1.0 - _VALIDATED)))
+    network = TurningNet().to(memory_format=torch.channels_last)
+    generator = torch.Generator().manual_seed(seed)
+
+    def loss(at: torch.Tensor) -> torch.Tensor:
+        planes, shares, weights = _augmented(*_batch(examples, at.numpy()), generator)
+        told = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
+        return (told * weights).sum() / weights.sum()
+
+    def show(epoch: int, mean: float, error: float) -> None:
+        done = f"turning: epoch {epoch} of {epochs}, loss {mean:.3f}, validation {error:.3f}"
+        tell(done, epoch / epochs)
+
+    held_back = np.arange(kept, len(examples)) if kept < len(examples) else np.arange(len(examples))
+    errors = fit(
+        network, Plan(epochs, BATCH, RATE), kept, loss, lambda: error_of(network, examples, held_back), show
+    )
+    export_turning(network, out / MODEL)
+    card: dict[str, Any] = {
+        "name": "turning",
+        "title": "what of a contact's texture turns with the object",
+        "data": "simulated contacts",
+        "simulated": True,
+        "faces": faces,
+        "images": {"train": kept, "validation": len(examples) - kept},
+        "seed": seed,
+        "epochs": epochs,
+        "parameters": sum(p.numel() for p in network.parameters()),
+        "validation_error": errors,
+        "files": {"fp32": ExportedFile("fp32", out / MODEL).facts()},
+        "torch": str(torch.__version__),
+    }
+    write_json(out / CARD, card)
+    return card
+
+
+def error_of(network: nn.Module, examples: TurningExamples, at: np.ndarray) -> float:
+    """Return the mean absolute error of the share, weighed by how strong the texture is."""
+    network.eval()
+    error, total = 0.0, 0.0
+    with torch.inference_mode():
+        for start in range(0, len(at), BATCH):
+            planes, shares, weights = _batch(examples, at[start : start + BATCH])
+            told = torch.sigmoid(network(_padded(planes))[..., : shares.shape[2], : shares.shape[3]])
+            error += float((weights * (told - shares).abs()).sum())
+            total += float(weights.sum())
+    return error / total
+
+
+def export_turning(network: nn.Module, path: Path) -> None:
+    """Write a network for pictures of any size. Raises `RigError` where the file answers otherwise."""
+    side = 6 * MULTIPLE_PX
+    planes = torch.randn(1, 3, side, side, generator=torch.Generator().manual_seed(0))
+    network = network.eval().to(memory_format=torch.contiguous_format)
+    rows, columns = (torch.export.Dim(name, min=1, max=64) for name in ("rows", "columns"))
+    sides = {2: MULTIPLE_PX * rows, 3: MULTIPLE_PX * columns}
+    model = onnx_model(network, {"difference": planes}, ["logits"], (sides,))
+    onnx.save(model, path)
+    with torch.inference_mode():
+        own = torch.sigmoid(network(planes))[0, 0].numpy()
+    told = load_turning(path).share(planes[0].numpy().transpose(1, 2, 0))
+    worst = float(np.abs(told - own).max())
+    if not worst <= _MOST_DIFFERENCE:
+        raise RigError(f"{path}: differs from its network by {worst:.2g}, more than {_MOST_DIFFERENCE:g}")
+
+
+def _layer(entering: int, leaving: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(entering, leaving, 3, stride, 1, bias=False), nn.BatchNorm2d(leaving), nn.ReLU(inplace=True)
+    )
+
+
+def _doubled(planes: torch.Tensor) -> torch.Tensor:
+    return functional.interpolate(planes, scale_factor=2.0, mode="nearest")
+
+
+def _batch(examples: TurningExamples, at: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    planes = torch.from_numpy(examples.differences[at].astype(np.float32))
+    shares, weights = (torch.from_numpy(a[at])[:, None] for a in (examples.shares, examples.weights))
+    return planes, shares, weights
+
+
+def _augmented(
+    planes: torch.Tensor, shares: torch.Tensor, weights: torch.Tensor, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Turn, mirror and scale a batch; mix, reverse and fade each picture's colours, and add noise."""
+
+    def drawn(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator)
+
+    if drawn(1) < 0.5:
+        planes, shares, weights = (a.flip(3) for a in (planes, shares, weights))
+    if drawn(1) < 0.5:
+        planes, shares, weights = (a.transpose(2, 3) for a in (planes, shares, weights))
+    turn = float(drawn(1) * 2.0 * math.pi) if drawn(1) < _TURNED else 0.0
+    scale = math.exp(float(drawn(1) * 2.0 - 1.0) * _SCALED)
+    planes, shares, weights = (_moved(a, turn, scale) for a in (planes, shares, weights))
+    count = len(planes)
+    mixed = torch.eye(3) + _MIXED * torch.randn(count, 3, 3, generator=generator)
+    mixed = mixed[:, torch.randperm(3, generator=generator)] * torch.sign(drawn(count, 3, 1) - _NEGATIVE)
+    strength = torch.exp(_FAINTEST + (_STRONGEST - _FAINTEST) * drawn(count, 1, 1))
+    planes = torch.einsum("bij,bjhw->bihw", mixed * strength, planes)
+    noise = torch.randn(planes.shape, generator=generator) * _NOISE * drawn(count, 1, 1, 1)
+    planes = _padded(planes + noise).contiguous(memory_format=torch.channels_last)
+    below, beside = (f // SHARE_PX - s for f, s in zip(planes.shape[2:], shares.shape[2:], strict=True))
+    shares, weights = (functional.pad(a, (0, beside, 0, below)) for a in (shares, weights))
+    return planes, shares, weights
+
+
+def _moved(planes: torch.Tensor, turn_rad: float, scale: float) -> torch.Tensor:
+    height, width = planes.shape[2:]
+    cos, sin = scale * math.cos(turn_rad), scale * math.sin(turn_rad)
+    places = torch.tensor([[cos, -sin * height / width, 0.0], [sin * width / height, cos, 0.0]])
+    grid = functional.affine_grid(places.expand(len(planes), 2, 3), list(planes.shape), align_corners=False)
+    return functional.grid_sample(planes, grid, padding_mode="border", align_corners=False)
+
+
+def _padded(planes: torch.Tensor) -> torch.Tensor:
+    below, beside = (-side % MULTIPLE_PX for side in planes.shape[2:])
+    return functional.pad(planes, (0, beside, 0, below))

@@ -1,0 +1,71 @@
+"""What of a texture turns, as the shipped network tells it."""
+
+import json
+from hashlib import sha256
+from importlib.resources import as_file
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from fakes.studio.turning_frames import turning_frames
+from rig.tactile.contact.model_files import MODELS
+from rig.tactile.slip.turning import LEAST_COUNT, SHARE_PX, load_turning, shipped_turning
+from rig.training.turning_examples import example_of
+
+UNSEEN = 90_001
+
+
+def test_the_shipped_network_knows_what_turns_on_faces_it_never_saw() -> None:
+    drawn, network = turning_frames(UNSEEN), shipped_turning()
+    told, true, weights = [], [], []
+    for _ in range(12):
+        for shown in next(drawn)[:2]:
+            difference, share, weight = example_of(shown)
+            told.append(network.share(difference).repeat(SHARE_PX, 0).repeat(SHARE_PX, 1))
+            true.append(share)
+            weights.append(weight)
+            told[-1] = told[-1][: share.shape[0], : share.shape[1]]
+    found, known, weight = (np.concatenate([a.ravel() for a in arrays]) for arrays in (told, true, weights))
+    turns, rests = weight * (known > 0.8), weight * (known < 0.2)
+    assert turns.sum() > 1000.0
+    assert rests.sum() > 1000.0
+    # Where all of it counted alike, both means would be equal.
+    assert (found @ turns) / turns.sum() > 0.65
+    assert (found @ rests) / rests.sum() < 0.30
+
+
+def test_the_card_is_of_the_shipped_file() -> None:
+    card = json.loads((MODELS / "turning.json").read_text(encoding="utf-8"))
+    assert card["files"]["fp32"]["sha256"] == sha256((MODELS / "turning.onnx").read_bytes()).hexdigest()
+    assert card["simulated"]
+
+
+SIZES = [(160, 120, 2), (117, 158, 2), (80, 60, 1), (53, 81, 1)]
+
+
+@pytest.mark.parametrize(("height", "width", "scale"), SIZES)
+def test_every_size_of_picture_is_answered(height: int, width: int, scale: int) -> None:
+    difference = np.random.default_rng(1).normal(0.0, 0.1, (height, width, 3)).astype(np.float32)
+    counts = shipped_turning().counts(difference, scale)
+    assert counts.shape == (height, width)
+    assert counts.dtype == np.float32
+    assert LEAST_COUNT - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
+
+
+def test_beyond_its_edge_a_picture_goes_on_without_a_contact() -> None:
+    difference = np.zeros((160, 128, 3), np.float32)
+    difference[60:63, 40:90] = 0.3
+    network = shipped_turning()
+    wide, narrow = network.share(difference), network.share(difference[:, :121])
+    assert np.allclose(wide[:, :60], narrow[:, :60], atol=1e-5)
+
+
+def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:
+    for other in ("toskov", "anglenet", "ours"):
+        with as_file(MODELS / f"{other}.onnx") as path, pytest.raises(InputError, match="train-turning"):
+            load_turning(path)
+    (tmp_path / "cut.onnx").write_bytes((MODELS / "turning.onnx").read_bytes()[:500])
+    with pytest.raises(InputError, match=r"cut\.onnx"):
+        load_turning(tmp_path / "cut.onnx")

@@ -1,0 +1,53 @@
+"""What is learnt of turning contacts is what was drawn."""
+
+import numpy as np
+import pytest
+
+from drivers.types import Image
+from fakes.studio.turning_frames import TURN_DEG, TurningFrame
+from rig.training.turning_examples import SIZE, example_of, turning_examples
+
+HEIGHT, WIDTH = 320, 240
+CENTER_PX = (119.5, 159.5)
+_Y, _X = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+
+
+def _scene(turn_deg: float) -> np.ndarray:
+    """A ring that rests and a bar that turns about its middle, as a clean change in grey levels."""
+    turn = np.deg2rad(turn_deg)
+    x, y = _X - CENTER_PX[0], _Y - CENTER_PX[1]
+    along, across = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    bar = 40.0 * np.exp(-((across / 4.0) ** 2)) * (np.abs(along) < 50.0)
+    ring = 40.0 * np.exp(-(((np.hypot(x, y) - 85.0) / 4.0) ** 2))
+    ring = ring * (1.0 + 0.3 * np.sin(3.0 * np.arctan2(y, x)))
+    return np.repeat((bar + ring)[..., None], 3, axis=2).astype(np.float32)
+
+
+def _shown() -> TurningFrame:
+    background = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+    before, after = _scene(20.0), _scene(20.0 + TURN_DEG)
+    image: Image = np.clip(background + before, 0, 255).astype(np.uint8)
+    return TurningFrame(image, background, before, after, CENTER_PX, 1.0)
+
+
+def test_a_bar_turns_and_a_ring_rests() -> None:
+    difference, share, weight = example_of(_shown())
+    assert difference.shape == (160, 120, 3)
+    y, x = np.mgrid[:160, :120] * 2.0 + 0.5
+    radius = np.hypot(x - CENTER_PX[0], y - CENTER_PX[1])
+    bar, ring = (radius > 15.0) & (radius < 45.0) & (weight > 0.5), (radius > 70.0) & (weight > 0.5)
+    assert bar.sum() > 100
+    assert ring.sum() > 100
+    assert share[bar].mean() > 0.8
+    assert share[ring].mean() < 0.2
+    assert share[weight < 0.04].max() == pytest.approx(0.0)
+
+
+def test_examples_have_the_size_that_the_network_sees_and_its_answer() -> None:
+    told: list[int] = []
+    examples = turning_examples(2, 7, told.append)
+    assert told == [1, 2]
+    assert examples.differences.shape == (12, 3, SIZE[1], SIZE[0])
+    assert examples.shares.shape == examples.weights.shape == (12, SIZE[1] // 2, SIZE[0] // 2)
+    assert 0.0 <= examples.shares.min() < examples.shares.max() <= 1.0 + 1e-5
+    assert examples.weights.min() > 0.0

@@ -1,0 +1,26 @@
+"""Training the network that tells what turns."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+
+torch = pytest.importorskip("torch", reason="training is the extra 'train'")
+
+
+def test_it_is_trained_exported_and_answers_alike_from_its_file(tmp_path: Path) -> None:
+    from rig.tactile.slip.turning import load_turning
+    from rig.training.turning_net import train_turning
+
+    told: list[tuple[str, float]] = []
+    card = train_turning(tmp_path / "run", 6, 2, 1, 1, lambda text, share: told.append((text, share)))
+    assert json.loads((tmp_path / "run" / "card.json").read_text(encoding="utf-8")) == card
+    assert card["images"] == {"train": 34, "validation": 2}
+    assert [share for text, share in told if text.startswith("turning: epoch")] == [0.5, 1.0]
+    share = load_turning(tmp_path / "run" / "model.onnx").share(np.zeros((100, 80, 3), np.float32))
+    assert share.shape == (50, 40)
+    with pytest.raises(InputError, match="not empty"):
+        train_turning(tmp_path / "run", 1, 1, 0, 1, lambda *_: None)

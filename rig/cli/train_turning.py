@@ -15,7 +15,7 @@ def train_turning(
         typer.Option("--out", help="Empty folder for the ONNX file and its card.", callback=folder_place),
     ],
     faces: Annotated[
-        int, typer.Option(min=1, help="SIMULATED faces to learn from, six pictures each.")
+        int, typer.Option(min=2, help="SIMULATED faces to learn from, six pictures each.")
     ] = 2600,
     epochs: Annotated[int, typer.Option(min=1, help="How often each picture is seen.")] = 8,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads. Default: torch's own.")] = None,
@@ -24,8 +24,8 @@ def train_turning(
 ) -> None:
     """Train the network by which slip tells what of a contact turns with the object, and export it to ONNX.
 
-    OUT gets model.onnx and card.json. slip runs the one that is shipped, rig/models/turning.onnx. Takes half
-    an hour on two cores and 2 GB of memory. Needs the extra `train`.
+    OUT gets model.onnx and card.json. slip runs the one that is shipped, rig/models/turning.onnx. Takes a
+    quarter of an hour on two cores, and 2 GB of memory. Needs the extra `train`.
 
     Examples:
       rig train-turning --out runs/turning

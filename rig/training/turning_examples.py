@@ -69,7 +69,7 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
     difference = marks.mended(light.of(light.reduced(shown.image)))
     around = cv2.resize(shown.background.astype(np.float32), size, interpolation=cv2.INTER_AREA) + DARK_OFFSET
     before, after = (
-        structure(marks.mended(cv2.resize(change, size) / around), 1.0)
+        structure(marks.mended(np.asarray(cv2.resize(change, size) / around, np.float32)), 1.0)
         for change in (shown.before, shown.after)
     )
     center_px = _scaled(shown.center_px, shown.image.shape, size)
@@ -82,7 +82,7 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
 def _share(before: Field, turned_back: Field, after: Field) -> Field:
     """Return the share of a texture that turns, by what is left when it is turned back, or let rest."""
     if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
-    return if_resting / (if_turning + if_resting + np.float32(1e-12))
+    return np.asarray(if_resting / (if_turning + if_resting + np.float32(1e-12)), np.float32)
 
 
 def _turned(texture: Field, center_px: tuple[float, float], turn_deg: float) -> Field:
@@ -109,5 +109,8 @@ def _halved(share: Field, weight: Field) -> tuple[Field, Field]:
     """Return share and weight as the network answers: `SHARE_PX` pixels in one."""
     size = (SIZE[0] // SHARE_PX, SIZE[1] // SHARE_PX)
     counted = np.maximum(weight, np.float32(_LEAST_WEIGHT))
-    total = cv2.resize(counted, size, interpolation=cv2.INTER_AREA)
-    return cv2.resize(share * counted, size, interpolation=cv2.INTER_AREA) / total, total
+    summed, total = (
+        np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), np.float32)
+        for a in (share * counted, counted)
+    )
+    return np.asarray(summed / total, np.float32), total

@@ -12,6 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from drivers.errors import RigError
+from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
 from rig.training.angles import CARD, MODEL, claimed
@@ -62,15 +63,15 @@ def train_turning(
 ) -> dict[str, Any]:
     """Train the network; write model and card into an empty folder, and return the card.
 
-    faces: drawn to learn from. threads: of torch, None for its own choice. Raises `InputError` for a folder
-    that holds something or cannot be made.
+    faces: drawn, at least 2; one in twenty chooses the epoch. threads: of torch, None for its own choice.
+    Raises `InputError` for a folder that holds something or cannot be made.
     """
     claimed(out)
     if threads is not None:
         torch.set_num_threads(threads)
     torch.manual_seed(seed)
     examples = turning_examples(faces, seed, lambda done: tell("SIMULATED contacts", done / faces))
-    kept = max(1, round(len(examples) * (1.0 - _VALIDATED)))
+    kept = FRAMES_PER_FACE * (faces - max(1, round(faces * _VALIDATED)))
     network = TurningNet().to(memory_format=torch.channels_last)
     generator = torch.Generator().manual_seed(seed)
 
@@ -83,7 +84,7 @@ def train_turning(
         done = f"turning: epoch {epoch} of {epochs}, loss {mean:.3f}, validation {error:.3f}"
         tell(done, epoch / epochs)
 
-    held_back = np.arange(kept, len(examples)) if kept < len(examples) else np.arange(len(examples))
+    held_back = np.arange(kept, len(examples))
     errors = fit(
         network, Plan(epochs, BATCH, RATE), kept, loss, lambda: error_of(network, examples, held_back), show
     )

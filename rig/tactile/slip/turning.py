@@ -37,8 +37,8 @@ class TurningNetwork:
         fits = len(entries) == 1 and len(answers) == 1 and list(entries[0].shape)[:2] == [1, 3]
         if not fits or len(entries[0].shape) != 4 or list(answers[0].shape)[:2] != [1, 1]:
             raise InputError(
-                f"{name}: maps {[list(e.shape) for e in entries]} to {[list(a.shape) for a in answers]}: "
-                f"what tells what turns maps (1, 3, h, w) to (1, 1, h / 2, w / 2): make one with {_HOW}"
+                f"{name}: maps {[list(e.shape) for e in entries]} to {[list(a.shape) for a in answers]}, not "
+                f"one input (1, 3, h, w) to one answer (1, 1, h / 2, w / 2): make it with {_HOW}"
             )
         self._session, self._name, self._key = session, name, entries[0].name
 

@@ -18,9 +18,9 @@ def test_it_is_trained_exported_and_answers_alike_from_its_file(tmp_path: Path) 
     told: list[tuple[str, float]] = []
     card = train_turning(tmp_path / "run", 6, 2, 1, 1, lambda text, share: told.append((text, share)))
     assert json.loads((tmp_path / "run" / "card.json").read_text(encoding="utf-8")) == card
-    assert card["images"] == {"train": 34, "validation": 2}
+    assert card["images"] == {"train": 30, "validation": 6}
     assert [share for text, share in told if text.startswith("turning: epoch")] == [0.5, 1.0]
     share = load_turning(tmp_path / "run" / "model.onnx").share(np.zeros((100, 80, 3), np.float32))
     assert share.shape == (50, 40)
     with pytest.raises(InputError, match="not empty"):
-        train_turning(tmp_path / "run", 1, 1, 0, 1, lambda *_: None)
+        train_turning(tmp_path / "run", 2, 1, 0, 1, lambda *_: None)

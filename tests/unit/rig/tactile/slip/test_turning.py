@@ -20,13 +20,12 @@ UNSEEN = 90_001
 def test_the_shipped_network_knows_what_turns_on_faces_it_never_saw() -> None:
     drawn, network = turning_frames(UNSEEN), shipped_turning()
     told, true, weights = [], [], []
-    for _ in range(12):
-        for shown in next(drawn)[:2]:
-            difference, share, weight = example_of(shown)
-            told.append(network.share(difference).repeat(SHARE_PX, 0).repeat(SHARE_PX, 1))
-            true.append(share)
-            weights.append(weight)
-            told[-1] = told[-1][: share.shape[0], : share.shape[1]]
+    for shown in (frame for _ in range(12) for frame in next(drawn)[:2]):
+        difference, share, weight = example_of(shown)
+        wide = network.share(difference).repeat(SHARE_PX, 0).repeat(SHARE_PX, 1)
+        told.append(wide[: share.shape[0], : share.shape[1]])
+        true.append(share)
+        weights.append(weight)
     found, known, weight = (np.concatenate([a.ravel() for a in arrays]) for arrays in (told, true, weights))
     turns, rests = weight * (known > 0.8), weight * (known < 0.2)
     assert turns.sum() > 1000.0

@@ -4,6 +4,7 @@ Shares follow what real recordings of a GelSight Mini hold: a third of them a li
 fifth a peel that rolls, some sheets with creases, the rest stiff things of all kinds.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -69,7 +70,7 @@ def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
     if difficulty == "easy":
         return EASY
     both, own = np.random.default_rng((seed, 61)), np.random.default_rng((seed, 67, side + 1))
-    kind = _kind(both)
+    kind = draw_kind(FACE_SHARES, both)
     growing = _SOFT_GROWING if kind else _GROWING
     growth = float(both.uniform(0.3, 1.5)) if both.random() < growing else 0.0
     roll = both.normal(0.0, _ROLL_MM_PER_RAD.get(kind, 1.5), 2) if kind else np.zeros(2)
@@ -92,10 +93,11 @@ def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
     )
 
 
-def _kind(rng: np.random.Generator) -> str | None:
+def draw_kind(shares: Mapping[str, float], rng: np.random.Generator) -> str | None:
+    """Draw a kind of soft face by the kinds' shares of all faces; None for the others."""
     drawn = float(rng.random())
     for kind in KINDS:
-        drawn -= FACE_SHARES[kind]
+        drawn -= shares[kind]
         if drawn < 0.0:
             return kind
     return None

@@ -18,7 +18,7 @@ from fakes.gel.variation import Variation, draw_variation
 from fakes.objects.random_contact import random_contact
 from fakes.objects.soft_faces import Bulge, draw_bulge
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
-from fakes.studio.conditions import draw_unit
+from fakes.studio.conditions import draw_kind, draw_unit
 from fakes.studio.training_frames import mean_at_rest
 
 FRAMES_PER_FACE = 6
@@ -67,12 +67,10 @@ def _draw_variation(rng: np.random.Generator) -> Variation:
 
 
 def _draw_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
-    drawn, seed = float(rng.random()), _FIRST_FACE + int(rng.integers(1 << 31))
-    for kind, share in _FACE_SHARES.items():
-        drawn -= share
-        if drawn < 0.0:
-            return soft_surface(kind, 1, seed), draw_bulge(kind, rng)
-    return build_surface(random_contact(rng), 1, seed), None
+    kind, seed = draw_kind(_FACE_SHARES, rng), _FIRST_FACE + int(rng.integers(1 << 31))
+    if kind is None:
+        return build_surface(random_contact(rng), 1, seed), None
+    return soft_surface(kind, 1, seed), draw_bulge(kind, rng)
 
 
 def _draw_imprint(surface: Surface, bulge: Bulge | None, rng: np.random.Generator) -> Imprint:

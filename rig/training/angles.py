@@ -17,20 +17,18 @@ from rig.training.angle_net import BACKBONE, SIZE, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
 from rig.training.export import ExportedFile
 from rig.training.lifts import GelViews, WristSeries, stacked_views, stored_lifts
+from rig.training.output import CARD, MODEL, Tell, claim
 from rig.training.peer_export import export_angle_net, export_wrist
 from rig.training.simulated_lifts import simulated_views, simulated_wrists
 from rig.training.wrist import blind_error_deg, error_deg, sequences, train_wrist
 
-CARD, MODEL, HALF = "card.json", "model.onnx", "model.half.onnx"
+HALF = "model.half.onnx"
 VALIDATION_OBJECTS = ("4", "11", "15")
 """Of the objects that no trial lifts, those that choose the epoch."""
 TITLES = {TOSKOV: "Toskov et al. (wrench, GRU)", ANGLENET: f"AngleNet ({BACKBONE})"}
 LIFTS = {TOSKOV: 120, ANGLENET: 5}
 EPOCHS = {TOSKOV: 120, ANGLENET: 8}
 """Simulated lifts of each object to learn from, and epochs, unless told otherwise."""
-
-Tell = Callable[[str, float], None]
-"""Is told how far a training is: a text, and the share done of what it names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +64,7 @@ def train_angles(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, An
     Raises `InputError` for a folder that holds something or cannot be made, or sessions that cannot be
     split.
     """
-    claimed(out)
+    claim(out)
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     result = (_train_wrist if settings.name == TOSKOV else _train_angle_net)(out, settings, tell)
@@ -109,17 +107,6 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
             "and others to learn from: add sessions, or learn from the test lifts with --on-test-lifts"
         )
     return split
-
-
-def claimed(out: Path) -> None:
-    """Make the folder before anything is learnt for it; raise `InputError` for one that holds something."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        taken = any(out.iterdir())
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}): give another --out") from error
-    if taken:
-        raise InputError(f"{out} is not empty: give another --out")
 
 
 def _train_wrist(out: Path, settings: AngleSettings, tell: Tell) -> dict[str, object]:

@@ -1,6 +1,6 @@
 """What `rig train` does: data, folds, the loop, scores, export and cards, one network after another."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +18,15 @@ from rig.training.export import ExportedFile, export_eight_bit, export_half, exp
 from rig.training.folders import folder_examples
 from rig.training.loop import Epoch, Training
 from rig.training.networks import Architecture
+from rig.training.output import CARD, Tell
 from rig.training.settings import FAMILY, SIMULATED, TrainSettings
 from rig.training.simulated import simulated_examples
 
-CARD, CHECKPOINT = "card.json", "checkpoint.pt"
+CHECKPOINT = "checkpoint.pt"
 TABLE = "table2.json"
 """Results of all networks, in the form that `rig/models/table2.json` keeps them."""
 VALIDATION_SHARE = 0.2
 RANDOM_SHARE = 0.5
-
-
-Tell = Callable[[str, float], None]
-"""Is told how far a training is: a text, and the share done of what it names."""
 
 
 def train_all(folder: Path, settings: TrainSettings, resume: bool, tell: Tell) -> list[dict[str, Any]]:

@@ -1,7 +1,6 @@
 """The network that tells what of a contact's texture turns with the object, and how it is trained."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,8 @@ from drivers.errors import RigError
 from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
-from rig.training.angles import CARD, MODEL, claimed
 from rig.training.export import ExportedFile, onnx_model
+from rig.training.output import CARD, MODEL, Tell, claim
 from rig.training.regression import Plan, fit
 from rig.training.turning_examples import TurningExamples, turning_examples
 
@@ -29,8 +28,6 @@ _PLANES = (8, 16, 32, 48)
 _TURNED, _SCALED, _MIXED, _NEGATIVE = 0.6, 0.25, 0.25, 0.2
 _FAINTEST, _STRONGEST, _NOISE = math.log(0.2), math.log(1.6), 0.006
 _MOST_DIFFERENCE = 1e-3
-
-Tell = Callable[[str, float], None]
 
 
 class TurningNet(nn.Module):
@@ -66,7 +63,7 @@ def train_turning(
     faces: drawn, at least 2; one in twenty chooses the epoch. threads: of torch, None for its own choice.
     Raises `InputError` for a folder that holds something or cannot be made.
     """
-    claimed(out)
+    claim(out)
     if threads is not None:
         torch.set_num_threads(threads)
     torch.manual_seed(seed)
@@ -108,8 +105,7 @@ def train_turning(
 
 
 def error_of(network: nn.Module, examples: TurningExamples, at: np.ndarray) -> float:
-    """Return the mean absolute error of the share, weighed by how strong the texture is."""
-    network.eval()
+    """Return the mean absolute error of a network's share, weighed by how strong the texture is."""
     error, total = 0.0, 0.0
     with torch.inference_mode():
         for start in range(0, len(at), BATCH):

@@ -117,22 +117,24 @@ class StillContact(LiftObserver):
         """Whether a fingertip touches."""
         return self._tips[serial].touch.sure
 
+    def begin_minute(self) -> None:
+        """Forget what came before: a contact that settles turns a little, and is no part of a minute."""
+        for tip in self._tips.values():
+            tip.angles_deg, tip.late_ns = [], []
+        self._counted = self._count()
+
     def minute(self) -> Minute:
-        """Return what came since the last time, and begin anew."""
+        """Return what came since it began, and begin the next."""
         tips = list(self._tips.values())
         late_ms = [np.percentile(tip.late_ns, (50, 99)) * 1e3 / NS_PER_S for tip in tips]
         angles = [np.array(tip.angles_deg) for tip in tips]
         for tip, told in zip(tips, angles, strict=True):
             if tip.zero_deg is None and np.isfinite(told).any():
                 tip.zero_deg = float(np.nanmean(told))
-            tip.angles_deg, tip.late_ns = [], []
         both = zip(tips, angles, strict=True)
         off = [np.abs(told - tip.zero_deg) for tip, told in both if tip.zero_deg is not None]
         before = self._counted
-        self._counted = (
-            sum(tally.frames for tally in self._tallies.values()),
-            sum(tally.dropped for tally in self._tallies.values()),
-        )
+        self.begin_minute()
         return Minute(
             self._counted[0] - before[0],
             self._counted[1] - before[1],
@@ -141,6 +143,11 @@ class StillContact(LiftObserver):
             answered=float(np.isfinite(np.concatenate(angles)).mean()),
             **_resources(),
         )
+
+    def _count(self) -> tuple[int, int]:
+        """Return how many frames came and how many were dropped until now."""
+        tallies = self._tallies.values()
+        return sum(tally.frames for tally in tallies), sum(tally.dropped for tally in tallies)
 
 
 def measure_endurance(
@@ -156,7 +163,7 @@ def measure_endurance(
     """
     told = []
     with _grasping(bench or load_bench("wire")) as (pump, observer):
-        observer.minute()  # what came before
+        observer.begin_minute()
         for number in range(1, minutes + 1):
             pump.run_for(minute_s)
             told.append(observer.minute())

@@ -63,8 +63,12 @@ def test_a_minute_counts_what_came_and_keeps_nothing_of_it() -> None:
 
 
 def test_wandering_is_from_the_first_minute() -> None:
+    """And not from what came before it, while the contact settled."""
     bench = load_bench("wire")
     contact = StillContact(bench, SystemClock())
+    for tip in contact._tips.values():
+        tip.angles_deg, tip.late_ns = [0.0, 3.0], [1_000_000]
+    contact.begin_minute()
     for angles, wander in (([1.0, 1.2], 0.1), ([1.1, 1.6], 0.5)):
         for tip in contact._tips.values():
             tip.angles_deg, tip.late_ns = list(angles), [1_000_000]

@@ -30,6 +30,9 @@ CHANNELS = 3
 # Long side of the copy that is looked at: a quarter of a DIGIT's, fine for gel that is 0.2 mm soft.
 WORK_LONG_SIDE_PX = 80
 
+Light = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Gain and offset per channel of a frame against its background."""
+
 
 class RelativeDifference:
     """Compares the frames of one sensor with its background.
@@ -57,15 +60,18 @@ class RelativeDifference:
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
         return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
 
-    def of(self, work: Image) -> NDArray[np.float32]:
-        """Return the relative difference of a reduced copy from the background, (h, w, 3) float32."""
-        gain, offset = self._light_of(work)
-        # Four values are a scalar to OpenCV.
-        light = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
-        light = cv2.subtract(light, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
-        return np.asarray(cv2.subtract(cv2.multiply(light, self._weight), self._relative), np.float32)
+    def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
+        """Return the relative difference of a reduced copy from the background, (h, w, 3) float32.
 
-    def _light_of(self, work: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        light: the copy's, where a copy of the same frame at another size has told it (`light_of`).
+        """
+        gain, offset = light or self.light_of(work)
+        # Four values are a scalar to OpenCV.
+        lit = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
+        lit = cv2.subtract(lit, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
+        return np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
+
+    def light_of(self, work: Image) -> Light:
         """Return gain and offset per channel of a reduced copy against the background's light."""
         seen = _sample(work)
         seen_terms = np.concatenate([seen, seen * self._sample])

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
+from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
@@ -65,6 +65,7 @@ class SlipEstimator(FreshFrameEstimator):
         marked = found_marks(background, fine)
         self._marks, self._fine_marks = GelMarks(marked, size), GelMarks(marked, fine)
         self._turning = shipped_turning()
+        self._turning.share(np.zeros((fine[1], fine[0], 3), np.float32))  # the first picture takes 15 ms
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()
@@ -83,7 +84,8 @@ class SlipEstimator(FreshFrameEstimator):
         if self._last is not None and self._work is not None and np.array_equal(work, self._work):
             return self._repeated(self._last, time_ns)
         self._work = work
-        clean = self._marks.mended(self._light.of(work))
+        light = self._light.light_of(work)
+        clean = self._marks.mended(self._light.of(work, light))
         difference = np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
         torn = self._tearing.update(region)
@@ -94,7 +96,7 @@ class SlipEstimator(FreshFrameEstimator):
             self._follower.release(time_ns)
         self._seen_ns = time_ns
         state, tracked = self._follower.follow(
-            SeenContact(difference, cache(partial(self._texture, image)), region, torn, time_ns), watch
+            SeenContact(difference, cache(partial(self._texture, image, light)), region, torn, time_ns), watch
         )
         sample = SlipSample(
             time_ns,
@@ -106,8 +108,8 @@ class SlipEstimator(FreshFrameEstimator):
             return sample
         return self._answer(sample, tracked, watch)
 
-    def _texture(self, image: Image) -> TextureField:
-        fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image)))
+    def _texture(self, image: Image, light: Light) -> TextureField:
+        fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image), light))
         return TextureField(fine, self._scale, self._turning.counts(fine, self._scale))
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:

@@ -128,9 +128,12 @@ class ContactFollower:
         )
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
-        """Return the frame's texture where it is due: always while it leads, else now and then."""
+        """Return the frame's texture where it is due: always while it leads, else now and then.
+
+        A torn frame shows two moments: it does not decide whether the texture leads.
+        """
         waited_s = (seen.time_ns - self._texture_ns) / NS_PER_S
-        if not grasp.texture_leads and waited_s < TEXTURE_PERIOD_S:
+        if not grasp.texture_leads and (seen.torn or waited_s < TEXTURE_PERIOD_S):
             return None
         self._texture_ns = seen.time_ns
         return seen.texture()

@@ -30,6 +30,9 @@ ASIDE_RAD = tuple(math.radians(turn) for turn in (-11.4, -5.7, 5.7, 11.4))
 # Slopes of the object itself leave little unexplained. Their pose stands until another has so much more
 # evidence; more by the second where theirs is ample.
 MORE_EVIDENCE, AMPLE_EVIDENCE, MORE_THAN_AMPLE = 0.1, 1.2, 0.5
+# Where the texture leads already and correlates so well, as much will do: just after a keyframe a bulge that
+# rests fits perfectly, and the degrees that it hides would be lost with the next one.
+FIRM_TEXTURE = 0.95
 # An older keyframe says nothing with less evidence than this; within so much, or so many standard deviations,
 # it means the same motion.
 LEAST_EVIDENCE, SAME_RAD = 0.15, math.radians(4.0)
@@ -46,6 +49,10 @@ INDEPENDENT = 12.0
 # further objects.
 SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
 LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
+# A keyframe is kept within the first turn while there is so much evidence, beyond it while both channels
+# correlate so well, and never beyond the last turn.
+NEXT_KEY_RAD, KEPT_EVIDENCE = math.radians(3.0), 0.7
+KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +74,7 @@ class Judge:
     """Weighs the motions of one grasp, frame by frame."""
 
     def __init__(self) -> None:
-        self._turn, self._aside = 0, False
+        self._turn, self._busy = 0, False
         self._elsewhere_rad: float | None = None
         self._doubts: dict[int, tuple[float, float]] = {}
 
@@ -79,20 +86,23 @@ class Judge:
         expected: ContactPose,
         last: ContactPose,
         by_slopes: ContactPose | None,
+        leads: bool,
     ) -> Belief | None:
         """Return where the contact is believed to be; None where the slopes' pose stands.
 
         keys: the grasp's first one first, its newest last. expected: where to start from. last: where it
-        was. by_slopes: where its slopes alone have it if they leave little unexplained, else None. Without
-        texture in the newest key there is nothing to weigh.
+        was. by_slopes: where its slopes alone have it if they leave little unexplained, else None. leads:
+        whether the texture led in the last frame. Without texture in the newest key there is nothing to
+        weigh.
         """
         newest = _witness(keys[-1], field, texture)
         if newest is None:
             return None
         alone = None if by_slopes is None else newest.motion_to(by_slopes)
-        aside_before, self._aside = self._aside, False
+        busy_before, self._busy = self._busy, False
         belief = self._by_newest(newest, expected, last)
-        if alone is not None and belief.motion.evidence < alone.evidence + _more_than(alone):
+        firm = leads and belief.motion.texture >= FIRM_TEXTURE
+        if alone is not None and belief.motion.evidence < alone.evidence + _more_than(alone, firm):
             return None
         first, by_first = newest, belief
         for key in _older(keys, belief.pose.angle_rad):
@@ -101,10 +111,13 @@ class Judge:
                 found = older.best(belief.pose)
                 first, by_first = (older, found) if key is keys[0] else (first, by_first)
                 belief = _together(belief, found)
-        # A frame with other starts has cost enough; the one after it looks elsewhere in any case.
-        if self._aside and not aside_before:
+        # A frame with other starts, or one that becomes a keyframe, has cost enough; the one after it looks
+        # elsewhere in any case.
+        turned_rad = belief.pose.angle_rad - keys[-1].pose.angle_rad
+        self._busy = self._busy or not still_fits(belief.motion, turned_rad)
+        if self._busy and not busy_before:
             return replace(belief, doubt=self._doubt())
-        self._aside = False
+        self._busy = False
         return self._elsewhere(first, by_first.motion.evidence, belief)
 
     def _by_newest(self, newest: "_Witness", expected: ContactPose, last: ContactPose) -> Belief:
@@ -119,7 +132,7 @@ class Judge:
                 *(newest.tried(start, TOGETHER) for start in (last, *turned)),
             )
             other = newest.best(max(others, key=lambda b: b.motion.evidence).pose)
-            self._aside = True
+            self._busy = True
             found = max((found, other), key=lambda b: b.motion.evidence)
         if abs(found.pose.angle_rad - last.angle_rad) > MAX_JUMP_RAD:
             return replace(found, motion=replace(found.motion, slopes=0.0, texture=0.0))
@@ -208,7 +221,16 @@ def sigma_alone(key: Key, motion: Motion) -> float:
     return 1.0 / math.sqrt(known)
 
 
-def _more_than(motion: Motion) -> float:
+def still_fits(motion: Motion, turned_rad: float) -> bool:
+    """Return whether a keyframe still tells what texture and slopes say of a turn since it was taken."""
+    if abs(turned_rad) > NEXT_KEY_RAD:
+        return abs(turned_rad) <= FURTHEST_KEY_RAD and min(motion.slopes, motion.texture) >= KEPT
+    return motion.evidence >= KEPT_EVIDENCE
+
+
+def _more_than(motion: Motion, firm: bool) -> float:
+    if firm:
+        return 0.0
     return MORE_EVIDENCE if motion.evidence < AMPLE_EVIDENCE else MORE_THAN_AMPLE
 
 

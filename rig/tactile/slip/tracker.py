@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.tactile.slip.evidence import Motion
-from rig.tactile.slip.judge import Belief, Judge
+from rig.tactile.slip.judge import Belief, Judge, still_fits
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
 from rig.tactile.slip.registration import Alignment, align, similarity
@@ -35,10 +35,6 @@ LOST_EVIDENCE = 0.2
 MOST_MOVING_PX = 3.0
 # Where the texture leads: noise of the angle from frame to frame.
 TEXTURE_NOISE_RAD = math.radians(0.3)
-# There a keyframe is kept within the first turn while there is so much evidence, beyond it while both
-# channels correlate so well, and never beyond the last turn.
-NEXT_KEY_RAD, KEPT_EVIDENCE = math.radians(3.0), 0.7
-KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,12 +78,8 @@ class Tracked:
         if found is not None:
             worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
             return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
-        if self.motion is None:
-            return False
-        turned = abs(self.pose.angle_rad - self.key.pose.angle_rad)
-        if turned > NEXT_KEY_RAD:
-            return turned <= FURTHEST_KEY_RAD and min(self.motion.slopes, self.motion.texture) >= KEPT
-        return self.motion.evidence >= KEPT_EVIDENCE
+        turned_rad = self.pose.angle_rad - self.key.pose.angle_rad
+        return self.motion is not None and still_fits(self.motion, turned_rad)
 
 
 class KeyframeTracker:
@@ -150,7 +142,8 @@ class KeyframeTracker:
         if found is not None and not self.texture_leads:
             start = found.pose
         by_slopes = found.pose if found is not None and found.misfit <= PLAIN_MISFIT else None
-        return self._judge.judged(self._keys, field, texture, start, self._pose, by_slopes)
+        leads = self.texture_leads
+        return self._judge.judged(self._keys, field, texture, start, self._pose, by_slopes, leads)
 
     def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
         older = self._surest(expected.angle_rad)

@@ -119,7 +119,8 @@ def test_a_line_that_turns_on_a_bulge_that_rests_is_followed(way: float) -> None
     assert samples[-1].state in (State.TRACKING, State.REKEYED)
     assert samples[-1].angle_deg is not None
     assert samples[9].angle_deg is not None
-    assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=3.0)
+    # less than a frame turns: none is lost where a keyframe is taken
+    assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=1.0)
 
 
 def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:

@@ -63,7 +63,7 @@ class RelativeDifference:
     def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a reduced copy from the background, (h, w, 3) float32.
 
-        light: the copy's, where a copy of the same frame at another size has told it (`light_of`).
+        light: the frame's, where a copy of it, of this or another size, has told it (`light_of`).
         """
         gain, offset = light or self.light_of(work)
         # Four values are a scalar to OpenCV.

@@ -65,7 +65,6 @@ class SlipEstimator(FreshFrameEstimator):
         marked = found_marks(background, fine)
         self._marks, self._fine_marks = GelMarks(marked, size), GelMarks(marked, fine)
         self._turning = shipped_turning()
-        self._turning.share(np.zeros((fine[1], fine[0], 3), np.float32))  # the first picture takes 15 ms
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()

@@ -101,9 +101,11 @@ class Judge:
         alone = None if by_slopes is None else newest.motion_to(by_slopes)
         busy_before, self._busy = self._busy, False
         belief = self._by_newest(newest, expected, last)
-        firm = leads and belief.motion.texture >= FIRM_TEXTURE
-        if alone is not None and belief.motion.evidence < alone.evidence + _more_than(alone, firm):
-            return None
+        if alone is not None:
+            firm = leads and belief.motion.texture >= FIRM_TEXTURE
+            more = 0.0 if firm else _more_than(alone)
+            if belief.motion.evidence < alone.evidence + more:
+                return None
         first, by_first = newest, belief
         for key in _older(keys, belief.pose.angle_rad):
             older = _witness(key, field, texture)
@@ -228,9 +230,7 @@ def still_fits(motion: Motion, turned_rad: float) -> bool:
     return motion.evidence >= KEPT_EVIDENCE
 
 
-def _more_than(motion: Motion, firm: bool) -> float:
-    if firm:
-        return 0.0
+def _more_than(motion: Motion) -> float:
     return MORE_EVIDENCE if motion.evidence < AMPLE_EVIDENCE else MORE_THAN_AMPLE
 
 

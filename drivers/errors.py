@@ -57,6 +57,10 @@ class GraspError(DeviceError):
     """The fingers closed without both sensors reporting contact."""
 
 
+class FingerMotionError(DeviceError):
+    """The fingers missed their target position, or still touch an object after they opened."""
+
+
 class RecordingError(RigError):
     """Results could not be written (full disk, no permission, session in use)."""
 

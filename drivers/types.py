@@ -118,6 +118,7 @@ class GripperState:
     counts; `current_counts` its motor current register, unscaled. There is no force here: the
     Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current). `gripping`: a grasping
     finger met something while it closed, by the gripper's own account; a light grip goes unnoticed.
+    `obstructed`: a grasping finger met something while it opened.
     """
 
     time_ns: int
@@ -127,6 +128,7 @@ class GripperState:
     current_counts: int
     fault_code: int
     gripping: bool = False
+    obstructed: bool = False
 
 
 class Holding(StrEnum):

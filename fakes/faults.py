@@ -5,12 +5,21 @@ from dataclasses import dataclass
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 
+OVERSHOOT_COUNTS = 30.0
+"""How far a gripper with the fault `overshoot` moves beyond its target: about 19 mm of opening."""
+
 KINDS = {
     "arm": ("protective_stop", "disconnect"),
-    "gripper": ("fault", "disconnect", "blocked"),
+    "gripper": ("fault", "disconnect", "blocked", "stuck", "false_success", "overshoot"),
     "tactile": ("freeze", "drop", "disconnect"),
     "camera": ("freeze", "drop", "disconnect"),
 }
+"""Kinds of fault by device.
+
+Of a gripper: `blocked` fingers stop where they are and the gripper reports it; `stuck` ones stop, their
+position is right but the gripper reports success; `false_success` also reports the requested position;
+`overshoot` moves too far, in the direction of the motion.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from drivers.types import HandState, Holding, Pose
+from protocols.fingers import require_untouched
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
 from protocols.pump import Pump
@@ -108,18 +109,19 @@ def _each(
     """Close on each in turn, with a look at the untouched gels before; open, and rise at the end."""
     make_ready(bench, operator)
     before: Touch | None = None
+    pump: Pump | None = None
     with safe_end(bench):
         for touch in touches:
             if before is None or before.gauge != touch.gauge:
-                _leave(bench, before)
+                _leave(bench, before, pump)
                 operator.place(touch.gauge, touch.name)
                 approach(bench, touch.base_T_grasp, _came_down(bench, touch), touch.name)
             else:
-                _beside(bench, touch)
+                _beside(bench, touch, pump)
             before = touch
             pump = start_watching(bench, observer, REFERENCE_S)
             touched(pump, touch, close_to_contact(bench, pump, observer))
-        _leave(bench, before)
+        _leave(bench, before, pump)
 
 
 def _came_down(bench: Bench, touch: Touch) -> float:
@@ -128,13 +130,15 @@ def _came_down(bench: Bench, touch: Touch) -> float:
     return max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
 
 
-def _beside(bench: Bench, touch: Touch) -> None:
+def _beside(bench: Bench, touch: Touch, pump: Pump | None) -> None:
     """Open the fingers beside the gauge and go on to the next place, along the gels."""
-    open_around(bench, touch.width_m)
+    open_around(bench, touch.width_m, pump)
+    if pump is not None:
+        require_untouched(bench, pump)
     bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
     move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
-def _leave(bench: Bench, touch: Touch | None) -> None:
+def _leave(bench: Bench, touch: Touch | None, pump: Pump | None) -> None:
     if touch is not None:
-        lower_and_release(bench, touch.base_T_grasp, touch.width_m)
+        lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)

@@ -51,4 +51,4 @@ def capture_wiggle(
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
             pump.run_until(motion.done, MOTION_TIMEOUT_S)
         observer.phase(Phase.LOWER, pump.seen_ns)
-        lower_and_release(bench, touch.base_T_grasp, touch.width_m)
+        lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)

@@ -49,6 +49,11 @@ class Pump:
         """The time up to which all that the fingertips captured has been delivered: not later than now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
+    def touching(self) -> list[str]:
+        """Return the serials of the fingertips that show contact."""
+        serials = (tip.source.serial for tip in self._tips)
+        return [serial for serial in serials if self._observer.touching(serial)]
+
     def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered.
 

@@ -8,9 +8,9 @@ from typing import Protocol
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.interfaces import Motion
+from protocols.fingers import MOTION_TIMEOUT_S, move_fingers
 from protocols.observer import LiftObserver
 from protocols.pump import Pump
-from protocols.steps import MOTION_TIMEOUT_S
 
 MOST_REACTIONS = 8
 """In one lift. The last one ends it: what slips on is lifted no higher."""
@@ -147,8 +147,7 @@ class Reflex:
     def _close(self, counts: int) -> None:
         self._counts = counts
         self._tell(ReactionStep.CLOSE)
-        self._pump.run_until(self._bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
-        self._observer.gripper(self._bench.gripper.state())
+        self._observer.gripper(move_fingers(self._bench, counts, self._pump))
         self._tell(ReactionStep.CLOSED)
 
     def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:

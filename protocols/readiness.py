@@ -10,6 +10,7 @@ from dataclasses import replace
 from drivers.bench import Bench
 from drivers.errors import GripperFaultError
 from drivers.types import HandState, Holding
+from protocols.fingers import move_fingers
 from protocols.home import go_home
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
@@ -83,7 +84,11 @@ def look_at_hand(bench: Bench) -> HandState:
 
 
 def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
-    """Ask; set down, where the hand is above the place it took the object from; open the fingers; rise."""
+    """Ask, set the object down if the hand is above its place, open the fingers, ask again, and rise.
+
+    The second question is for what no device can prove: a gripper may report fingers that are not open.
+    Raises `OperatorStopError`, and `FingerMotionError` if the fingers do not open, before the arm rises.
+    """
     place = hand.base_T_grasp
     held = hand.holding is Holding.HELD
     if held and place is not None and is_above(bench.arm.state().base_T_tcp, place):
@@ -92,12 +97,14 @@ def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None
         )
         bench.hand.note(hand)
         move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-        bench.hand.note(replace(hand, holding=Holding.AROUND))
     else:
         operator.look(
             f"{why}{_seen(hand)} Hold what may be between the fingers: shall they open now, and the arm rise?"
         )
-    _open(bench, operator)
+        bench.hand.note(hand)
+    counts = _open(bench, operator)
+    operator.look(f"The fingers have opened to {counts} counts. Is the hand empty, and may the arm rise?")
+    bench.hand.note(replace(hand, holding=Holding.AROUND))
     _rise(bench)
 
 
@@ -118,10 +125,10 @@ def _finger_counts(bench: Bench) -> int | None:
         return None
 
 
-def _open(bench: Bench, operator: Operator) -> None:
-    """Open the fingers; an activation, where one is due, does that as well."""
+def _open(bench: Bench, operator: Operator) -> int:
+    """Activate the gripper if that is due, open the fingers, and return the counts that they reached."""
     _activate(bench, operator)
-    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
+    return move_fingers(bench, bench.gripper.limits.min_counts).position_counts
 
 
 def _activate(bench: Bench, operator: Operator) -> None:

@@ -59,4 +59,4 @@ def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None
             step_fingers(bench, pump, observer, contact_counts + grip_counts)
             observer.want(images, grip_counts)
             pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S)
-        lower_and_release(bench, plan.base_T_grasp, plan.width_m)
+        lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)

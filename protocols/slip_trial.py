@@ -67,7 +67,7 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
         else:
             pump.run_for(SEEN_S)
         observer.phase(Phase.LOWER, pump.seen_ns)
-        lower_and_release(bench, plan.base_T_grasp, plan.width_m)
+        lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)
 
 
 def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> int:

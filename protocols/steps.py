@@ -6,7 +6,9 @@ from drivers.bench import Bench
 from drivers.errors import GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.keep_out import check_way
-from drivers.types import GripperLimits, HandState, Holding, Pose
+from drivers.types import GripperLimits, GripperState, HandState, Holding, Pose
+from protocols.fingers import MOTION_TIMEOUT_S as MOTION_TIMEOUT_S
+from protocols.fingers import move_fingers, require_untouched, wait_with
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
@@ -14,7 +16,6 @@ from protocols.pump import Pump
 TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10
 ACCELERATION_M_S2 = 1.0
-MOTION_TIMEOUT_S = 15.0
 CLEARANCE_M = 0.10
 """Height above the grasp from which it is approached and to which the hand retreats."""
 LEVEL_M = 0.001
@@ -46,15 +47,16 @@ def way_to(here: Pose, base_T_grasp: Pose) -> tuple[Pose, ...]:  # noqa: N803
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> None:  # noqa: N803
     """Rise if the hand is low, open the fingers a little wider than the object, and come down around it.
 
-    what: is grasped. Raises `OutOfLimitsError` before anything moves where the fingers do not open so wide,
-    or the way leads where the bench file keeps the hand out.
+    what: name of the object. Raises `OutOfLimitsError` before anything moves if the fingers do not open that
+    wide, or if the way leads through a keep-out box of the bench file; `FingerMotionError` before the hand
+    comes down if the fingers do not reach that opening.
     """
     require_room(bench.gripper.limits, width_m)
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
     check_way(bench.arm.limits, way_to(bench.arm.state().base_T_tcp, base_T_grasp))
     _rise_to(bench, above.position_m[2])
-    open_around(bench, width_m)
-    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+    reached = open_around(bench, width_m)
+    bench.hand.note(HandState(Holding.FREE, finger_counts=reached.position_counts))
     move(bench, above, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     bench.hand.note(HandState(Holding.AROUND, what, base_T_grasp, width_m))
     move(bench, base_T_grasp, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
@@ -98,9 +100,11 @@ def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_counts: int, 
 
 
 def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, counts: int) -> None:
-    """Move the fingers to `counts` while frames keep coming, and let the gel settle."""
-    pump.run_until(bench.gripper.move_to(counts).done, MOTION_TIMEOUT_S)
-    observer.gripper(bench.gripper.state())
+    """Move the fingers to `counts` while frames keep coming, and let the gel settle.
+
+    Raises `FingerMotionError` if they do not get there, as `move_fingers` does.
+    """
+    observer.gripper(move_fingers(bench, counts, pump))
     pump.run_for(STEP_SETTLE_S)
 
 
@@ -111,25 +115,43 @@ def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -
     return bench.arm.move_linear(base_T_grasp.translated(z_m=height_m), speed, acceleration)
 
 
-def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
-    """Set the object down, open the fingers, and retreat upwards."""
-    move(bench, base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-    open_and_rise(bench, base_T_grasp, width_m)
+def lower_and_release(
+    bench: Bench,
+    base_T_grasp: Pose,  # noqa: N803
+    width_m: float,
+    pump: Pump | None = None,
+) -> None:
+    """Set the object down, open the fingers, and retreat upwards, as `open_and_rise` does."""
+    wait_with(pump)(move(bench, base_T_grasp, LOWER_SPEED_M_S))
+    open_and_rise(bench, base_T_grasp, width_m, pump)
 
 
-def open_and_rise(bench: Bench, base_T_grasp: Pose, width_m: float) -> None:  # noqa: N803
-    """Open the fingers around an object that rests on its support, and rise straight up."""
-    open_around(bench, width_m)
+def open_and_rise(
+    bench: Bench,
+    base_T_grasp: Pose,  # noqa: N803
+    width_m: float,
+    pump: Pump | None = None,
+) -> None:
+    """Open the fingers around an object that rests on its support, and rise straight up.
+
+    pump: delivers frames until the fingers are open; with one, the fingertips must then show no contact.
+    Raises `FingerMotionError` with the arm still at the grasp if the release cannot be verified.
+    """
+    open_around(bench, width_m, pump)
+    if pump is not None:
+        require_untouched(bench, pump)
     bench.hand.note(replace(bench.hand.state, holding=Holding.AROUND))
     clear_m = base_T_grasp.position_m[2] + CLEARANCE_M
     _rise_to(bench, clear_m, TRAVEL_SPEED_M_S)
     bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
 
 
-def open_around(bench: Bench, width_m: float) -> None:
-    """Open the fingers a little wider than an object."""
-    limits = bench.gripper.limits
-    bench.gripper.move_to(limits.counts_for_opening(width_m + 2 * MARGIN_M)).wait(MOTION_TIMEOUT_S)
+def open_around(bench: Bench, width_m: float, pump: Pump | None = None) -> GripperState:
+    """Open the fingers a little wider than an object; return the gripper's state then.
+
+    Raises `FingerMotionError` if they do not get there, as `move_fingers` does.
+    """
+    return move_fingers(bench, bench.gripper.limits.counts_for_opening(width_m + 2 * MARGIN_M), pump)
 
 
 def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) -> None:

@@ -11,6 +11,7 @@ from drivers.clock import to_ns
 from drivers.errors import OperatorStopError, OutOfLimitsError, ProtectiveStopError
 from drivers.motion import POLL_S
 from drivers.types import ArmMode, HandState, Holding, Pose
+from protocols.fingers import move_fingers, require_untouched
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
@@ -107,8 +108,8 @@ def _step(bench: Bench, target: Pose) -> None:
 
 def open_hand(bench: Bench) -> None:
     """Open a free hand as wide as it goes, before it is brought around something."""
-    bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_TIMEOUT_S)
-    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+    reached = move_fingers(bench, bench.gripper.limits.min_counts)
+    bench.hand.note(HandState(Holding.FREE, finger_counts=reached.position_counts))
 
 
 def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
@@ -123,6 +124,7 @@ def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
         pump = start_watching(bench, observer, REFERENCE_S)
         counts = close_to_contact(bench, pump, observer, bench.gripper.limits.max_counts)
         width_m = bench.gripper.limits.opening_at(counts)
-        open_around(bench, width_m)
+        open_around(bench, width_m, pump)
+        require_untouched(bench, pump)
         bench.hand.note(HandState(Holding.AROUND, what, pose, width_m))
     return Taught(pose, width_m)

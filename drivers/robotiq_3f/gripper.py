@@ -134,6 +134,7 @@ class Robotiq3F(Gripper):
             current_counts=max(axis.current for axis in grasping),
             fault_code=status.fault,
             gripping=any(axis.status is ObjectStatus.CONTACT_CLOSING for axis in grasping),
+            obstructed=any(axis.status is ObjectStatus.CONTACT_OPENING for axis in grasping),
         )
 
     def move_to(self, position_counts: int) -> PolledMotion:

@@ -1,5 +1,7 @@
 """A simulated Robotiq 3-Finger gripper: activation, travel in counts, contact by object width."""
 
+import math
+
 from drivers.clock import Clock, to_ns
 from drivers.errors import (
     DeviceError,
@@ -10,7 +12,7 @@ from drivers.errors import (
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.types import GripperLimits, GripperState
-from fakes.faults import FaultScript
+from fakes.faults import OVERSHOOT_COUNTS, FaultScript
 from fakes.world.motion import FingerPath
 from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
@@ -45,6 +47,8 @@ class FakeGripper(Gripper):
         self._faults = faults
         self._connected = False
         self._activated = False
+        self._requested = world.layout.open_counts
+        self._stalls = False
 
     @property
     def limits(self) -> GripperLimits:
@@ -81,14 +85,17 @@ class FakeGripper(Gripper):
         self._require_usable()
         now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
+        counts = round(self._world.fingers.position_at(now))
+        blocked, stalled = self._has("blocked"), squeeze * FINGER_STIFFNESS_N_M >= STALL_FORCE_N
         return GripperState(
             time_ns=now,
             activated=self._activated,
             moving=not self._world.fingers.profile.done_at(now),
-            position_counts=round(self._world.fingers.position_at(now)),
+            position_counts=self._requested if self._has("false_success") else counts,
             current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
             fault_code=0,
-            gripping=squeeze * FINGER_STIFFNESS_N_M >= STALL_FORCE_N,
+            gripping=stalled or self._stalls or (blocked and self._requested > counts),
+            obstructed=blocked and self._requested < counts,
         )
 
     def move_to(self, position_counts: int) -> PolledMotion:
@@ -106,16 +113,31 @@ class FakeGripper(Gripper):
             )
         now = self._clock.now_ns() + self._period_ns
         start = self._world.fingers.position_at(now)
-        end = min(float(position_counts), max(start, self._stall_counts(now)))
-        if self._faults.active("blocked", now, "gripper"):
-            end = start
+        end = self._end(start, position_counts, now)
+        self._requested = position_counts
+        self._stalls = self._stall_counts(now) <= end < position_counts
         profile = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, profile)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
+        self._stalls = False
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
+
+    def _end(self, start: float, position_counts: int, now_ns: int) -> float:
+        """Return where a motion ends, in counts: at its target, at an object, or where a fault ends it."""
+        if any(self._has(kind) for kind in ("blocked", "stuck", "false_success")):
+            return start
+        end = float(position_counts)
+        if self._has("overshoot") and end != start:
+            layout = self._world.layout
+            end += math.copysign(OVERSHOOT_COUNTS, end - start)
+            end = min(max(end, layout.open_counts), layout.closed_counts)
+        return min(end, max(start, self._stall_counts(now_ns)))
+
+    def _has(self, kind: str) -> bool:
+        return self._faults.active(kind, self._clock.now_ns(), "gripper")
 
     def _arrived(self) -> bool:
         self._require_usable()

@@ -22,6 +22,8 @@ from fakes.world.world import World
 from rig.bench.assembly import simulated_arm, simulated_bench_plan
 from rig.config import BenchConfig
 
+NO_FAULTS = FaultScript()
+
 
 @dataclass(frozen=True, slots=True)
 class LearningBench:
@@ -37,10 +39,12 @@ class LearningBench:
     turn_deg: Callable[[int], float]
 
 
-def build_learning_bench(config: BenchConfig, seed: int, sight_hz: float | None) -> LearningBench:
+def build_learning_bench(
+    config: BenchConfig, seed: int, sight_hz: float | None, faults: FaultScript = NO_FAULTS
+) -> LearningBench:
     """Make a bench on a world of its own. sight_hz: rate of the fingertips; None: they are blind."""
     plan = simulated_bench_plan(config)
-    world, clock, faults = World(plan.layout, seed), SimulatedClock(), FaultScript()
+    world, clock = World(plan.layout, seed), SimulatedClock()
     tips = []
     for digit in plan.digits:
         if sight_hz is None:

@@ -118,6 +118,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: 
         ("arm", "disconnect", "connection lost"),
         ("gripper", "fault", "0x0D"),
         ("gripper", "blocked", "no contact"),
+        ("gripper", "stuck", "instead of"),
+        ("gripper", "overshoot", "too far"),
         ("tactile", "freeze", "froze"),
         ("SIM-D0002", "disconnect", "SIM-D0002"),
         ("tactile", "drop", "no frame"),
@@ -131,6 +133,15 @@ def test_a_fault_in_mid_lift_is_named_and_no_result(device: str, kind: str, text
     assert row.outcome is LiftOutcome.FAULT
     assert text in row.fault
     assert "[" in row.fault  # how the bench was left
+
+
+@pytest.mark.parametrize("kind", ["blocked", "stuck", "false_success", "overshoot"])
+def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> None:
+    row = attempt_lift(fault("gripper", kind, 10.5), TASK).row
+    assert isinstance(row, FailedLift)
+    text = "still in contact" if kind == "false_success" else "instead of"
+    assert f"FingerMotionError: gripper: {'' if kind == 'false_success' else 'the fingers'}" in row.fault
+    assert text in row.fault
 
 
 def test_a_few_dropped_frames_cost_information_only() -> None:

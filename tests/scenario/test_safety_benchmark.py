@@ -1,4 +1,4 @@
-"""A run of `rig benchmark safety` with a real program that is killed in mid-lift.
+"""Runs of `rig benchmark safety` with a real program: killed in mid-lift, and with blocked fingers.
 
 Programs stopped on their way down: `test_bench_safety.py`.
 """
@@ -16,9 +16,15 @@ from rig.config import BenchConfig
 pytestmark = pytest.mark.real_time
 
 
-def test_a_killed_lift_keeps_every_limit(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
-    plan = [PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5))]
+def test_killed_lift_and_blocked_fingers_keep_every_limit(
+    tmp_path: Path, unhurried_bench: BenchConfig
+) -> None:
+    plan = [
+        PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
+        PlannedRun(2, BY_NAME["fingers blocked"], Moment(Stage.HOLD, 0.2)),
+    ]
     runs = run_safety(tmp_path / "s", plan, bench=unhurried_bench)
-    assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift")]
+    assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
     missed = [limit for limit in judge_runs(runs) if not limit.met]
     assert not missed, (missed, runs)
+    assert "nobody at the bench agreed" in runs[1].said

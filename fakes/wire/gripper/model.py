@@ -5,7 +5,10 @@ registers" and "Robot input registers"), read here anew: nothing is shared with 
 What the manual leaves open (durations, scissor positions of three modes) is marked as ours.
 """
 
+import math
+
 from drivers.clock import to_ns
+from fakes.faults import OVERSHOOT_COUNTS
 from fakes.wire.gripper.axis import FingerMotor, mean_path
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
@@ -21,6 +24,8 @@ OFFSETS: dict[str, int] = dict(zip(AXES, (3, 6, 9, 12), strict=True))
 SCISSOR_OF_MODE = (0x89, 0xDC, 0x19, 0x19)
 """Basic is the manual's status example; pinch, wide and scissor are ours."""
 CLOSED_COUNTS = 255
+MOTIONLESS = frozenset(("stuck", "false_success"))
+"""Faults with which the fingers do not move although the gripper reports that they arrived."""
 MOVING_CURRENT = 0x0F
 """What the manual's example reads while the fingers close."""
 MODE_CHANGE_S = 1.0
@@ -33,12 +38,12 @@ class GripperModel:
     """The device behind the registers. `tick` it every 5 ms; other calls only read or write bytes.
 
     fingers: the axes that carry the world's fingertips; the world's opening follows their mean.
+    faults: names of those that are on: `deaf` ignores what is written, the others are `fakes.faults.KINDS`.
     """
 
     def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:
         self.written = bytearray(IMAGE_BYTES)
-        self.blocked = False
-        self.deaf = False
+        self.faults: frozenset[str] = frozenset()
         self._world = world
         self._fingers = fingers
         self._sweep_s = max(activation_s, 0.01) / 2
@@ -63,7 +68,7 @@ class GripperModel:
         for missed_ns in range(max(self._ticked_ns, now_ns - LATEST_NS) + REFRESH_NS, now_ns, REFRESH_NS):
             self._stop_at_contact(missed_ns)
         self._ticked_ns = now_ns
-        request = self._latched if self.deaf else bytes(self.written)
+        request = self._latched if "deaf" in self.faults else bytes(self.written)
         self._take(request, now_ns)
         self._latched = request
         self._advance(now_ns)
@@ -147,7 +152,7 @@ class GripperModel:
             self._follow(now_ns)
 
     def _go_on_activating(self, now_ns: int) -> None:
-        if self.blocked:
+        if "blocked" in self.faults:
             self.fail(MAJOR_FAULT, now_ns)
         elif not self._swept:
             self._swept = True
@@ -189,9 +194,18 @@ class GripperModel:
         position, speed, force = asked
         end = max(float(position), self._open)
         back = (end < axis.path.position_at(now_ns)) == axis.closing
-        if rearm or not axis.contact or back or force > axis.asked[2]:
-            axis.go(end, self._speed(speed), now_ns)
+        if self.faults & MOTIONLESS:
+            axis.stop(now_ns)
+        elif rearm or not axis.contact or back or force > axis.asked[2]:
+            axis.go(self._overshot(axis, end, now_ns), self._speed(speed), now_ns)
         axis.asked = asked
+
+    def _overshot(self, axis: FingerMotor, end: float, now_ns: int) -> float:
+        """Return where a motion to `end` really ends: beyond it with the fault `overshoot`."""
+        way = end - axis.path.position_at(now_ns)
+        if "overshoot" not in self.faults or abs(way) < 0.5:
+            return end
+        return min(max(end + math.copysign(OVERSHOOT_COUNTS, way), self._open), CLOSED_COUNTS)
 
     def _speed(self, counts: int) -> float:
         metres = SLOWEST_M_S + counts / 255 * (FASTEST_M_S - SLOWEST_M_S)
@@ -204,7 +218,9 @@ class GripperModel:
         resistance = FINGER_STIFFNESS_N_M * self._world.squeeze_at(now_ns)
         for name, axis in moving:
             limit = WEAKEST_N + FORCE_PER_COUNT_N * axis.asked[2]
-            if self.blocked or (name != "S" and axis.closing and resistance >= limit):
+            if self.faults & MOTIONLESS:
+                axis.stop(now_ns)
+            elif "blocked" in self.faults or (name != "S" and axis.closing and resistance >= limit):
                 axis.stop(now_ns)
                 axis.contact = 2 if axis.closing else 1
 
@@ -220,9 +236,14 @@ class GripperModel:
             if self._going and not moving[number]:
                 image[1] |= (axis.contact or 3) << 2 * number
             image[offset] = self._latched[offset]
-            image[offset + 1] = round(axis.path.position_at(now_ns))
+            image[offset + 1] = self._reported(axis, now_ns)
             image[offset + 2] = MOVING_CURRENT if moving[number] else 0
         return bytes(image)
+
+    def _reported(self, axis: FingerMotor, now_ns: int) -> int:
+        if "false_success" in self.faults and self._going:
+            return max(axis.asked[0], round(self._open))
+        return round(axis.path.position_at(now_ns))
 
     def _motion_status(self, moving: bool) -> int:
         if moving:

@@ -26,6 +26,9 @@ FAULTS: dict[str, dict[str, Any]] = {
     "power_lost": {},
     "fault": {"code": 0x0D},
     "blocked": {},
+    "stuck": {},
+    "false_success": {},
+    "overshoot": {},
     "deaf": {},
 }
 """Kinds of fault and the arguments they take, with their defaults; `duration_s` fits all."""
@@ -126,7 +129,7 @@ class WireGripper(ABC):
             self._random.seed(settings["seed"])
 
     def _apply(self) -> None:
-        self._model.blocked, self._model.deaf = "blocked" in self._faults, "deaf" in self._faults
+        self._model.faults = frozenset(self._faults)
 
     def snapshot(self) -> dict[str, Any]:
         """What happened so far: requests and replies, both register images in hex, faults that are on."""

@@ -185,8 +185,9 @@ def _grasping(wanted: BenchConfig) -> Iterator[tuple[Pump, StillContact]]:
         operator.place(plan.object_id, plan.object_name)
         observer = StillContact(config, bench.clock)
         with safe_end(bench):
-            yield _grasped(bench, plan, observer), observer
-            open_and_rise(bench, plan.base_T_grasp, plan.width_m)
+            pump = _grasped(bench, plan, observer)
+            yield pump, observer
+            open_and_rise(bench, plan.base_T_grasp, plan.width_m, pump)
 
 
 def _grasped(bench: Bench, plan: LiftPlan, observer: StillContact) -> Pump:

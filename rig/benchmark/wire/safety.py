@@ -136,7 +136,7 @@ class _Place:
                 raise DeviceError(f"safety: run {planned.number} ended too early: {program.said()}")
             event_ns = strike(event, program, self._control.call)
             track = self._end(event, program, event_ns)
-            judged = judge(event, track, event_ns, self._grasp_m)
+            judged = judge(event, stage, track, event_ns, self._grasp_m)
             ended, said = program.code, program.said()
         return SafetyRun(
             number=planned.number,

@@ -1,5 +1,6 @@
 """What can happen to a lift at any moment, and what may move after it: the rows of `rig benchmark safety`."""
 
+import math
 import random
 import signal
 from dataclasses import dataclass
@@ -12,12 +13,14 @@ class After(StrEnum):
     """What may move once the arm has come to a standstill.
 
     STAYS: nothing. SAFE_END: what `protocols.safe_end` says of a hand that is free, around something or
-    holding. NOTICED: the lift goes on as agreed until it is noticed; then the safe end.
+    holding. NOTICED: the lift goes on as agreed until it is noticed; then the safe end. FINGERS: the same,
+    but it can only be noticed when the fingers move next, so no time is required.
     """
 
     STAYS = "stays"
     SAFE_END = "safe end"
     NOTICED = "noticed"
+    FINGERS = "at the next finger motion"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,10 @@ EVENTS = (
     Event("gripper lost", After.NOTICED, fault=("gripper", "disconnect")),
     Event("fingertip lost", After.NOTICED, fault=("SIM-D0001", "disconnect")),
     Event("camera lost", After.NOTICED, fault=("camera", "disconnect")),
+    Event("fingers blocked", After.FINGERS, fault=("gripper", "blocked")),
+    Event("fingers stuck", After.FINGERS, fault=("gripper", "stuck")),
+    Event("false success", After.FINGERS, fault=("gripper", "false_success")),
+    Event("fingers overshoot", After.FINGERS, fault=("gripper", "overshoot")),
     Event("disk full", After.NOTICED, disk_full=True),
 )
 BY_NAME = {event.name: event for event in EVENTS}
@@ -63,7 +70,7 @@ def plan_runs(seed: int, full: bool, repeats: int = 3) -> list[PlannedRun]:
     if full:
         cells = [(event, stage) for event in EVENTS for stage in Stage] * repeats
     else:
-        stages = [*Stage] * (len(EVENTS) // len(Stage))
+        stages = ([*Stage] * math.ceil(len(EVENTS) / len(Stage)))[: len(EVENTS)]
         rng.shuffle(stages)
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from protocols.safe_end import REACH_M
 from protocols.steps import CLEARANCE_M
+from rig.benchmark.wire.moments import Stage
 from rig.benchmark.wire.safety_events import After, Event
-from rig.benchmark.wire.true_track import Standstill, TrueState, at, dropped, standstill
+from rig.benchmark.wire.true_track import Standstill, TrueState, at, carried, dropped, standstill
 
 MOVED_M = 0.001
 LINE_M = 0.002
@@ -28,10 +29,13 @@ class Judged:
     unasked: str
 
 
-def judge(event: Event, track: Sequence[TrueState], event_ns: int, grasp_m: float) -> Judged:
-    """Judge what happened after an event. grasp_m: height of the tool that grasps."""
+def judge(event: Event, stage: Stage, track: Sequence[TrueState], event_ns: int, grasp_m: float) -> Judged:
+    """Judge what happened after an event. stage: of the lift at the event. grasp_m: height of the tool."""
     stop = standstill(track, event_ns)
-    return Judged(stop, dropped(track, grasp_m), _unasked(event, track, stop, grasp_m))
+    unasked = _unasked(event, track, stop, grasp_m)
+    if not unasked and carried(track, grasp_m, set_down=stage is Stage.RELEASE):
+        unasked = "the object was carried"
+    return Judged(stop, dropped(track, grasp_m), unasked)
 
 
 def _unasked(event: Event, track: Sequence[TrueState], stop: Standstill, grasp_m: float) -> str:

@@ -15,7 +15,7 @@ NOTICED_S = 1.0
 
 def judge_runs(runs: Sequence[SafetyRun]) -> list[Measured]:
     """Return all limits in the order of the table."""
-    stopped = [run for run in runs if BY_NAME[run.event].after is not After.NOTICED]
+    stopped = [run for run in runs if BY_NAME[run.event].after in (After.STAYS, After.SAFE_END)]
     lost = [run for run in runs if BY_NAME[run.event].after is After.NOTICED and BY_NAME[run.event].fault]
     return [
         at_most("objects dropped", sum(run.dropped for run in runs), 0),

@@ -74,6 +74,25 @@ def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
     )
 
 
+def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) -> bool:
+    """Whether the tool rose with the object after it had set the object down where it grasps it.
+
+    set_down: whether it had done so when the track begins.
+    """
+    was_up = was_down = set_down
+    for state in track:
+        above_m = state.tool_m[2] - grasp_m
+        if not state.held:
+            was_up = was_down = False
+        elif above_m > ABOVE_M:
+            if was_down:
+                return True
+            was_up = True
+        elif above_m < ABOVE_M / 2:
+            was_down = was_up
+    return False
+
+
 def _speed_m_s(before: TrueState, after: TrueState) -> float:
     lasts_s = max(after.time_ns - before.time_ns, 1) / NS_PER_S
     return math.dist(before.tool_m, after.tool_m) / lasts_s

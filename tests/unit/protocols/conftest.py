@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import pytest
 
@@ -9,6 +10,7 @@ from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, OperatorStopError
 from drivers.types import ArmState, Frame, GripperState, HandState, Holding, Pose
 from fakes.clock import SimulatedClock
+from fakes.faults import FaultScript
 from protocols.observer import Phase
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
@@ -41,6 +43,15 @@ class Touching:
 
     def touching(self, serial: str) -> bool:
         return self.made.force_n(self.made.bench.clock.now_ns()) > 0.2
+
+
+class SwitchedFaults(FaultScript):
+    """Faults of the gripper that a test switches on while a lift is under way."""
+
+    on: ClassVar[set[str]] = set()
+
+    def active(self, kind: str, time_ns: int, *names: str) -> bool:
+        return kind in self.on and "gripper" in names
 
 
 @dataclass
@@ -86,6 +97,10 @@ class LiftOf:
             return "; ".join(getattr(error, "__notes__", []))
         return "done"
 
+    def break_gripper(self, kind: str) -> None:
+        """Switch on one of the faults that `fakes.faults.KINDS` lists for a gripper."""
+        SwitchedFaults.on.add(kind)
+
     def interrupt(self, when: When, by: Exception | None = None) -> None:
         """Let a signal (or a fault) come as soon as something is so."""
         self.interruptions.append((when, by or OperatorStopError("stopped")))
@@ -106,6 +121,7 @@ class LiftOf:
 def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
     """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`."""
     lifts: list[LiftOf] = []
+    SwitchedFaults.on.clear()
     passes = SimulatedClock.sleep_until
 
     def sleep_until(clock: SimulatedClock, time_ns: int) -> None:
@@ -120,7 +136,7 @@ def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
 
     def make(object_id: str = "t1") -> LiftOf:
         config = load_bench("fake")
-        made = build_learning_bench(config, 3, None)
+        made = build_learning_bench(config, 3, None, SwitchedFaults())
         settings = TrialSettings(config, 0, choose_estimator())
         plan = plan_lift(settings, LiftTask(1, object_id, 1), made.bench.base_T_table)
         for device in (*made.bench.frame_sources, made.bench.gripper, made.bench.arm):

@@ -56,6 +56,9 @@ GOES_DOWN = way((0.0, 0.09), (0.1, 0.08), (1.0, 0.08), (1.3, 0.0), (2.0, 0.0))
 SET_DOWN = way((0.0, 0.03), (0.1, 0.04), (0.5, 0.04), (0.9, 0.0), (1.5, 0.0), held=True)
 FELL = [*way((0.0, 0.03), (0.1, 0.04), (0.5, 0.04), held=True), *way((0.6, 0.04), (1.0, 0.04))]
 SIDEWAYS = [*way((0.0, 0.03), (0.5, 0.03)), *way((0.6, 0.03), (1.0, 0.03), x_m=0.01)]
+CARRIED = way((0.0, 0.03), (0.4, 0.0), (1.0, 0.0), (1.3, 0.1), held=True)
+STAYS_DOWN = way((0.0, 0.0), (1.0, 0.0), held=True)
+RISES_HELD = way((0.0, 0.0), (1.0, 0.0), (1.3, 0.1), held=True)
 CLOSED = [*way((0.0, 0.0), (0.5, 0.0)), *way((0.6, 0.0), (1.0, 0.0), counts=9.0)]
 OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0), counts=6.0)]
 
@@ -69,6 +72,9 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
         ("kill -9", SET_DOWN, "the arm moved by 40.0 mm"),
         ("Ctrl-C twice", SET_DOWN, "the arm moved by 40.0 mm"),
         ("gripper lost", GOES_DOWN, ""),  # the lift goes on until it is noticed
+        ("fingers blocked", SET_DOWN, ""),
+        ("fingers blocked", CARRIED, "the object was carried"),
+        ("fingers blocked", RISES_HELD, ""),  # the lift itself
         ("Ctrl-C", SIDEWAYS, "the arm moved sideways beside the object"),
         ("gripper lost", SIDEWAYS, "the arm moved sideways beside the object"),
         ("Ctrl-C", CLOSED, "fingers closed"),
@@ -81,15 +87,21 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
 def test_what_moves_after_the_standstill_was_agreed_to_or_is_told(
     event: str, track: list[TrueState], unasked: str
 ) -> None:
-    assert judge(BY_NAME[event], track, to_ns(0.05), GRASP_M).unasked == unasked
+    assert judge(BY_NAME[event], Stage.LIFT, track, to_ns(0.05), GRASP_M).unasked == unasked
+
+
+def test_arm_that_rises_with_the_object_in_the_release_has_carried_it() -> None:
+    event = BY_NAME["fingers stuck"]
+    assert judge(event, Stage.RELEASE, RISES_HELD, to_ns(0.05), GRASP_M).unasked == "the object was carried"
+    assert judge(event, Stage.RELEASE, STAYS_DOWN, to_ns(0.05), GRASP_M).unasked == ""
 
 
 def test_time_and_way_to_the_standstill_and_what_fell() -> None:
-    judged = judge(BY_NAME["Ctrl-C"], SET_DOWN, to_ns(0.05), GRASP_M)
+    judged = judge(BY_NAME["Ctrl-C"], Stage.LIFT, SET_DOWN, to_ns(0.05), GRASP_M)
     assert judged.stop.after_s == pytest.approx(0.05, abs=0.005)
     assert judged.stop.way_m == pytest.approx(0.005, abs=0.0006)
     assert not judged.dropped
-    assert judge(BY_NAME["Ctrl-C"], FELL, to_ns(0.05), GRASP_M).dropped
+    assert judge(BY_NAME["Ctrl-C"], Stage.LIFT, FELL, to_ns(0.05), GRASP_M).dropped
 
 
 RUN = SafetyRun(

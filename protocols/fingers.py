@@ -1,0 +1,93 @@
+"""Finger motions whose result is verified before anything else moves.
+
+A gripper that is blocked, that reports success without moving, or that moves too far must never lead to
+an arm that moves with an object in its fingers. So every finger motion ends with a comparison of the
+reached position with the requested one, and every release with a look at the tactile images.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from drivers.bench import Bench
+from drivers.clock import to_ns
+from drivers.errors import DeviceError, FingerMotionError
+from drivers.interfaces import Motion
+from drivers.types import GripperLimits, GripperState, HandState, Holding
+from protocols.pump import Pump
+
+MOTION_TIMEOUT_S = 15.0
+REACHED_M = 0.002
+"""Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
+(2 x `steps.MARGIN_M`), so fingers within it do not touch the object. Three counts of a Robotiq 3-Finger."""
+RELEASE_S = 1.0
+"""Longest time after an opening until the tactile images have to be free of contact: gel recovers slowly."""
+
+
+def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
+    """Return a function that waits for the end of a motion, while frames are delivered if there is a pump."""
+    if pump is None:
+        return lambda motion: motion.wait(MOTION_TIMEOUT_S)
+    return lambda motion: pump.run_until(motion.done, MOTION_TIMEOUT_S)
+
+
+def move_fingers(bench: Bench, counts: int, pump: Pump | None = None) -> GripperState:
+    """Move the fingers and verify that they arrived; return the gripper's state then.
+
+    counts: gripper counts. pump: delivers frames meanwhile. Fingers that close may stop early where an
+    object resists with the gripper's force (`GripperState.gripping`). Raises `FingerMotionError` for any
+    other position outside `REACHED_M`, after a stop: a Robotiq gripper whose finger met something ignores
+    further commands in the same direction until rGTO is cleared (manual, OBJECT STATUS). If an opening
+    failed, a hand that held an object still holds it if the fingers fell short; any other is unknown.
+    """
+    opens = counts < bench.gripper.state().position_counts
+    wait_with(pump)(bench.gripper.move_to(counts))
+    reached = bench.gripper.state()
+    problem = _problem(reached, counts, opens, bench.gripper.limits)
+    if problem is None:
+        return reached
+    with suppress(DeviceError):  # the error below says more
+        bench.gripper.stop()
+    fell_short = opens and reached.position_counts > counts
+    if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
+        bench.hand.note(HandState(Holding.UNKNOWN, f"the fingers {problem}"))
+    raise FingerMotionError(
+        f"gripper: the fingers {problem} (tolerance {tolerance_counts(bench.gripper.limits)} counts): they "
+        "are blocked, or the gripper does not carry out its commands; the arm stays where it is. Look what "
+        "is between the fingers and around them, then start again"
+    )
+
+
+def require_untouched(bench: Bench, pump: Pump) -> None:
+    """Wait until no fingertip shows contact after an opening.
+
+    Raises `FingerMotionError` after `RELEASE_S`; the hand is then unknown: the object may stick to a
+    fingertip, or the gripper may report a position that its fingers do not have.
+    """
+    end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
+    pump.run_until(lambda: not pump.touching() or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+    if touching := pump.touching():
+        where = f"{' and '.join(touching)} still in contact after the fingers opened"
+        bench.hand.note(HandState(Holding.UNKNOWN, where))
+        raise FingerMotionError(
+            f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
+            "where it is. Look what the fingers hold, free it, then start again"
+        )
+
+
+def tolerance_counts(limits: GripperLimits) -> int:
+    """Return `REACHED_M` in counts of this gripper, at least 1."""
+    return max(1, round(REACHED_M / limits.opening_per_count_m))
+
+
+def _problem(state: GripperState, counts: int, opens: bool, limits: GripperLimits) -> str | None:
+    """Describe how the fingers missed their target; None if they did not."""
+    off = state.position_counts - counts
+    if abs(off) > tolerance_counts(limits):
+        short = (off > 0) == opens
+        if short and not opens and state.gripping:
+            return None
+        what = "stopped at" if short else "went too far, to"
+        return f"{what} {state.position_counts} instead of {counts} counts"
+    if opens and state.obstructed:
+        return f"met something while they opened to {counts} counts"
+    return None

@@ -1,0 +1,162 @@
+"""Finger motions are verified: a gripper that does not do what it was told never leads to a moving arm."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivers.errors import FingerMotionError, OperatorStopError
+from drivers.types import HandState, Holding
+from protocols.fingers import REACHED_M, move_fingers, tolerance_counts
+from protocols.observer import Phase
+from protocols.readiness import make_ready
+from protocols.steps import MARGIN_M
+from rig.bench.operators import ConsoleOperator
+
+LiftOf = Callable[..., Any]
+MOTIONLESS = ("blocked", "stuck", "false_success")
+KINDS = (*MOTIONLESS, "overshoot")
+SET_DOWN_M = 0.001
+"""An object lower than this above its place rests on its support."""
+
+
+class NobodyAtTheTerminal(ConsoleOperator):
+    """An operator of a run with --yes and no terminal: agrees beforehand, cannot look."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        super().__init__(lambda question: self.asked.append(question) or False, agreed=True)
+
+
+def break_in(lift: Any, phase: Phase | None, kind: str) -> None:
+    """Switch a fault on when a phase begins; before the lift if there is no phase."""
+    if phase is None:
+        lift.break_gripper(kind)
+        return
+    begin = lift.observer.phase
+
+    def begin_and_break(now: Phase, time_ns: int) -> None:
+        begin(now, time_ns)
+        if now is phase:
+            lift.break_gripper(kind)
+
+    lift.observer.phase = begin_and_break
+
+
+def was_carried(lift: Any) -> bool:
+    """Whether the arm rose with the object after it had set the object down."""
+    place = lift.plan.base_T_grasp.position_m[2]
+    heights = [z - place for _, z, _, held in lift.trace if held]
+    top = max(range(len(heights)), key=heights.__getitem__, default=0)
+    down = next((i for i in range(top, len(heights)) if heights[i] < SET_DOWN_M), len(heights))
+    return any(height > 2 * SET_DOWN_M for height in heights[down:])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("phase", [None, *Phase])
+def test_arm_never_carries_object_when_gripper_disobeys(
+    lift_of: LiftOf, phase: Phase | None, kind: str
+) -> None:
+    lift = lift_of()
+    break_in(lift, phase, kind)
+    assert lift.run() != "done"
+    assert not was_carried(lift)
+    held, pose, counts = lift.held, lift.pose, lift.counts
+    operator = NobodyAtTheTerminal()
+    if held:
+        assert lift.bench.hand.state.holding in (Holding.HELD, Holding.UNKNOWN)
+        with pytest.raises(OperatorStopError):
+            make_ready(lift.bench, operator)
+        assert operator.asked
+        assert (lift.pose, lift.counts, lift.held) == (pose, counts, True)
+
+
+@pytest.mark.parametrize("kind", MOTIONLESS)
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
+    lift_of: LiftOf, phase: Phase, kind: str
+) -> None:
+    lift = lift_of()
+    break_in(lift, phase, kind)
+    note = lift.run()
+    assert lift.held
+    assert lift.height_m == pytest.approx(0.0, abs=1e-4)
+    expected = Holding.UNKNOWN if kind == "false_success" else Holding.HELD
+    assert lift.bench.hand.state.holding is expected
+    assert "still holding" in note or "not known" in note
+
+
+def test_gripper_that_opens_too_far_ends_the_lift_with_an_unknown_hand(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    break_in(lift, Phase.HOLD, "overshoot")
+    lift.run()
+    assert lift.bench.hand.state.holding is Holding.UNKNOWN
+    assert "too far" in lift.bench.hand.state.what
+
+
+@pytest.mark.parametrize("kind", MOTIONLESS)
+def test_fingers_that_do_not_open_to_the_grasp_keep_the_hand_up(lift_of: LiftOf, kind: str) -> None:
+    lift = lift_of()
+    move_fingers(lift.bench, 200)
+    lift.break_gripper(kind)
+    lift.run()
+    if kind != "false_success":  # undetectable without contact: the guard against contact force remains
+        assert min(z for _, z, _, _ in lift.trace) > lift.plan.base_T_grasp.position_m[2] + 0.05
+        assert lift.bench.hand.state.holding is Holding.UNKNOWN
+
+
+def test_operator_is_asked_again_after_the_fingers_opened(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    break_in(lift, Phase.HOLD, "false_success")
+    lift.run()
+    answers = iter((True, False))
+    asked: list[str] = []
+    operator = ConsoleOperator(lambda question: asked.append(question) or next(answers))
+    pose = lift.pose
+    with pytest.raises(OperatorStopError):
+        make_ready(lift.bench, operator)
+    assert "Is the hand empty" in asked[1]
+    assert (lift.pose, lift.held) == (pose, True)
+
+
+@pytest.mark.parametrize("kind", MOTIONLESS[:2])
+def test_agreed_release_that_fails_moves_no_arm(lift_of: LiftOf, kind: str) -> None:
+    lift = lift_of()
+    break_in(lift, Phase.HOLD, kind)
+    lift.run()
+    pose = lift.pose
+    with pytest.raises(FingerMotionError, match="instead of"):
+        make_ready(lift.bench, ConsoleOperator(lambda _: True))
+    assert (lift.pose, lift.held) == (pose, True)
+    assert lift.bench.hand.state.holding is Holding.HELD
+
+
+def test_opening_within_tolerance_frees_the_object() -> None:
+    assert REACHED_M < 2 * MARGIN_M
+
+
+def test_tolerance_follows_the_resolution_of_the_gripper(lift_of: LiftOf) -> None:
+    limits = lift_of().bench.gripper.limits
+    assert tolerance_counts(limits) == 3
+
+
+def test_closing_onto_an_object_may_stop_early(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    break_in(lift, None, "none")
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
+    lift.interrupt(lambda: True)
+    lift.run()
+    lift.interruptions.clear()
+    state = move_fingers(lift.bench, lift.bench.gripper.limits.max_counts)
+    assert state.gripping
+    assert state.position_counts < lift.bench.gripper.limits.max_counts
+
+
+def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    move_fingers(lift.bench, 100)
+    lift.bench.hand.note(HandState(Holding.FREE))
+    lift.break_gripper("stuck")
+    with pytest.raises(FingerMotionError, match="stopped at 100 instead of 50 counts"):
+        move_fingers(lift.bench, 50)
+    assert lift.bench.hand.state.holding is Holding.UNKNOWN

@@ -46,6 +46,16 @@ class TruthSeries:
     tilt_deg: float | None
     refused: dict[str, int]
 
+    def before(self, end_ns: int) -> "TruthSeries":
+        """Return the angles measured before a time."""
+        count = int(np.searchsorted(self.time_ns, end_ns))
+        return replace(
+            self,
+            time_ns=self.time_ns[:count],
+            angle_deg=self.angle_deg[:count],
+            sigma_deg=self.sigma_deg[:count],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sighting:

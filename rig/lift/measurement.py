@@ -159,11 +159,12 @@ class LiftMeasurement:
                 if tip.estimator is not None:
                     tip.estimator.gripped_further()
 
-    def fallen(self, until_ns: int) -> bool:
-        """Whether no fingertip has felt anything for the last moments before `until_ns`."""
-        since = until_ns - to_ns(FALLEN_S)
-        late = [s for tip in self.tips.values() for s in tip.samples if since <= s.time_ns < until_ns]
-        return bool(late) and all(s.state is State.NO_CONTACT for s in late)
+    def fall_ns(self, until_ns: int) -> int | None:
+        """Return when the object left the fingertips; None if they had contact shortly before `until_ns`."""
+        samples = [s for tip in self.tips.values() for s in tip.samples if s.time_ns < until_ns]
+        touching = [s.time_ns for s in samples if s.state is not State.NO_CONTACT]
+        last = max(touching, default=min((s.time_ns for s in samples), default=until_ns))
+        return last if last < until_ns - to_ns(FALLEN_S) else None
 
     def marker_distance(self) -> MarkerDistance | None:
         """How far the markers look and should be, where that warns; None else, or where it is not known."""

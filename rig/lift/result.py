@@ -25,33 +25,37 @@ FINAL_S = 0.3
 def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the row's measured part and the true angle.
+    Returns the row's measured part and the true angle. Both end at the fall of an object that falls: what
+    the camera sees after it is an object that lies somewhere, not a turn in the hand.
     """
-    series = measurement.truth.series()
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
+    fall_ns = measurement.fall_ns(end_ns)
+    held_ns = end_ns if fall_ns is None else fall_ns
+    series, since_zero = measurement.truth.series(), measurement.truth.series_since_zero()
+    if fall_ns is not None:
+        series, since_zero = series.before(fall_ns), since_zero.before(fall_ns)
     fused = [s for s in measurement.fused if s.time_ns < end_ns]
     true_deg = [interpolate(series, s.time_ns) for s in fused]
     in_b = np.array([s.time_ns < hold_ns for s in fused], bool)
     errors = _errors([s.angle_deg for s in fused], true_deg)
     held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
-    since_zero = measurement.truth.series_since_zero()
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     answers = [(s.time_ns, s.angle_deg) for s in measurement.fused]
     samples = [s for tip in measurement.tips.values() for s in tip.samples]
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
     final_truth = _final(
-        [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], end_ns
+        [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], held_ns
     )
     figures = LiftFigures(
-        outcome=_outcome(measurement, onset, end_ns, reactions or (), final_truth),
+        outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
         re_b=_summary(errors[in_b]),
         re=_summary(errors),
         re_held=_summary(held_errors),
         contact_area_px=_contact_areas(measurement, lift_ns),
         answered=float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
-        final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], end_ns),
+        final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], held_ns),
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
@@ -99,11 +103,11 @@ def _summary(errors_deg: Floats) -> ErrorSummary | None:
 def _outcome(
     measurement: LiftMeasurement,
     onset_ns: int | None,
-    end_ns: int,
+    fall_ns: int | None,
     reactions: tuple[ReactionRecord, ...],
     turn_deg: float | None,
 ) -> LiftOutcome:
-    if measurement.fallen(end_ns):
+    if fall_ns is not None:
         return LiftOutcome.FALLEN
     limit = (measurement.watch.max_turn_deg if measurement.watch else None) or CAUGHT_DEG
     kept = turn_deg is not None and abs(turn_deg) <= limit

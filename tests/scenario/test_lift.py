@@ -144,6 +144,19 @@ def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> 
     assert text in row.fault
 
 
+def test_final_angles_of_a_fallen_lift_are_those_before_the_fall() -> None:
+    row = attempt_lift(settings(), LiftTask(1, "t1", 2, grip_counts=2)).row
+    assert isinstance(row, FinishedLift)
+    assert row.outcome is LiftOutcome.FALLEN
+    assert row.final_truth_deg is not None
+    assert row.final_estimate_deg is not None
+    assert row.final_truth_deg < -1.0  # the object turned in the hand before it fell
+    assert row.final_estimate_deg == pytest.approx(row.final_truth_deg, abs=1.0)
+    assert row.re_held is not None
+    assert row.re is not None
+    assert row.re_held.frames == row.re.frames  # no error is counted after the fall
+
+
 def test_a_few_dropped_frames_cost_information_only() -> None:
     row = attempt_lift(fault("SIM-D0001", "drop", 9.0, duration_s=0.2), TASK).row
     assert isinstance(row, FinishedLift)

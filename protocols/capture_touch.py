@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from drivers.bench import Bench
 from drivers.types import HandState, Holding, Pose
-from protocols.fingers import require_untouched
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
 from protocols.pump import Pump
@@ -133,8 +132,6 @@ def _came_down(bench: Bench, touch: Touch) -> float:
 def _beside(bench: Bench, touch: Touch, pump: Pump | None) -> None:
     """Open the fingers beside the gauge and go on to the next place, along the gels."""
     open_around(bench, touch.width_m, pump)
-    if pump is not None:
-        require_untouched(bench, pump)
     bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
     move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 

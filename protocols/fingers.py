@@ -20,7 +20,7 @@ REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
 (2 x `steps.MARGIN_M`), so fingers within it do not touch the object. Three counts of a Robotiq 3-Finger."""
 RELEASE_S = 1.0
-"""Longest time after an opening until the tactile images have to be free of contact: gel recovers slowly."""
+"""Longest time after an opening until the imprint of the contact has to be gone: a gel recovers slowly."""
 
 
 def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
@@ -57,21 +57,24 @@ def move_fingers(bench: Bench, counts: int, pump: Pump | None = None) -> Gripper
     )
 
 
-def require_untouched(bench: Bench, pump: Pump) -> None:
-    """Wait until no fingertip shows contact after an opening.
+def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
+    """Open the fingers as `move_fingers` does, and wait until no fingertip shows the contact any more.
 
     Raises `FingerMotionError` after `RELEASE_S`; the hand is then unknown: the object may stick to a
     fingertip, or the gripper may report a position that its fingers do not have.
     """
+    held = pump.imprints()
+    reached = move_fingers(bench, counts, pump)
     end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
-    pump.run_until(lambda: not pump.touching() or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
-    if touching := pump.touching():
-        where = f"{' and '.join(touching)} still in contact after the fingers opened"
+    pump.run_until(lambda: not pump.touched(held) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+    if touched := pump.touched(held):
+        where = f"{' and '.join(touched)} still in contact after the fingers opened"
         bench.hand.note(HandState(Holding.UNKNOWN, where))
         raise FingerMotionError(
             f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
             "where it is. Look what the fingers hold, free it, then start again"
         )
+    return reached
 
 
 def tolerance_counts(limits: GripperLimits) -> int:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from contextlib import suppress
 
+import numpy as np
+
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, ProtectiveStopError, StaleFrameError
@@ -10,6 +12,7 @@ from drivers.interfaces import FrameSource
 from drivers.tally import FROZEN_FRAMES, FrameTally
 from drivers.types import ArmMode, ArmState, Frame
 from protocols.observer import LiftObserver
+from protocols.release import LEFT_SHARE, Imprint, imprint, share_left
 
 FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
@@ -17,6 +20,8 @@ JITTER = 0.1
 CATCH_UP_S = 3.0
 PICTURE_S = 0.004
 """The time left until a fingertip may capture a frame in which a picture of the camera is begun."""
+UNTOUCHED_FRAMES = 8
+"""Frames after the start that show the gels untouched: the fingers need longer to close their margin."""
 PATIENCE_S = 0.04
 """How old a picture of the camera becomes that waits for such a time, before it is begun anyway."""
 
@@ -49,10 +54,13 @@ class Pump:
         """The time up to which all that the fingertips captured has been delivered: not later than now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
-    def touching(self) -> list[str]:
-        """Return the serials of the fingertips that show contact."""
-        serials = (tip.source.serial for tip in self._tips)
-        return [serial for serial in serials if self._observer.touching(serial)]
+    def imprints(self) -> dict[str, Imprint]:
+        """Return the fine structure of the newest frame of each fingertip, by serial."""
+        return {tip.source.serial: tip.newest_imprint() for tip in self._tips}
+
+    def touched(self, held: dict[str, Imprint]) -> list[str]:
+        """Return the serials of the fingertips that still show the contact of `held` (earlier `imprints`)."""
+        return [tip.source.serial for tip in self._tips if tip.still_shows(held[tip.source.serial])]
 
     def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered.
@@ -113,6 +121,8 @@ class _Stream:
         self._earliest_ns = 0
         self._last: Frame | None = None
         self._tally = FrameTally()
+        self._first: list[Frame] = []
+        self._taken: Frame | None = None
 
     @property
     def next_ns(self) -> int:
@@ -147,7 +157,21 @@ class _Stream:
         frame, self.waiting = self.waiting, None
         if frame is None:
             raise StaleFrameError(f"{self.source.serial}: no frame waits to be taken")
+        self._taken = frame
+        if len(self._first) < UNTOUCHED_FRAMES:
+            self._first.append(frame)
         return frame
+
+    def newest_imprint(self) -> Imprint:
+        """Return the fine structure of the newest frame that was delivered. Raises `StaleFrameError`."""
+        if self._taken is None:
+            raise StaleFrameError(f"{self.source.serial}: no frame was delivered yet")
+        return imprint(self._taken.image)
+
+    def still_shows(self, held: Imprint) -> bool:
+        """Whether the newest frame still shows a contact, compared with the first frames of this stream."""
+        untouched = np.mean([imprint(frame.image) for frame in self._first], axis=0)
+        return share_left(untouched, held, self.newest_imprint()) > LEFT_SHARE
 
     def _accept(self, frame: Frame) -> None:
         self._tally.add(frame)

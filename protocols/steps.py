@@ -8,7 +8,7 @@ from drivers.interfaces import Motion
 from drivers.keep_out import check_way
 from drivers.types import GripperLimits, GripperState, HandState, Holding, Pose
 from protocols.fingers import MOTION_TIMEOUT_S as MOTION_TIMEOUT_S
-from protocols.fingers import move_fingers, require_untouched, wait_with
+from protocols.fingers import move_fingers, release, wait_with
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
@@ -138,8 +138,6 @@ def open_and_rise(
     Raises `FingerMotionError` with the arm still at the grasp if the release cannot be verified.
     """
     open_around(bench, width_m, pump)
-    if pump is not None:
-        require_untouched(bench, pump)
     bench.hand.note(replace(bench.hand.state, holding=Holding.AROUND))
     clear_m = base_T_grasp.position_m[2] + CLEARANCE_M
     _rise_to(bench, clear_m, TRAVEL_SPEED_M_S)
@@ -149,9 +147,11 @@ def open_and_rise(
 def open_around(bench: Bench, width_m: float, pump: Pump | None = None) -> GripperState:
     """Open the fingers a little wider than an object; return the gripper's state then.
 
-    Raises `FingerMotionError` if they do not get there, as `move_fingers` does.
+    pump: of a grasp, which is then verified to have ended. Raises `FingerMotionError` as `move_fingers` and
+    `release` do.
     """
-    return move_fingers(bench, bench.gripper.limits.counts_for_opening(width_m + 2 * MARGIN_M), pump)
+    counts = bench.gripper.limits.counts_for_opening(width_m + 2 * MARGIN_M)
+    return move_fingers(bench, counts) if pump is None else release(bench, counts, pump)
 
 
 def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) -> None:

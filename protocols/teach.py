@@ -11,7 +11,7 @@ from drivers.clock import to_ns
 from drivers.errors import OperatorStopError, OutOfLimitsError, ProtectiveStopError
 from drivers.motion import POLL_S
 from drivers.types import ArmMode, HandState, Holding, Pose
-from protocols.fingers import move_fingers, require_untouched
+from protocols.fingers import move_fingers
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver
 from protocols.operator import Operator
@@ -125,6 +125,5 @@ def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
         counts = close_to_contact(bench, pump, observer, bench.gripper.limits.max_counts)
         width_m = bench.gripper.limits.opening_at(counts)
         open_around(bench, width_m, pump)
-        require_untouched(bench, pump)
         bench.hand.note(HandState(Holding.AROUND, what, pose, width_m))
     return Taught(pose, width_m)

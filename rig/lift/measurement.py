@@ -196,11 +196,11 @@ class LiftMeasurement:
         if tip.estimator is None:
             tip.reference.append(frame.image)
             return
-        sample = tip.estimator.update(frame.image, frame.time_ns)
-        tip.touch.update(sample.state is not State.NO_CONTACT)
         if Phase.LOWER in self.phases:
-            return  # the lift is over: the fingertips only show whether the release succeeded
+            return  # recorded only: the turn of an object that is set down is not a slip
+        sample = tip.estimator.update(frame.image, frame.time_ns)
         tip.samples.append(sample)
+        tip.touch.update(sample.state is not State.NO_CONTACT)
         if Phase.LIFT in self.phases:
             others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
             fused = fuse(tip.newest(), others)

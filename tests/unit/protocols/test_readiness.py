@@ -8,9 +8,9 @@ import pytest
 
 from drivers.bench import Hand
 from drivers.errors import OperatorStopError
-from drivers.types import HandState, Holding
+from drivers.types import GripperState, HandState, Holding
 from protocols.observer import Phase
-from protocols.readiness import agree_to_carry, free_hand, make_ready
+from protocols.readiness import agree_to_carry, free_hand, look_at_hand, make_ready
 from rig.bench.operators import ConsoleOperator
 
 LiftOf = Callable[..., Any]
@@ -110,6 +110,18 @@ def test_a_gripper_that_met_something_is_believed(lift_of: LiftOf) -> None:
     with pytest.raises(OperatorStopError):
         free_hand(restarted(lift, HandState(Holding.FREE)), person)
     assert lift.held
+
+
+def test_low_counts_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: LiftOf) -> None:
+    lift = left_in_the_air(lift_of)
+    known = lift.bench.hand.state
+
+    class PowerLost(type(lift.bench.gripper)):
+        def state(self) -> GripperState:
+            return GripperState(lift.bench.clock.now_ns(), False, False, 6, 0, 0)
+
+    lift.bench.gripper.__class__ = PowerLost
+    assert look_at_hand(lift.bench) == known
 
 
 def test_an_arm_does_not_carry_something_off_unasked(lift_of: LiftOf) -> None:

@@ -1,20 +1,26 @@
-"""What stands in front of devices whose drivers are somebody's own: limits, typed errors, right values.
+"""Guards in front of drivers of a lab's own: limits, typed errors, valid values.
 
-A guard passes calls on. It refuses a motion beyond the bench file's limits before the driver hears of it,
-turns whatever else the driver raises into a `DeviceError` that names it, and lets no answer through that
-cannot be.
+A guard forwards each call. It rejects a motion beyond the bench file's limits before the driver is called,
+turns any other exception of the driver into a `DeviceError` that names it, and rejects invalid answers.
 """
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 import numpy as np
 
-from drivers.errors import DamagedFrameError, DeviceError, OutOfLimitsError, RigError
+from drivers.errors import (
+    DamagedFrameError,
+    DeviceError,
+    InvalidStateError,
+    OutOfLimitsError,
+    RigError,
+)
 from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
 from drivers.keep_out import check_way
+from drivers.state_values import require_fraction, require_integer
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
 from drivers.ur5e.limits import check_motion
 
@@ -24,9 +30,11 @@ _log = logging.getLogger("rig.bench.guards")
 
 @contextmanager
 def doing(whose: str, what: str) -> Iterator[None]:
-    """Turn what a driver raises that is no error of the rig's into a `DeviceError`."""
+    """Turn a driver's own exceptions into a `DeviceError`; add its name to an `InvalidStateError`."""
     try:
         yield
+    except InvalidStateError as error:
+        raise InvalidStateError(f"{whose}: {what}: {error}") from error
     except RigError:
         raise
     except Exception as error:
@@ -96,13 +104,13 @@ class Guard(Diagnosable):
 
 
 class GuardedMotion(Motion):
-    """A motion of a guarded device. whose: for messages."""
+    """A motion of a guarded device. whose: for messages. stop: stops the device."""
 
-    def __init__(self, motion: Any, whose: str) -> None:
+    def __init__(self, motion: Any, whose: str, stop: Callable[[], None]) -> None:
         for what in ("done", "wait"):
             if not callable(getattr(motion, what, None)):
                 raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
-        self._motion, self._whose = motion, whose
+        self._motion, self._whose, self._stop = motion, whose, stop
 
     def done(self) -> bool:
         """Whether the motion has ended."""
@@ -110,9 +118,14 @@ class GuardedMotion(Motion):
             return bool(self._motion.done())
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done, or raise."""
-        with doing(self._whose, "a motion's wait"):
-            self._motion.wait(timeout_s)
+        """Block until done. A wait that ends early stops the device, also if the driver's own did not."""
+        try:
+            with doing(self._whose, "a motion's wait"):
+                self._motion.wait(timeout_s)
+        except BaseException:
+            with suppress(DeviceError):  # the first error says more
+                self._stop()
+            raise
 
 
 class GuardedArm(Guard, Arm):
@@ -131,10 +144,21 @@ class GuardedArm(Guard, Arm):
         """Newest state. Raises `DeviceError`."""
         with doing(self._whose, "state"):
             state = answer(self._whose, "state", self._driver.state(), ArmState)
-        pose = answer(self._whose, "base_T_tcp of state", state.base_T_tcp, Pose)
-        if not np.isfinite([*pose.position_m, *pose.quaternion_xyzw, *state.joints_rad]).all():
-            raise amiss(self._whose, "state holds a number that is none")
+        self._require_wrench_as_declared(state)
         return state
+
+    def _require_wrench_as_declared(self, state: ArmState) -> None:
+        has_sensor = self._limits.max_contact_force_n is not None
+        if has_sensor and state.wrench is None:
+            raise InvalidStateError(
+                f"{self._whose}: its state has no wrench, so that nothing would stop it on its way down; "
+                "return the wrench, or write force_sensor = false in [arm] of the bench file"
+            )
+        if not has_sensor and state.wrench is not None:
+            raise InvalidStateError(
+                f"{self._whose}: its state has a wrench, and the bench file says force_sensor = false; "
+                "remove that key, or return None as wrench"
+            )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
         """Start a straight motion. Raises `OutOfLimitsError` before the driver hears of it."""
@@ -142,15 +166,31 @@ class GuardedArm(Guard, Arm):
         check_way(self._limits, (self.state().base_T_tcp, base_T_tcp))
         with doing(self._whose, "move_linear"):
             motion = self._driver.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
-        return GuardedMotion(motion, f"{self._whose}: move_linear")
+        return GuardedMotion(motion, f"{self._whose}: move_linear", self.stop)
 
     def stop(self) -> None:
         """Stop as fast as the arm can."""
         self._stop()
 
+    def begin_guiding(self) -> None:
+        """Let a person lead the arm by hand. Raises `DeviceError` if the driver cannot do that."""
+        begin = getattr(self._driver, "begin_guiding", super().begin_guiding)
+        with doing(self._whose, "begin_guiding"):
+            begin()
+
+    def end_guiding(self) -> None:
+        """Hold the arm where it is, and return when it stands."""
+        end = getattr(self._driver, "end_guiding", super().end_guiding)
+        with doing(self._whose, "end_guiding"):
+            end()
+
     def speed_fraction(self) -> float | None:
-        """At which share of their speed motions would run, where the driver tells."""
-        return self._told("speed_fraction", None)
+        """At which share of their speed motions would run, None if unknown. Raises `DeviceError`."""
+        with doing(self._whose, "speed_fraction"):
+            fraction = self._told("speed_fraction", None)
+            if fraction is not None:
+                require_fraction("the arm's speed_fraction", fraction)
+        return fraction
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, once a person agrees."""
@@ -176,9 +216,11 @@ class GuardedGripper(Guard, Gripper):
             self._driver.activate()
 
     def state(self) -> GripperState:
-        """Newest state. Raises `DeviceError`."""
+        """Newest state. Raises `DeviceError`, also for a position that the bench file's range excludes."""
         with doing(self._whose, "state"):
-            return answer(self._whose, "state", self._driver.state(), GripperState)
+            state = answer(self._whose, "state", self._driver.state(), GripperState)
+            self._limits.require_possible(state.position_counts)
+        return state
 
     def move_to(self, position_counts: int) -> Motion:
         """Start moving the fingers. Raises `OutOfLimitsError` before the driver hears of it."""
@@ -187,7 +229,7 @@ class GuardedGripper(Guard, Gripper):
             raise OutOfLimitsError(f"gripper: {position_counts} counts is outside {low} to {high}")
         with doing(self._whose, "move_to"):
             motion = self._driver.move_to(position_counts)
-        return GuardedMotion(motion, f"{self._whose}: move_to")
+        return GuardedMotion(motion, f"{self._whose}: move_to", self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
@@ -234,8 +276,10 @@ class GuardedSource(Guard, TactileSensor):
 
     def _checked(self, what: str, given: object) -> Frame:
         frame = answer(self._whose, what, given, Frame)
-        for key, kind in (("image", np.ndarray), ("time_ns", int), ("sequence", int)):
-            answer(self._whose, f"{what}: {key}", getattr(frame, key), kind)
+        answer(self._whose, f"{what}: image", frame.image, np.ndarray)
+        with doing(self._whose, what):
+            require_integer("the frame's time_ns", frame.time_ns)
+            require_integer("the frame's sequence", frame.sequence)
         if frame.image.dtype != np.uint8 or frame.image.shape != self._shape:
             raise DamagedFrameError(
                 f"{self._whose}: a frame is {frame.image.dtype} {frame.image.shape}, and size_px asks for "

@@ -70,7 +70,8 @@ class Plain(Arm):
         if self.says == "nothing":
             return None
         x = float("nan") if self.says == "nan" else 0.0
-        return ArmState(0, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 6, ArmMode.RUNNING)
+        wrench = None if self.says == "no wrench" else (0.0,) * 6
+        return ArmState(0, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), wrench, ArmMode.RUNNING)
 
     def move_linear(self, base_T_tcp, speed_m_s, acceleration_m_s2):
         self.heard.append("move")
@@ -86,8 +87,8 @@ class Plain(Arm):
 
 
 class Fingers(Gripper):
-    def __init__(self, limits):
-        self.at = 6
+    def __init__(self, limits, *, at=6):
+        self.at = at
 
     def connect(self):
         pass

@@ -4,135 +4,29 @@ A guard forwards each call. It rejects a motion beyond the bench file's limits b
 turns any other exception of the driver into a `DeviceError` that names it, and rejects invalid answers.
 """
 
-import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from drivers.errors import (
-    DamagedFrameError,
-    DeviceError,
-    InvalidStateError,
-    OutOfLimitsError,
-    RigError,
-)
-from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
+from drivers.clock import Clock
+from drivers.errors import DamagedFrameError, InvalidStateError, OutOfLimitsError
+from drivers.interfaces import Arm, Gripper, Motion, TactileSensor
 from drivers.keep_out import check_way
 from drivers.state_values import require_fraction, require_integer
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
 from drivers.ur5e.limits import check_motion
+from rig.bench.guard import Guard, GuardedMotion, StateGuard, amiss, answer, doing
 
-Answer = TypeVar("Answer")
-_log = logging.getLogger("rig.bench.guards")
-
-
-@contextmanager
-def doing(whose: str, what: str) -> Iterator[None]:
-    """Turn a driver's own exceptions into a `DeviceError`; add its name to an `InvalidStateError`."""
-    try:
-        yield
-    except InvalidStateError as error:
-        raise InvalidStateError(f"{whose}: {what}: {error}") from error
-    except RigError:
-        raise
-    except Exception as error:
-        raise amiss(whose, f"{what} raised {type(error).__name__}: {error}") from error
+ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
+"""Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`)."""
 
 
-def amiss(whose: str, what: str) -> DeviceError:
-    """What is wrong with a driver, as an error."""
-    return DeviceError(f"{whose}: {what}; mend the driver")
-
-
-def answer(whose: str, what: str, given: object, kind: type[Answer]) -> Answer:
-    """Return an answer of the right type. Raises `DeviceError`."""
-    if not isinstance(given, kind):
-        raise amiss(whose, f"{what} returned a {type(given).__name__}, no {kind.__name__}")
-    return given
-
-
-class Guard(Diagnosable):
-    """What all guards do. device: its name in messages. driver: the guarded one; named: its class."""
-
-    def __init__(self, device: str, driver: Any, named: str) -> None:
-        self._driver, self._named = driver, named
-        self._whose = f"{device}: driver '{named}'"
-
-    def connect(self) -> None:
-        """Reach the device."""
-        with doing(self._whose, "connect"):
-            self._driver.connect()
-
-    def disconnect(self) -> None:
-        """Let go of the device. Safe to call twice."""
-        with doing(self._whose, "disconnect"):
-            self._driver.disconnect()
-
-    def identity(self) -> Mapping[str, str]:
-        """What the driver says of the device, and which class it is."""
-        return {**self._told("identity", {}), "driver": self._named}
-
-    def counters(self) -> Mapping[str, int]:
-        """How often something happened, by name."""
-        return self._told("counters", {})
-
-    def round_trips_s(self) -> Sequence[float]:
-        """Durations of the newest answered requests, s."""
-        return self._told("round_trips_s", ())
-
-    def clock_offset_s(self) -> float | None:
-        """The device's time minus this computer's monotonic time, s; None where it tells no time."""
-        return self._told("clock_offset_s", None)
-
-    def _told(self, what: str, nothing: Any) -> Any:
-        ask = getattr(self._driver, what, None)
-        if ask is None:
-            return nothing
-        with doing(self._whose, what):
-            return ask()
-
-    def _stop(self) -> None:
-        """Stop; where the driver cannot, say so as loudly as can be."""
-        try:
-            with doing(self._whose, "stop"):
-                self._driver.stop()
-        except DeviceError as error:
-            _log.critical("%s; press the emergency stop", error)
-            raise
-
-
-class GuardedMotion(Motion):
-    """A motion of a guarded device. whose: for messages. stop: stops the device."""
-
-    def __init__(self, motion: Any, whose: str, stop: Callable[[], None]) -> None:
-        for what in ("done", "wait"):
-            if not callable(getattr(motion, what, None)):
-                raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
-        self._motion, self._whose, self._stop = motion, whose, stop
-
-    def done(self) -> bool:
-        """Whether the motion has ended."""
-        with doing(self._whose, "a motion's done"):
-            return bool(self._motion.done())
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until done. A wait that ends early stops the device, also if the driver's own did not."""
-        try:
-            with doing(self._whose, "a motion's wait"):
-                self._motion.wait(timeout_s)
-        except BaseException:
-            with suppress(DeviceError):  # the first error says more
-                self._stop()
-            raise
-
-
-class GuardedArm(Guard, Arm):
+class GuardedArm(StateGuard, Arm):
     """An arm of somebody's own, within the bench file's limits."""
 
-    def __init__(self, driver: Any, named: str, limits: ArmLimits) -> None:
-        super().__init__("arm", driver, named)
+    def __init__(self, driver: Any, named: str, limits: ArmLimits, clock: Clock) -> None:
+        super().__init__("arm", driver, named, clock)
         self._limits = limits
 
     @property
@@ -144,6 +38,7 @@ class GuardedArm(Guard, Arm):
         """Newest state. Raises `DeviceError`."""
         with doing(self._whose, "state"):
             state = answer(self._whose, "state", self._driver.state(), ArmState)
+        self.require_current(state.time_ns, ARM_STALE_S)
         self._require_wrench_as_declared(state)
         return state
 
@@ -198,11 +93,11 @@ class GuardedArm(Guard, Arm):
             self._driver.recover(confirm)
 
 
-class GuardedGripper(Guard, Gripper):
+class GuardedGripper(StateGuard, Gripper):
     """A gripper of somebody's own, within the bench file's limits."""
 
-    def __init__(self, driver: Any, named: str, limits: GripperLimits) -> None:
-        super().__init__("gripper", driver, named)
+    def __init__(self, driver: Any, named: str, limits: GripperLimits, clock: Clock) -> None:
+        super().__init__("gripper", driver, named, clock)
         self._limits = limits
 
     @property
@@ -220,6 +115,7 @@ class GuardedGripper(Guard, Gripper):
         with doing(self._whose, "state"):
             state = answer(self._whose, "state", self._driver.state(), GripperState)
             self._limits.require_possible(state.position_counts)
+        self.require_current(state.time_ns, GRIPPER_STALE_S)
         return state
 
     def move_to(self, position_counts: int) -> Motion:

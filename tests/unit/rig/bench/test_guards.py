@@ -17,8 +17,11 @@ from drivers.types import (
     GripperState,
     Pose,
 )
-from rig.bench.guards import Guard, GuardedArm, GuardedGripper, GuardedSource
+from fakes.clock import SimulatedClock
+from rig.bench.guard import Guard
+from rig.bench.guards import GuardedArm, GuardedGripper, GuardedSource
 
+CLOCK = SimulatedClock()
 AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 POSE = Pose((0.4, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
 ARM_LIMITS = ArmLimits((0.0, -1.0, 0.0), (1.0, 1.0, 1.0), 0.5, 1.0, 5.0)
@@ -76,11 +79,11 @@ class Recorder:
 
 
 def guarded_arm(driver: Any) -> Guard:
-    return GuardedArm(driver, "lab:Arm", ARM_LIMITS)
+    return GuardedArm(driver, "lab:Arm", ARM_LIMITS, CLOCK)
 
 
 def guarded_gripper(driver: Any) -> Guard:
-    return GuardedGripper(driver, "lab:Gripper", GRIPPER_LIMITS)
+    return GuardedGripper(driver, "lab:Gripper", GRIPPER_LIMITS, CLOCK)
 
 
 def guarded_source(driver: Any) -> Guard:
@@ -127,7 +130,7 @@ def test_arm_that_cannot_be_guided_says_so() -> None:
     class NoGuiding:
         """A driver without the two methods."""
 
-    arm = GuardedArm(NoGuiding(), "lab:Arm", ARM_LIMITS)
+    arm = GuardedArm(NoGuiding(), "lab:Arm", ARM_LIMITS, CLOCK)
     with pytest.raises(DeviceError, match="teach with --by keys"):
         arm.begin_guiding()
     arm.end_guiding()
@@ -138,4 +141,4 @@ def test_invalid_speed_fraction_is_rejected(fraction: Any) -> None:
     driver = Recorder()
     driver._answers["speed_fraction"] = fraction
     with pytest.raises(DeviceError, match=r"lab:Arm.*speed_fraction"):
-        GuardedArm(driver, "lab:Arm", ARM_LIMITS).speed_fraction()
+        GuardedArm(driver, "lab:Arm", ARM_LIMITS, CLOCK).speed_fraction()

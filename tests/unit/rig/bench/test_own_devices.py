@@ -198,6 +198,14 @@ def without_force_sensor(**options: dict[str, Any]) -> BenchConfig:
     return BenchConfig.model_validate(changed)
 
 
+@pytest.mark.parametrize(("ahead_s", "says"), [(-1.0, r"1\.0\d s old"), (0.5, "in the future")])
+def test_state_that_is_old_or_from_the_future_is_rejected(ahead_s: float, says: str) -> None:
+    made = bench(arm={"ahead_s": ahead_s}, gripper={"ahead_s": ahead_s})
+    for state in (made.arm.state, made.gripper.state):
+        with pytest.raises(DeviceError, match=says):
+            state()
+
+
 def test_plan_warns_of_an_unguarded_descent() -> None:
     guarded, unguarded = (
         make_plan(of, [], [PlannedMotion("home", TARGET, (TARGET,), 0.1)]).text()

@@ -8,9 +8,11 @@ import pytest
 
 from drivers.clock import to_ns
 from drivers.errors import ContactForceError, DeviceError, DeviceTimeoutError, InvalidStateError
+from drivers.types import GripperState, HandState, Holding
 from fakes.devices.arm import FakeArm
 from fakes.devices.gripper import FakeGripper
 from protocols.observer import Phase
+from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
@@ -142,3 +144,21 @@ def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
     with pytest.raises(InvalidStateError, match="wrench is None"):
         move(lift.bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     assert lift.bench.arm.state().base_T_tcp.position_m[2] > start.position_m[2] - 0.001
+
+
+def test_moving_fingers_stop_if_their_state_becomes_invalid(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    gripper, clock = lift.bench.gripper, lift.bench.clock
+    lift.bench.hand.note(HandState(Holding.HELD, "wrench", lift.pose))
+    gripper.move_to(gripper.limits.max_counts)
+    clock.sleep_until(clock.now_ns() + to_ns(0.2))
+    with monkeypatch.context() as broken:
+        broken.setattr(FakeGripper, "state", lambda _: GripperState(0, True, True, -5, 0, 0))
+        with pytest.raises(InvalidStateError, match="position_counts") as ended, safe_end(lift.bench):
+            gripper.state()
+    assert "still holding wrench" in ended.value.__notes__[0]
+    stopped = gripper.state().position_counts
+    clock.sleep_until(clock.now_ns() + to_ns(1.0))
+    assert gripper.state().position_counts <= stopped + 2

@@ -22,6 +22,10 @@ class DeviceTimeoutError(DeviceError):
     """A device did not answer, or a motion did not end, within its time."""
 
 
+class InvalidStateError(DeviceError):
+    """A driver reported a value that no state can have: NaN, infinity, a wrong type, length or range."""
+
+
 class StaleFrameError(DeviceError):
     """The newest frame of a sensor is older than the caller allows."""
 

@@ -108,7 +108,7 @@ class Arm(Diagnosable, Protocol):
 
 
 class Gripper(Diagnosable, Protocol):
-    """Two grasping fingers positioned in counts (0 open, 255 closed)."""
+    """Two grasping fingers positioned in counts: `min_counts` of `limits` is open, `max_counts` closed."""
 
     @property
     def limits(self) -> GripperLimits:

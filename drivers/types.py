@@ -7,6 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.state_values import (
+    invalid,
+    require_fraction,
+    require_integer,
+    require_number,
+    require_numbers,
+    require_pose,
+    require_type,
+)
 from drivers.vectors import Vector3 as Vector3
 from drivers.vectors import Vector6 as Vector6
 
@@ -14,6 +23,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 Image = NDArray[np.uint8]
+BEYOND_SHARE = 0.02
+"""Share of the fingers' range by which a position may lie outside it: 5 counts of 6 to 255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +76,38 @@ class ArmMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ArmState:
-    """One sample of the arm.
+    """One sample of the arm. Its constructor raises `InvalidStateError` for any value that is invalid.
 
-    `base_T_tcp` is the tool centre point in the base frame, `joints_rad` the six joint angles,
-    `wrench` force (N) and torque (N m) at the TCP in base axes, `time_ns` the monotonic time at
-    which the controller sampled it. `speed_fraction`: at which share of their speed motions run (the
-    speed slider on the pendant), None where nothing tells.
+    time_ns: monotonic time at which the controller sampled it. base_T_tcp: the tool centre point in the
+    base frame. joints_rad: the six joint angles. wrench: force (N) and torque (N m) at the TCP in base axes,
+    None only for an arm without a force sensor, whose `ArmLimits.max_contact_force_n` is None.
+    speed_fraction: the share of their speed at which motions run (the speed slider on the pendant), 0 to 1;
+    None if unknown.
     """
 
     time_ns: int
     base_T_tcp: Pose  # noqa: N815 - frame names keep their case
     joints_rad: Vector6
-    wrench: Vector6
+    wrench: Vector6 | None
     mode: ArmMode
     speed_fraction: float | None = None
+
+    def __post_init__(self) -> None:
+        require_integer("the arm's time_ns", self.time_ns)
+        _require_pose("the arm's base_T_tcp", self.base_T_tcp)
+        require_numbers("the arm's joints_rad", self.joints_rad, 6)
+        if self.wrench is not None:
+            require_numbers("the arm's wrench", self.wrench, 6)
+        require_type("the arm's mode", self.mode, ArmMode)
+        if self.speed_fraction is not None:
+            require_fraction("the arm's speed_fraction", self.speed_fraction)
+
+    @property
+    def force_n(self) -> Vector3:
+        """Force at the TCP in base axes, N. Raises `InvalidStateError` if the arm reported no wrench."""
+        if self.wrench is None:
+            raise invalid("the arm's wrench", None, "a tuple of 6 finite numbers")
+        return self.wrench[:3]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +128,9 @@ class ArmLimits:
     max_speed_m_s: float
     max_acceleration_m_s2: float
     max_payload_kg: float
-    max_contact_force_n: float = 20.0
-    """By which the force at the tool may change on the way down."""
+    max_contact_force_n: float | None = 20.0
+    """By how much the force at the tool may change on the way down. None: the arm has no force sensor, its
+    states have no wrench, and the way down is not guarded."""
     keep_out: tuple[Box, ...] = ()
     """Where the tool centre point must not go, the hand around it reckoned in."""
 
@@ -112,10 +142,10 @@ class ArmLimits:
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """One sample of the gripper.
+    """One sample of the gripper. Its constructor raises `InvalidStateError` for any value that is invalid.
 
-    `position_counts` is the grasping fingers' position, 0 (open) to 255 (closed) as the device
-    counts; `current_counts` its motor current register, unscaled. There is no force here: the
+    `position_counts` is the grasping fingers' position, rising while they close (`GripperLimits`);
+    `current_counts` its motor current register, unscaled. There is no force here: the
     Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current). `gripping`: a grasping
     finger met something while it closed, by the gripper's own account; a light grip goes unnoticed.
     `obstructed`: a grasping finger met something while it opened.
@@ -129,6 +159,13 @@ class GripperState:
     fault_code: int
     gripping: bool = False
     obstructed: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("time_ns", "position_counts", "current_counts", "fault_code"):
+            require_integer(f"the gripper's {name}", getattr(self, name))
+        require_number("the gripper's position_counts", self.position_counts, 0)
+        for name in ("activated", "moving", "gripping"):
+            require_type(f"the gripper's {name}", getattr(self, name), bool)
 
 
 class Holding(StrEnum):
@@ -147,7 +184,8 @@ class HandState:
     """What is known of the hand, from before it comes about until after it is over.
 
     what: around what, or holding what. base_T_grasp: TCP when the fingers closed, or will, None
-    where nothing is. finger_counts: of the fingers when this became known, None where that was not told.
+    where nothing is. finger_counts: of the fingers when this became known, None if unknown.
+    Its constructor raises `InvalidStateError` for any value that is invalid.
     """
 
     holding: Holding
@@ -156,11 +194,21 @@ class HandState:
     width_m: float = 0.0
     finger_counts: int | None = None
 
+    def __post_init__(self) -> None:
+        require_type("the hand's holding", self.holding, Holding)
+        require_type("the hand's what", self.what, str)
+        if self.base_T_grasp is not None:
+            _require_pose("the hand's base_T_grasp", self.base_T_grasp)
+        require_number("the hand's width_m", self.width_m)
+        if self.finger_counts is not None:
+            require_integer("the hand's finger_counts", self.finger_counts)
+
 
 @dataclass(frozen=True, slots=True)
 class GripperLimits:
     """Range of the gripper: counts, and the finger opening they stand for.
 
+    min_counts: what the position reads when the fingers are open; max_counts: when they are closed.
     openings: measured pairs of counts (rising) and opening in m; between them the opening is
     interpolated, and the nominal line does not count.
     """
@@ -170,6 +218,15 @@ class GripperLimits:
     max_opening_m: float
     opening_per_count_m: float
     openings: tuple[tuple[float, float], ...] = ()
+
+    def require_possible(self, counts: int) -> None:
+        """Raise `InvalidStateError` for a position that the fingers cannot have.
+
+        Play and calibration error may take it out of the range by `BEYOND_SHARE` of the range.
+        """
+        beyond = BEYOND_SHARE * (self.max_counts - self.min_counts)
+        low, high = self.min_counts - beyond, self.max_counts + beyond
+        require_number("the gripper's position_counts", counts, low, high)
 
     @property
     def widest_m(self) -> float:
@@ -200,6 +257,12 @@ class GripperLimits:
             counts = float(np.interp(inside, opening[::-1], known[::-1]))
             counts += (inside - opening_m) / self.opening_per_count_m
         return int(min(max(round(counts), self.min_counts), self.max_counts))
+
+
+def _require_pose(what: str, pose: object) -> None:
+    if not isinstance(pose, Pose):
+        raise invalid(what, pose, "a Pose")
+    require_pose(what, pose.position_m, pose.quaternion_xyzw)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,36 +1,48 @@
-"""Motions that end where the hand meets something: wrench and gripper are watched on the way down."""
+"""Motions that end where the hand meets something: wrench and gripper are watched on the way down.
+
+The constructors of the states have rejected NaN and other invalid values (`drivers.types`), so that each
+comparison here means what it says; their error stops the motion.
+"""
 
 import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import ContactForceError
-from drivers.interfaces import Motion
+from drivers.interfaces import Arm, Motion
 from drivers.motion import PolledMotion
 from drivers.types import ArmState, Holding
 
 
 def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
-    """Return a motion of the arm that stops where the force has changed by more than the arm's limit.
+    """Return a motion of the arm that stops if the force changes by more than the arm's limit.
 
-    before: the arm as it stood when the motion began; what its sensor is off by, and what hangs in the
-    fingers, is in that force too. Asked for its end, the motion raises `ContactForceError` once stopped, and
-    what the gripper raises that is lost; where it holds something, that is set down all the same.
+    An arm without a force sensor (no `max_contact_force_n`) is not stopped at contact; the plan says so.
+
+    before: state of the arm when the motion began; its force contains the sensor's offset and the weight of
+    an object in the fingers. `done` raises `ContactForceError` after stopping the arm. It raises the error of
+    a gripper that is lost, unless the hand holds something: an object is set down in any case.
     """
     limit_n = bench.arm.limits.max_contact_force_n
 
     def has_ended() -> bool:
         state = bench.arm.state()
-        change_n = float(np.linalg.norm(np.subtract(state.wrench[:3], before.wrench[:3])))
-        if change_n > limit_n:
-            bench.arm.stop()
-            x, y, z = state.base_T_tcp.position_m
-            raise ContactForceError(
-                f"arm: met something on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force changed by "
-                f"{change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. See what is in the "
-                "way, and that the table's and the object's heights in the bench file are right"
-            )
+        if limit_n is not None:
+            _require_no_contact(bench.arm, before, state, limit_n)
         if bench.hand.state.holding is not Holding.HELD:
             bench.gripper.state()
         return motion.done()
 
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
+
+
+def _require_no_contact(arm: Arm, before: ArmState, now: ArmState, limit_n: float) -> None:
+    change_n = float(np.linalg.norm(np.subtract(now.force_n, before.force_n)))
+    if change_n <= limit_n:
+        return
+    arm.stop()
+    x, y, z = now.base_T_tcp.position_m
+    raise ContactForceError(
+        f"arm: met something on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force changed by "
+        f"{change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. See what is in the "
+        "way, and that the table's and the object's heights in the bench file are right"
+    )

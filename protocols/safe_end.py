@@ -45,6 +45,8 @@ def make_safe(bench: Bench) -> str:
     except ProtectiveStopError:
         return f"arm in protective stop, fingers left as they are, {_in_hand(bench)}"
     except DeviceError as error:
+        with suppress(DeviceError):  # they may be on their way, and nobody can see where they are
+            bench.gripper.stop()
         return f"stopped, fingers left as they are, {_in_hand(bench)} ({error})"
     except OperatorStopError:
         return halt(bench)

@@ -5,6 +5,7 @@ import os
 
 from drivers.clock import NS_PER_S, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
+from drivers.state_values import require_fraction, require_number, require_numbers
 from drivers.ur5e.child_process import ChildProcess
 from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.probe import Version
@@ -49,12 +50,14 @@ class ArmLink:
     def sample(self) -> StateSample:
         """Newest sample; who asks for it is seen to work (`drivers.ur5e.heartbeat`).
 
-        Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens.
+        Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens, `InvalidStateError`
+        when the controller sent NaN or infinity.
         """
         self._state.look(self._clock.now_ns())
         sample = self._state.read()
         age_s = self.age_s(sample) if sample else float("inf")
         if sample is not None and age_s < STALE_S:
+            _require_finite(sample)
             return sample
         if sample is not None and not sample.received_ns:
             self._listener.wait(END_S)
@@ -119,6 +122,14 @@ class ArmLink:
                 "see that no fieldbus or other client holds its registers, then connect again"
             )
         return False
+
+
+def _require_finite(sample: StateSample) -> None:
+    """Raise `InvalidStateError` for NaN or infinity; payload and its centre are NaN where not reported."""
+    for name in ("joints_rad", "pose", "speed", "wrench"):
+        require_numbers(f"the arm's {name}", getattr(sample, name), 6)
+    require_number("the arm's timestamp_s", sample.timestamp_s)
+    require_fraction("the arm's speed_fraction", sample.speed_fraction)
 
 
 def require_ur_rtde() -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.state_values import require_fraction
 
 RTDE_PORT, SCRIPT_PORT = 30004, 30003
 PROTOCOL_VERSION = 2
@@ -70,6 +71,7 @@ def read_speed_fraction(host: str, timeout_s: float) -> float:
         _agree_on_protocol(connection, deadline)
         _stream(connection, "target_speed_fraction", deadline)
         (fraction,) = struct.unpack(">d", _newest(connection, deadline))
+    require_fraction("the arm's speed_fraction", fraction)
     return float(fraction)
 
 

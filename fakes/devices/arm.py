@@ -88,7 +88,7 @@ class FakeArm(Arm):
             now,
             pose,
             self._joints,
-            self._feel(now),
+            None if self._limits.max_contact_force_n is None else self._feel(now),
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 

@@ -1,125 +1,32 @@
-"""What stands in front of devices whose drivers are somebody's own: limits, typed errors, right values.
+"""Guards in front of drivers of a lab's own: limits, typed errors, valid values.
 
-A guard passes calls on. It refuses a motion beyond the bench file's limits before the driver hears of it,
-turns whatever else the driver raises into a `DeviceError` that names it, and lets no answer through that
-cannot be.
+A guard forwards each call. It rejects a motion beyond the bench file's limits before the driver is called,
+turns any other exception of the driver into a `DeviceError` that names it, and rejects invalid answers.
 """
 
-import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from drivers.errors import DamagedFrameError, DeviceError, OutOfLimitsError, RigError
-from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
+from drivers.clock import Clock
+from drivers.errors import DamagedFrameError, InvalidStateError, OutOfLimitsError
+from drivers.interfaces import Arm, Gripper, Motion, TactileSensor
 from drivers.keep_out import check_way
+from drivers.state_values import require_fraction, require_integer
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
 from drivers.ur5e.limits import check_motion
+from rig.bench.guard import Guard, GuardedMotion, StateGuard, amiss, answer, doing
 
-Answer = TypeVar("Answer")
-_log = logging.getLogger("rig.bench.guards")
-
-
-@contextmanager
-def doing(whose: str, what: str) -> Iterator[None]:
-    """Turn what a driver raises that is no error of the rig's into a `DeviceError`."""
-    try:
-        yield
-    except RigError:
-        raise
-    except Exception as error:
-        raise amiss(whose, f"{what} raised {type(error).__name__}: {error}") from error
+ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
+"""Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`)."""
 
 
-def amiss(whose: str, what: str) -> DeviceError:
-    """What is wrong with a driver, as an error."""
-    return DeviceError(f"{whose}: {what}; mend the driver")
-
-
-def answer(whose: str, what: str, given: object, kind: type[Answer]) -> Answer:
-    """Return an answer of the right type. Raises `DeviceError`."""
-    if not isinstance(given, kind):
-        raise amiss(whose, f"{what} returned a {type(given).__name__}, no {kind.__name__}")
-    return given
-
-
-class Guard(Diagnosable):
-    """What all guards do. device: its name in messages. driver: the guarded one; named: its class."""
-
-    def __init__(self, device: str, driver: Any, named: str) -> None:
-        self._driver, self._named = driver, named
-        self._whose = f"{device}: driver '{named}'"
-
-    def connect(self) -> None:
-        """Reach the device."""
-        with doing(self._whose, "connect"):
-            self._driver.connect()
-
-    def disconnect(self) -> None:
-        """Let go of the device. Safe to call twice."""
-        with doing(self._whose, "disconnect"):
-            self._driver.disconnect()
-
-    def identity(self) -> Mapping[str, str]:
-        """What the driver says of the device, and which class it is."""
-        return {**self._told("identity", {}), "driver": self._named}
-
-    def counters(self) -> Mapping[str, int]:
-        """How often something happened, by name."""
-        return self._told("counters", {})
-
-    def round_trips_s(self) -> Sequence[float]:
-        """Durations of the newest answered requests, s."""
-        return self._told("round_trips_s", ())
-
-    def clock_offset_s(self) -> float | None:
-        """The device's time minus this computer's monotonic time, s; None where it tells no time."""
-        return self._told("clock_offset_s", None)
-
-    def _told(self, what: str, nothing: Any) -> Any:
-        ask = getattr(self._driver, what, None)
-        if ask is None:
-            return nothing
-        with doing(self._whose, what):
-            return ask()
-
-    def _stop(self) -> None:
-        """Stop; where the driver cannot, say so as loudly as can be."""
-        try:
-            with doing(self._whose, "stop"):
-                self._driver.stop()
-        except DeviceError as error:
-            _log.critical("%s; press the emergency stop", error)
-            raise
-
-
-class GuardedMotion(Motion):
-    """A motion of a guarded device. whose: for messages."""
-
-    def __init__(self, motion: Any, whose: str) -> None:
-        for what in ("done", "wait"):
-            if not callable(getattr(motion, what, None)):
-                raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
-        self._motion, self._whose = motion, whose
-
-    def done(self) -> bool:
-        """Whether the motion has ended."""
-        with doing(self._whose, "a motion's done"):
-            return bool(self._motion.done())
-
-    def wait(self, timeout_s: float) -> None:
-        """Block until done, or raise."""
-        with doing(self._whose, "a motion's wait"):
-            self._motion.wait(timeout_s)
-
-
-class GuardedArm(Guard, Arm):
+class GuardedArm(StateGuard, Arm):
     """An arm of somebody's own, within the bench file's limits."""
 
-    def __init__(self, driver: Any, named: str, limits: ArmLimits) -> None:
-        super().__init__("arm", driver, named)
+    def __init__(self, driver: Any, named: str, limits: ArmLimits, clock: Clock) -> None:
+        super().__init__("arm", driver, named, clock)
         self._limits = limits
 
     @property
@@ -131,10 +38,22 @@ class GuardedArm(Guard, Arm):
         """Newest state. Raises `DeviceError`."""
         with doing(self._whose, "state"):
             state = answer(self._whose, "state", self._driver.state(), ArmState)
-        pose = answer(self._whose, "base_T_tcp of state", state.base_T_tcp, Pose)
-        if not np.isfinite([*pose.position_m, *pose.quaternion_xyzw, *state.joints_rad]).all():
-            raise amiss(self._whose, "state holds a number that is none")
+        self.require_current(state.time_ns, ARM_STALE_S)
+        self._require_wrench_as_declared(state)
         return state
+
+    def _require_wrench_as_declared(self, state: ArmState) -> None:
+        has_sensor = self._limits.max_contact_force_n is not None
+        if has_sensor and state.wrench is None:
+            raise InvalidStateError(
+                f"{self._whose}: its state has no wrench, so that nothing would stop it on its way down; "
+                "return the wrench, or write force_sensor = false in [arm] of the bench file"
+            )
+        if not has_sensor and state.wrench is not None:
+            raise InvalidStateError(
+                f"{self._whose}: its state has a wrench, and the bench file says force_sensor = false; "
+                "remove that key, or return None as wrench"
+            )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
         """Start a straight motion. Raises `OutOfLimitsError` before the driver hears of it."""
@@ -142,15 +61,31 @@ class GuardedArm(Guard, Arm):
         check_way(self._limits, (self.state().base_T_tcp, base_T_tcp))
         with doing(self._whose, "move_linear"):
             motion = self._driver.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
-        return GuardedMotion(motion, f"{self._whose}: move_linear")
+        return GuardedMotion(motion, f"{self._whose}: move_linear", self.stop)
 
     def stop(self) -> None:
         """Stop as fast as the arm can."""
         self._stop()
 
+    def begin_guiding(self) -> None:
+        """Let a person lead the arm by hand. Raises `DeviceError` if the driver cannot do that."""
+        begin = getattr(self._driver, "begin_guiding", super().begin_guiding)
+        with doing(self._whose, "begin_guiding"):
+            begin()
+
+    def end_guiding(self) -> None:
+        """Hold the arm where it is, and return when it stands."""
+        end = getattr(self._driver, "end_guiding", super().end_guiding)
+        with doing(self._whose, "end_guiding"):
+            end()
+
     def speed_fraction(self) -> float | None:
-        """At which share of their speed motions would run, where the driver tells."""
-        return self._told("speed_fraction", None)
+        """At which share of their speed motions would run, None if unknown. Raises `DeviceError`."""
+        with doing(self._whose, "speed_fraction"):
+            fraction = self._told("speed_fraction", None)
+            if fraction is not None:
+                require_fraction("the arm's speed_fraction", fraction)
+        return fraction
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, once a person agrees."""
@@ -158,11 +93,11 @@ class GuardedArm(Guard, Arm):
             self._driver.recover(confirm)
 
 
-class GuardedGripper(Guard, Gripper):
+class GuardedGripper(StateGuard, Gripper):
     """A gripper of somebody's own, within the bench file's limits."""
 
-    def __init__(self, driver: Any, named: str, limits: GripperLimits) -> None:
-        super().__init__("gripper", driver, named)
+    def __init__(self, driver: Any, named: str, limits: GripperLimits, clock: Clock) -> None:
+        super().__init__("gripper", driver, named, clock)
         self._limits = limits
 
     @property
@@ -176,9 +111,12 @@ class GuardedGripper(Guard, Gripper):
             self._driver.activate()
 
     def state(self) -> GripperState:
-        """Newest state. Raises `DeviceError`."""
+        """Newest state. Raises `DeviceError`, also for a position that the bench file's range excludes."""
         with doing(self._whose, "state"):
-            return answer(self._whose, "state", self._driver.state(), GripperState)
+            state = answer(self._whose, "state", self._driver.state(), GripperState)
+            self._limits.require_possible(state.position_counts)
+        self.require_current(state.time_ns, GRIPPER_STALE_S)
+        return state
 
     def move_to(self, position_counts: int) -> Motion:
         """Start moving the fingers. Raises `OutOfLimitsError` before the driver hears of it."""
@@ -187,7 +125,7 @@ class GuardedGripper(Guard, Gripper):
             raise OutOfLimitsError(f"gripper: {position_counts} counts is outside {low} to {high}")
         with doing(self._whose, "move_to"):
             motion = self._driver.move_to(position_counts)
-        return GuardedMotion(motion, f"{self._whose}: move_to")
+        return GuardedMotion(motion, f"{self._whose}: move_to", self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
@@ -234,8 +172,10 @@ class GuardedSource(Guard, TactileSensor):
 
     def _checked(self, what: str, given: object) -> Frame:
         frame = answer(self._whose, what, given, Frame)
-        for key, kind in (("image", np.ndarray), ("time_ns", int), ("sequence", int)):
-            answer(self._whose, f"{what}: {key}", getattr(frame, key), kind)
+        answer(self._whose, f"{what}: image", frame.image, np.ndarray)
+        with doing(self._whose, what):
+            require_integer("the frame's time_ns", frame.time_ns)
+            require_integer("the frame's sequence", frame.sequence)
         if frame.image.dtype != np.uint8 or frame.image.shape != self._shape:
             raise DamagedFrameError(
                 f"{self._whose}: a frame is {frame.image.dtype} {frame.image.shape}, and size_px asks for "

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError, FormatError, RecordingError
+from drivers.errors import DeviceError, FormatError, InvalidStateError, RecordingError
 from drivers.formats import read_json
 from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
@@ -77,7 +77,7 @@ class HandMemory:
     def _read(self) -> HandState:
         try:
             return _unpacked(read_json(self._file))
-        except (FormatError, ValueError, KeyError, TypeError, OverflowError):
+        except (FormatError, InvalidStateError, ValueError, KeyError, TypeError, OverflowError):
             if not self._file.exists():
                 return HandState(Holding.UNKNOWN, "no run has told yet")
             return HandState(Holding.UNKNOWN, f"{self._file} is damaged")

@@ -45,7 +45,7 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
         written |= {"joint_limits_rad"}
     driver = _made("arm", arm.driver, (Arm, ARM_METHODS), needed, known, written, arm.options)
-    return GuardedArm(driver, arm.driver, limits)
+    return GuardedArm(driver, arm.driver, limits, clock)
 
 
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
@@ -59,7 +59,7 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
     written = set(addresses) & gripper.model_fields_set
     kind = (Gripper, GRIPPER_METHODS)
     driver = _made("gripper", gripper.driver, kind, {"limits": limits}, known, written, gripper.options)
-    return GuardedGripper(driver, gripper.driver, limits)
+    return GuardedGripper(driver, gripper.driver, limits, clock)
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:

@@ -51,7 +51,7 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
     Joint angles are not known before the controller is asked, which is done before each motion.
     """
     limits = _limits(config) if motions else []
-    lines = [*head, *(f"  {_line(config, motion)}" for motion in motions), *limits]
+    lines = [*head, *(f"  {_line(config, motion)}" for motion in motions), *limits, *_unguarded(config)]
     refused = (_refused(config, motion) for motion in motions)
     return Plan(tuple(lines), tuple(reason for reason in refused if reason))
 
@@ -84,13 +84,23 @@ def _limits(config: BenchConfig) -> list[str]:
     joints = config.arm.limits
     reach = "" if is_class_name(config.arm.driver) else f"reach {ARM_REACH_M:g} m, "
     boxes = [f"{b.name} {_point(b.min_m)} to {_point(b.max_m)} m" for b in arm.keep_out]
+    force = "no force limit" if arm.max_contact_force_n is None else f"{arm.max_contact_force_n:g} N"
     return [
         f"Limits: workspace {_point(arm.workspace_min_m)} to {_point(arm.workspace_max_m)} m, "
-        f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {arm.max_contact_force_n:g} N on "
+        f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {force} on "
         f"the way down, {reach}joints {_angles(joints.joint_min_deg)} to "
         f"{_angles(joints.joint_max_deg)} deg, fingers {fingers.min_counts} to {fingers.max_counts} counts, "
         f"open {1e3 * fingers.widest_m:.0f} mm.",
         f"The hand is kept out of: {'; '.join(boxes) or 'nothing'}.",
+    ]
+
+
+def _unguarded(config: BenchConfig) -> list[str]:
+    if config.arm.force_sensor:
+        return []
+    return [
+        "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: nothing "
+        "stops it when the hand meets something. Keep a hand on the emergency stop."
     ]
 
 

@@ -39,6 +39,8 @@ def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
         yield ("arm", "home_m"), "is outside the workspace of [arm.limits]"
     if any(np.less_equal(limits.joint_max_deg, limits.joint_min_deg)):
         yield ("arm", "limits", "joint_max_deg"), "is not above joint_min_deg for every joint"
+    if arm.driver == "ur5e" and not arm.force_sensor:
+        yield ("arm", "force_sensor"), "a UR5e has one, and its way down is guarded: remove the key"
     if arm.payload_kg > limits.max_payload_kg:
         yield ("arm", "payload_kg"), f"is above max_payload_kg, {limits.max_payload_kg:g}"
 

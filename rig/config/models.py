@@ -38,7 +38,7 @@ FAR_M = 10.0
 class ArmConfig(BenchSection):
     """The arm: its driver, its address, what it carries, where it waits."""
 
-    later = frozenset({"options"})
+    later = frozenset({"force_sensor", "options"})
     driver: Annotated[str, driver_names("fake", "ur5e")]
     options: Options = Field(default={})
     host: Host | None = None
@@ -48,6 +48,8 @@ class ArmConfig(BenchSection):
     tcp_rotation_vector_rad: RotationVector = (0.0, 0.0, 0.0)
     payload_kg: float = Field(default=2.5, ge=0)
     payload_cog_m: Offset = (0.0, 0.0, 0.08)
+    force_sensor: bool = True
+    """Whether the arm measures the wrench at the tool; without it the way down is not guarded."""
     limits: ArmLimitsConfig = ArmLimitsConfig()
 
     def flange_T_tcp(self) -> Pose:  # noqa: N802 - frame names keep their case
@@ -239,7 +241,8 @@ class BenchConfig(BenchSection):
             )
             for box in boxes
         )
-        return replace(self.arm.limits.arm_limits(), keep_out=grown)
+        limits = replace(self.arm.limits.arm_limits(), keep_out=grown)
+        return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
 
     def gripper_limits(self) -> GripperLimits:
         """The gripper's range, with its measured openings where there are any."""

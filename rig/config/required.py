@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from rig.config.lines import KeyFault
-from rig.config.models import BenchConfig
+from rig.config.models import ArmConfig, BenchConfig
 
 ON_THE_FLANGE = {
     "tcp_m": "the tool centre point as measured, as [0.0, 0.0, 0.28]",
@@ -22,6 +22,13 @@ LIMITS = {
 """Keys of [arm.limits], and what to write. Joints have the arm's own range without a word."""
 
 
+def required_limits(arm: ArmConfig) -> dict[str, str]:
+    """Return the keys of [arm.limits] that a real arm has to have, and what to write."""
+    if arm.force_sensor:
+        return LIMITS
+    return {key: write for key, write in LIMITS.items() if key != "max_contact_force_n"}
+
+
 def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield each key that is missing in a real bench's file, and what to write there.
 
@@ -36,8 +43,11 @@ def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
     if config.table.top_m is None:
         yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
     if "limits" not in arm.model_fields_set:
-        yield ("arm", "limits"), f"is required of a real arm: write [arm.limits] with {', '.join(LIMITS)}"
+        yield (
+            ("arm", "limits"),
+            f"is required of a real arm: write [arm.limits] with {', '.join(required_limits(arm))}",
+        )
         return
-    for key, write in LIMITS.items():
+    for key, write in required_limits(arm).items():
         if key not in arm.limits.model_fields_set:
             yield ("arm", "limits", key), f"is required of a real arm: write {write}"

@@ -38,6 +38,9 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
 
 
 def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
+    if not arm.force_sensor:
+        why = "has no effect with force_sensor = false: nothing measures that force; remove it"
+        yield from _written(arm.limits, ("arm", "limits"), ["max_contact_force_n"], why)
     if arm.driver != "fake":
         return
     why = _no_effect("fake")

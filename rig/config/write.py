@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.errors import InputError
 from rig.config.models import BenchConfig
-from rig.config.required import LIMITS, ON_THE_FLANGE
+from rig.config.required import ON_THE_FLANGE, required_limits
 
 
 def bench_text(config: BenchConfig) -> str:
@@ -17,7 +17,7 @@ def bench_text(config: BenchConfig) -> str:
     # calibrations and objects are not written into a bench file but found beside it
     values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
     if not config.simulated:
-        limits = {key: getattr(config.arm.limits, key) for key in LIMITS}
+        limits = {key: getattr(config.arm.limits, key) for key in required_limits(config.arm)}
         values["arm"] |= {key: getattr(config.arm, key) for key in ON_THE_FLANGE}
         values["arm"]["limits"] = limits | values["arm"].get("limits", {})
     plain = {key: value for key, value in values.items() if not isinstance(value, dict | list)}

@@ -29,6 +29,9 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
     except RigError as error:
         return [unreachable("arm", error)]
     findings = [reached("arm", bench.arm, (bench.clock.now_ns() - began) / NS_PER_S), _mode(state.mode)]
+    if not config.force_sensor:
+        todo = "keep a hand on the emergency stop: the way down is not guarded"
+        findings.append(Finding("arm", "force sensor", Severity.WARNING, "none", todo))
     try:
         if config.driver == "ur5e":
             findings += _stream(bench.arm, bench.clock, config.frequency_hz, duration_s)

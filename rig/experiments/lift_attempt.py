@@ -194,7 +194,7 @@ def _row(head: LiftHead, measurement: LiftMeasurement, fault: str | None, course
 def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:
     if settings.react is ReactionKind.NONE:
         return None
-    grasps = find_grasp_file(task.object_id)
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
     largest = grasps.require_largest_grip() if settings.react is ReactionKind.TIGHTEN else 0
     return Reaction(settings.react, measurement, largest)
 

@@ -164,7 +164,8 @@ def _values(path: Path, topic: str, sequence: int, data: bytes, pose: tuple[floa
         return {"source": topic.removeprefix(IMAGE_PREFIX), "sequence": sequence}
     if topic == JOINTS_TOPIC:
         joints = recorded_joints(data, path)
-        numbers = zip((*POSE, *JOINTS, *WRENCH), (*pose, *joints.joints_rad, *joints.wrench), strict=True)
+        wrench = joints.wrench or (None,) * len(WRENCH)
+        numbers = zip((*POSE, *JOINTS, *WRENCH), (*pose, *joints.joints_rad, *wrench), strict=True)
         return {**dict(numbers), "mode": joints.mode.value}
     if topic == GRIPPER_TOPIC:
         return asdict(recorded_gripper(data, path))

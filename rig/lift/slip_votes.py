@@ -28,7 +28,9 @@ class WristVote:
         self._noise_nm: float | None = None
 
     def arm(self, state: ArmState) -> None:
-        """Take a reading of the wrist."""
+        """Take a reading of the wrist; an arm without a force sensor has none, and this vote is 0."""
+        if state.wrench is None:
+            return
         self._read.append((state.time_ns, np.array(state.wrench[3:])))
         while state.time_ns - self._read[0][0] > KEPT_NS:
             self._read.popleft()

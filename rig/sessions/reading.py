@@ -4,12 +4,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import DecodeError
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from drivers.clock import to_ns
 from drivers.errors import RecordingError, SessionError
@@ -54,13 +54,16 @@ class _Reaction:
 
 @dataclass(frozen=True)
 class RecordedJoints:
-    """What a recording holds of the arm beside its pose: rad; N and N m in the base's axes."""
+    """What a recording holds of the arm beside its pose: rad; N and N m in the base's axes.
+
+    wrench: None if the arm has no force sensor.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     joints_rad: Vector6
-    wrench: Vector6
     mode: ArmMode
+    wrench: Vector6 | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class RecordedGripper:
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    position_counts: int
+    position_counts: Annotated[int, Field(ge=0)]
     current_counts: int
     moving: bool
 

@@ -136,7 +136,8 @@ class LiftRecorder:
         position.x, position.y, position.z = state.base_T_tcp.position_m
         quaternion.x, quaternion.y, quaternion.z, quaternion.w = state.base_T_tcp.quaternion_xyzw
         self._protobuf(ARM_TOPIC, message, state.time_ns, 0)
-        joints = {"joints_rad": state.joints_rad, "wrench": state.wrench, "mode": state.mode.value}
+        felt = {} if state.wrench is None else {"wrench": state.wrench}
+        joints = {"joints_rad": state.joints_rad, **felt, "mode": state.mode.value}
         self._json(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
 
     def gripper(self, state: GripperState) -> None:

@@ -3,6 +3,7 @@
 MODULE = "lab_devices"
 SOURCE = '''
 """Not the rig's."""
+import time
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +57,10 @@ class Motion:
 class Plain(Arm):
     """Jumps to where it is sent, and notes what it heard."""
 
-    def __init__(self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, says=None):
-        self.heard, self.stuck, self.says = [], stuck, says
+    def __init__(
+        self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, says=None, ahead_s=0.0
+    ):
+        self.heard, self.stuck, self.says, self.ahead_s = [], stuck, says, ahead_s
         self.pose = Pose((0.45, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0))
 
     def connect(self):
@@ -70,7 +73,9 @@ class Plain(Arm):
         if self.says == "nothing":
             return None
         x = float("nan") if self.says == "nan" else 0.0
-        return ArmState(0, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 6, ArmMode.RUNNING)
+        wrench = None if self.says == "no wrench" else (0.0,) * 6
+        time_ns = time.monotonic_ns() + round(1e9 * self.ahead_s)
+        return ArmState(time_ns, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), wrench, ArmMode.RUNNING)
 
     def move_linear(self, base_T_tcp, speed_m_s, acceleration_m_s2):
         self.heard.append("move")
@@ -86,8 +91,8 @@ class Plain(Arm):
 
 
 class Fingers(Gripper):
-    def __init__(self, limits):
-        self.at = 6
+    def __init__(self, limits, *, at=6, ahead_s=0.0):
+        self.at, self.ahead_s = at, ahead_s
 
     def connect(self):
         pass
@@ -99,7 +104,8 @@ class Fingers(Gripper):
         pass
 
     def state(self):
-        return GripperState(0, True, False, self.at, 0, 0)
+        time_ns = time.monotonic_ns() + round(1e9 * self.ahead_s)
+        return GripperState(time_ns, True, False, self.at, 0, 0)
 
     def move_to(self, position_counts):
         self.at = position_counts

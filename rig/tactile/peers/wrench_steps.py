@@ -17,7 +17,7 @@ Wrench = NDArray[np.float32]
 class WrenchSteps:
     """Turns the arm's states, from the grasp on, into steps of (6,) float32: force in N, torque in N m.
 
-    Base axes, at the TCP. States that are not newer than the one before count for nothing.
+    Base axes, at the TCP. States that are not newer than the previous one, or have no wrench, are skipped.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class WrenchSteps:
 
     def add(self, state: ArmState) -> Wrench | None:
         """Take a state; return the step that it completes, None where none is due or the rest still lasts."""
-        if self._began_ns is not None and state.time_ns <= self._newest_ns:
+        if state.wrench is None or (self._began_ns is not None and state.time_ns <= self._newest_ns):
             return None
         self._newest_ns = state.time_ns
         if self._began_ns is None:

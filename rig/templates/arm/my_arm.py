@@ -48,10 +48,13 @@ class MyArm(Arm):
         self._connected = False
 
     def state(self) -> ArmState:
-        """Newest state: pose of the tool in the base, joints in rad, wrench in N and N m."""
+        """Newest state: pose of the tool in the base, joints in rad, wrench in N and N m as a tuple of 6.
+
+        A wrench of None: no force sensor, and the bench file says so. Never return zeros instead of None.
+        """
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
-        return ArmState(self._clock.now_ns(), self._pose(), STILL, STILL, ArmMode.RUNNING)
+        return ArmState(self._clock.now_ns(), self._pose(), STILL, None, ArmMode.RUNNING)
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
         """Start a straight motion and return at once."""

@@ -14,8 +14,8 @@ NOT_ACTIVATED = 5
 class MyGripper(Gripper):
     """Called with keys of the bench file: these, `host`, `port` or `device` if you add them, and `options`.
 
-    Positions are in counts, 0 open to 255 closed: scale yours. The rig keeps to the file's range. Raise
-    `drivers.errors.DeviceError` for whatever fails.
+    Positions are in counts, `min_counts` open to `max_counts` closed, within 0 to 255: scale yours. A
+    position that is clearly outside this range is an error. Raise `drivers.errors.DeviceError` for failures.
     """
 
     def __init__(self, limits: GripperLimits, clock: Clock) -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from drivers.errors import (
     DeviceError,
+    InvalidStateError,
     NotConnectedError,
     OperatorStopError,
     ProtectiveStopError,
@@ -132,3 +133,19 @@ def test_nothing_starts_while_the_pendant_is_in_local_control(controller: URCont
     with pytest.raises(DeviceError, match="remote control is off"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
     assert "3" not in controller.snapshot()["commands"]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_invalid_wrench_from_the_controller_stops_a_motion(
+    controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch, value: float
+) -> None:
+    motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
+    until(lambda: arm.state().base_T_tcp.position_m[2] < HOME.position_m[2] - 0.02)
+    with monkeypatch.context() as broken:
+        broken.setattr(controller.robot.force, "sense", lambda *_: (value, 0.0, 500.0, 0.0, 0.0, 0.0))
+        with pytest.raises(InvalidStateError, match="the arm's wrench is"):
+            motion.wait(5.0)
+        with pytest.raises(InvalidStateError, match="the arm's wrench is"):
+            arm.state()
+    assert stands(controller)
+    assert controller.snapshot()["tcp_m"][2] > HOME.position_m[2] - 0.1

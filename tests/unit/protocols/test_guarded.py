@@ -6,11 +6,15 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import ContactForceError, DeviceTimeoutError
+from drivers.clock import to_ns
+from drivers.errors import ContactForceError, DeviceError, DeviceTimeoutError, InvalidStateError
+from drivers.types import GripperState, HandState, Holding
 from fakes.devices.arm import FakeArm
 from fakes.devices.gripper import FakeGripper
+from protocols.observer import Phase
+from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
-from protocols.steps import CLEARANCE_M
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
 
 def raise_table(bench: Any, floor_z_m: float) -> None:
@@ -66,3 +70,95 @@ def test_a_gripper_that_is_lost_on_the_way_down_stops_it(
         run_lift(lift.bench, lift.plan, lift.observer)
     stands_m = lift.bench.arm.state().base_T_tcp.position_m[2]
     assert half_m - 0.012 < stands_m < half_m
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ((0.0, 0.0, 0.0), (NAN, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (NAN, 0.0, 500.0)),
+        ((NAN, 0.0, 0.0), (NAN, 0.0, 500.0)),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, float("inf"))),
+        ((0.0, 0.0, 0.0), (0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (False, 0.0, 0.0)),
+    ],
+)
+def test_descent_stops_at_invalid_wrench(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch, before: Any, after: Any
+) -> None:
+    """Each comparison with NaN is false: it would let the arm push with any force."""
+    lift = lift_of()
+    bench = lift.bench
+    start = bench.arm.state().base_T_tcp
+    half_m = start.position_m[2] - 0.05
+    world = bench.arm._world
+
+    def feel(arm: FakeArm, time_ns: int) -> Any:
+        down = world.tool.pose_at(time_ns).position_m[2] < half_m
+        return (*(after if down else before), 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(FakeArm, "_feel", feel)
+    with pytest.raises(DeviceError, match="wrench"):
+        move(bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    bench.clock.sleep_until(bench.clock.now_ns() + to_ns(1.0))
+    stands_m = world.tool.pose_at(bench.clock.now_ns()).position_m[2]
+    assert stands_m > half_m - 0.005 if before[0] == 0.0 else stands_m == start.position_m[2]
+
+
+def test_lift_ends_as_a_fault_at_invalid_wrench_on_the_way_up(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    felt = FakeArm._feel
+
+    def feel(arm: FakeArm, time_ns: int) -> Any:
+        rising = lift.observer.phase_now is Phase.LIFT
+        return (NAN, *felt(arm, time_ns)[1:]) if rising else felt(arm, time_ns)
+
+    monkeypatch.setattr(FakeArm, "_feel", feel)
+    with pytest.raises(InvalidStateError, match="wrench") as ended:
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert "stopped, fingers left as they are, still holding" in ended.value.__notes__[0]
+    assert lift.held
+
+
+def test_descent_of_an_arm_without_force_sensor_is_not_guarded(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    limits = replace(lift.bench.arm.limits, max_contact_force_n=None)
+    monkeypatch.setattr(lift.bench.arm, "_limits", limits)
+    assert lift.bench.arm.state().wrench is None
+    assert lift.run() == "done"
+
+
+def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    start = lift.bench.arm.state().base_T_tcp
+    monkeypatch.setattr(FakeArm, "_feel", lambda *_: None)
+    with pytest.raises(InvalidStateError, match="wrench is None"):
+        move(lift.bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+    assert lift.bench.arm.state().base_T_tcp.position_m[2] > start.position_m[2] - 0.001
+
+
+def test_moving_fingers_stop_if_their_state_becomes_invalid(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift = lift_of()
+    gripper, clock = lift.bench.gripper, lift.bench.clock
+    lift.bench.hand.note(HandState(Holding.HELD, "wrench", lift.pose))
+    gripper.move_to(gripper.limits.max_counts)
+    clock.sleep_until(clock.now_ns() + to_ns(0.2))
+    with monkeypatch.context() as broken:
+        broken.setattr(FakeGripper, "state", lambda _: GripperState(0, True, True, -5, 0, 0))
+        with pytest.raises(InvalidStateError, match="position_counts") as ended, safe_end(lift.bench):
+            gripper.state()
+    assert "still holding wrench" in ended.value.__notes__[0]
+    stopped = gripper.state().position_counts
+    clock.sleep_until(clock.now_ns() + to_ns(1.0))
+    assert gripper.state().position_counts <= stopped + 2

@@ -72,6 +72,14 @@ def test_the_arms_mode_is_judged_and_nothing_is_activated() -> None:
     assert not bench.gripper.state().activated
 
 
+def test_warns_of_an_arm_without_force_sensor() -> None:
+    bench, _ = build_bench(load_bench("fake"))
+    config = load_bench("fake").arm.model_copy(update={"force_sensor": False})
+    finding = find(look_at_arm(bench, config, 0.1), "arm", "force sensor")
+    assert finding.verdict is Severity.WARNING
+    assert "not guarded" in finding.todo
+
+
 def test_a_device_that_does_not_answer_is_a_finding_not_an_end() -> None:
     bench, _ = build_bench(load_bench("fake"))
 

@@ -50,7 +50,21 @@ def test_the_next_program_knows_what_this_one_held() -> None:
     assert HandMemory("192.0.2.11").recall().holding is Holding.UNKNOWN
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"holding": "free"}', '{"holding": "so"}', "\xff"])
+FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "finger_counts": %s}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"holding": "free"}',
+        '{"holding": "so"}',
+        "\xff",
+        *(FREE % it for it in ("true", '"9"')),
+    ],
+)
 def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
     HandMemory("arm").recall()
     HandMemory("arm").keep(HELD)

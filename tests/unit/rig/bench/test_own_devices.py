@@ -13,12 +13,15 @@ from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     InputError,
+    InvalidStateError,
     OperatorStopError,
     OutOfLimitsError,
 )
-from drivers.types import Pose
+from drivers.types import HandState, Holding, Pose
+from protocols.readiness import look_at_hand
 from protocols.safe_end import halt, make_safe
 from rig.bench.assembly import TOOL_DOWN, build_real_bench
+from rig.bench.plan import PlannedMotion, make_plan
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig, load_bench
 from rig.config.load import parse_bench
@@ -158,14 +161,83 @@ def test_limits_of_the_file_are_checked_before_the_driver_hears_of_a_motion() ->
 
 
 def test_what_a_driver_raises_or_answers_amiss_is_a_device_error_that_names_it() -> None:
-    for says in ("nothing", "nan"):
-        with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state .*mend the driver"):
+    for says, problem in (("nothing", "returned a NoneType.*mend"), ("nan", "joints_rad is .*check")):
+        with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state.* {problem} .*driver"):
             bench(arm={"says": says}).arm.state()
     with pytest.raises(DeviceError, match="no Motion"):
         bench(arm={"says": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
     stuck = bench(arm={"stuck": True}).arm
     with pytest.raises(DeviceError, match=r"wait raised KeyError: 'joint 3'"):
         stuck.move_linear(TARGET, 0.1, 0.5).wait(1.0)
+
+
+@pytest.mark.parametrize("counts", [float("nan"), -5, 0, True, 300, 6.0])
+def test_invalid_counts_never_free_a_hand_that_holds(counts: Any) -> None:
+    made = bench(gripper={"at": counts})
+    held = HandState(Holding.HELD, "wrench", TARGET, 0.012)
+    made.hand.note(held)
+    with pytest.raises(
+        InvalidStateError, match=f"gripper: driver '{MODULE}:Fingers': state: .*position_counts"
+    ):
+        look_at_hand(made)
+    assert made.hand.state == held
+
+
+def test_arm_without_wrench_is_rejected_unless_the_bench_file_declares_it() -> None:
+    silent = {"says": "no wrench"}
+    with pytest.raises(InvalidStateError, match=r"has no wrench.*write force_sensor = false"):
+        bench(arm=silent).arm.state()
+    assert build_real_bench(without_force_sensor(arm=silent)).arm.state().wrench is None
+    with pytest.raises(InvalidStateError, match="has a wrench, and the bench file says force_sensor = false"):
+        build_real_bench(without_force_sensor()).arm.state()
+
+
+def without_force_sensor(**options: dict[str, Any]) -> BenchConfig:
+    changed = values(**options)
+    changed["arm"]["force_sensor"] = False
+    return BenchConfig.model_validate(changed)
+
+
+@pytest.mark.parametrize(("ahead_s", "says"), [(-1.0, r"1\.0\d s old"), (0.5, "in the future")])
+def test_state_that_is_old_or_from_the_future_is_rejected(ahead_s: float, says: str) -> None:
+    made = bench(arm={"ahead_s": ahead_s}, gripper={"ahead_s": ahead_s})
+    for state in (made.arm.state, made.gripper.state):
+        with pytest.raises(DeviceError, match=says):
+            state()
+
+
+def test_plan_warns_of_an_unguarded_descent() -> None:
+    guarded, unguarded = (
+        make_plan(of, [], [PlannedMotion("home", TARGET, (TARGET,), 0.1)]).text()
+        for of in (config(), without_force_sensor())
+    )
+    assert "20 N on the way down" in guarded
+    assert "NOT GUARDED" not in guarded
+    assert "no force limit on the way down" in unguarded
+    assert "WARNING: the arm has no force sensor" in unguarded
+    assert "NOT GUARDED" in make_plan(without_force_sensor(), ["steps by keys"], []).text()
+
+
+def test_force_sensor_is_declared_once_and_stored() -> None:
+    made = without_force_sensor()
+    assert parse_bench(bench_text(made), "file").arm.force_sensor is False
+    assert BenchConfig.model_validate_json(made.model_dump_json()) == made
+    assert "force_sensor" not in config().model_dump()["arm"]
+    ours = NEW.read_text().replace("[arm]\n", "[arm]\nforce_sensor = false\n")
+    with pytest.raises(InputError, match="force_sensor: a UR5e has one"):
+        parse_bench(ours.replace("max_contact_force_n = 20.0\n", ""), "file")
+    with pytest.raises(InputError, match="max_contact_force_n: has no effect with force_sensor = false"):
+        parse_bench(ours, "file")
+
+
+def test_wait_that_fails_stops_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, stopped = bench(), []
+    monkeypatch.setattr(made.arm._driver, "stop", lambda: stopped.append("arm"))  # type: ignore[attr-defined]
+    motion = made.arm.move_linear(TARGET, 0.1, 0.5)
+    made.arm._driver.stuck = True  # type: ignore[attr-defined]
+    with pytest.raises(DeviceError, match="wait raised KeyError"):
+        motion.wait(1.0)
+    assert stopped == ["arm"]
 
 
 def test_a_stop_that_fails_is_told_and_the_fingers_are_held_all_the_same(
@@ -200,7 +272,7 @@ def test_questions_go_through_and_so_does_a_no() -> None:
         ("another", DeviceError, "a frame of 'of somebody else'"),
         ("small", DamagedFrameError, "size_px asks for"),
         ("float", DamagedFrameError, "float64"),
-        ("text", DeviceError, "time_ns returned a str"),
+        ("text", DeviceError, "time_ns is 'now', expected an int"),
         ("array", DeviceError, "returned a ndarray, no Frame"),
     ],
 )

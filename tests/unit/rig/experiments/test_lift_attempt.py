@@ -1,14 +1,19 @@
-"""One attempt at a lift: what its row says of the bench."""
+"""One attempt at a lift: its row, its reaction, and an arm without a force sensor."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.errors import DeviceError
 from drivers.types import ArmState
 from fakes.devices.arm import FakeArm
+from protocols.reaction import Reaction, ReactionKind
 from rig.config import BenchConfig
+from rig.config.objects import parse_object
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.sessions.reading import recorded_arm_states
 from rig.tactile.estimators import choose_estimator
 
 
@@ -27,3 +32,49 @@ def test_the_row_says_where_the_speed_slider_stood(
     monkeypatch.setattr("rig.experiments.lift_attempt.run_lift", fail)
     attempt = attempt_lift(TrialSettings(light_bench, 0, choose_estimator()), LiftTask(1, "t1", 1))
     assert attempt.row.speed_fraction == 0.4
+
+
+CUP = """id = "cup"
+name = "blue cup"
+orientations_deg = [0]
+grip_counts = [2, 4]
+largest_grip_counts = 17
+
+[[position]]
+name = "middle"
+offset_m = 0.01
+width_m = 0.03
+surface = "flat"
+lift_height_m = 0.05
+"""
+
+
+def test_reaction_knows_the_largest_grip_of_a_lab_s_own_object(
+    light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reactions: list[Reaction] = []
+
+    def lift(*given: Any) -> None:
+        reactions.append(given[3])
+        raise DeviceError("arm: gone")
+
+    monkeypatch.setattr("rig.experiments.lift_attempt.run_lift", lift)
+    bench = light_bench.model_copy(update={"objects": (parse_object(CUP, "cup.toml"),)})
+    settings = TrialSettings(bench, 0, choose_estimator(), react=ReactionKind.TIGHTEN)
+    assert attempt_lift(settings, LiftTask(1, "cup", 1)).row.object == "cup"
+    assert reactions[0].largest_grip_counts == 17
+
+
+@pytest.mark.parametrize("estimator", ["slip", "toskov"])
+def test_lift_of_an_arm_without_force_sensor_is_recorded_without_a_wrench(
+    light_bench: BenchConfig, tmp_path: Path, estimator: str
+) -> None:
+    arm = light_bench.arm.model_copy(update={"force_sensor": False})
+    bench = light_bench.model_copy(update={"arm": arm})
+    attempt = attempt_lift(TrialSettings(bench, 0, choose_estimator(estimator)), LiftTask(1, "t1", 1))
+    assert attempt.row.accepted
+    ((_, recording),) = attempt.files.items()
+    (tmp_path / "lift.mcap").write_bytes(recording)
+    states = list(recorded_arm_states(tmp_path / "lift.mcap"))
+    assert states
+    assert {state.wrench for state in states} == {None}

@@ -1,0 +1,144 @@
+"""Guards forward every member of the device interfaces, so that a new member cannot be forgotten."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
+from drivers.types import (
+    ArmLimits,
+    ArmMode,
+    ArmState,
+    Frame,
+    GripperLimits,
+    GripperState,
+    Pose,
+)
+from fakes.clock import SimulatedClock
+from rig.bench.guard import Guard
+from rig.bench.guards import GuardedArm, GuardedGripper, GuardedSource
+
+CLOCK = SimulatedClock()
+AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+POSE = Pose((0.4, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
+ARM_LIMITS = ArmLimits((0.0, -1.0, 0.0), (1.0, 1.0, 1.0), 0.5, 1.0, 5.0)
+GRIPPER_LIMITS = GripperLimits(6, 255, 0.1, 1e-4)
+ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "move_linear": (POSE, 0.1, 0.5),
+    "recover": (lambda question: None,),
+    "move_to": (100,),
+    "next_frame": (0.1,),
+    "newest_frame": (0.1,),
+    "set_light": (1.0, 1.0, 1.0),
+}
+FROM_THE_BENCH_FILE = {"limits", "serial", "rate_hz"}
+"""Members that a guard answers itself, whatever the driver says."""
+
+
+class Motion:
+    """A motion that has ended."""
+
+    def done(self) -> bool:
+        return True
+
+    def wait(self, timeout_s: float) -> None:
+        """Return at once."""
+
+
+class Recorder:
+    """A driver with every method; `called` lists the names of those that were called."""
+
+    answers: ClassVar[dict[str, Any]] = {
+        "move_linear": Motion(),
+        "move_to": Motion(),
+        "next_frame": Frame(np.zeros((4, 3, 3), np.uint8), 1, 1, "S1"),
+        "newest_frame": Frame(np.zeros((4, 3, 3), np.uint8), 1, 1, "S1"),
+        "identity": {"model": "M"},
+        "counters": {"lost": 2},
+        "round_trips_s": (0.01,),
+        "clock_offset_s": 0.5,
+        "speed_fraction": 0.4,
+    }
+
+    def __init__(self, state: Any = None) -> None:
+        self.called: list[str] = []
+        self._answers = {**self.answers, "state": state}
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+
+        def method(*_: Any) -> Any:
+            self.called.append(name)
+            return self._answers.get(name)
+
+        return method
+
+
+def guarded_arm(driver: Any) -> Guard:
+    return GuardedArm(driver, "lab:Arm", ARM_LIMITS, CLOCK)
+
+
+def guarded_gripper(driver: Any) -> Guard:
+    return GuardedGripper(driver, "lab:Gripper", GRIPPER_LIMITS, CLOCK)
+
+
+def guarded_source(driver: Any) -> Guard:
+    return GuardedSource(driver, "lab:Sensor", "S1", 30.0, (3, 4))
+
+
+DEVICES: list[tuple[Any, Callable[[Any], Guard], Any]] = [
+    (Arm, guarded_arm, ArmState(1, POSE, AT_REST, AT_REST, ArmMode.RUNNING)),
+    (Gripper, guarded_gripper, GripperState(1, True, False, 100, 0, 0)),
+    (TactileSensor, guarded_source, None),
+    (Camera, guarded_source, None),
+]
+
+
+def members(protocol: type[Any]) -> list[str]:
+    """Public names of a protocol and of those it extends."""
+    return sorted({name for base in protocol.__mro__ for name in vars(base) if not name.startswith("_")})
+
+
+MEMBERS = [(guard, state, name) for kind, guard, state in DEVICES for name in members(kind)]
+
+
+@pytest.mark.parametrize(
+    ("guard", "state", "name"), MEMBERS, ids=[f"{of.__name__}-{name}" for of, _, name in MEMBERS]
+)
+def test_guard_forwards_member(guard: Callable[[Any], Guard], state: Any, name: str) -> None:
+    driver = Recorder(state)
+    made = guard(driver)
+    if name in FROM_THE_BENCH_FILE:
+        assert getattr(made, name) in (ARM_LIMITS, GRIPPER_LIMITS, "S1", 30.0)
+        assert driver.called == []
+        return
+    answer = getattr(made, name)(*ARGUMENTS.get(name, ()))
+    assert name in driver.called
+    if name in ("counters", "round_trips_s", "clock_offset_s", "speed_fraction", "next_frame"):
+        assert answer is driver.answers[name]
+
+
+def test_all_members_of_the_arm_are_tested() -> None:
+    assert {"begin_guiding", "end_guiding", "speed_fraction", "identity", "state"} <= set(members(Arm))
+
+
+def test_arm_that_cannot_be_guided_says_so() -> None:
+    class NoGuiding:
+        """A driver without the two methods."""
+
+    arm = GuardedArm(NoGuiding(), "lab:Arm", ARM_LIMITS, CLOCK)
+    with pytest.raises(DeviceError, match="teach with --by keys"):
+        arm.begin_guiding()
+    arm.end_guiding()
+
+
+@pytest.mark.parametrize("fraction", [float("nan"), 7, True, "full"])
+def test_invalid_speed_fraction_is_rejected(fraction: Any) -> None:
+    driver = Recorder()
+    driver._answers["speed_fraction"] = fraction
+    with pytest.raises(DeviceError, match=r"lab:Arm.*speed_fraction"):
+        GuardedArm(driver, "lab:Arm", ARM_LIMITS, CLOCK).speed_fraction()

@@ -1,5 +1,6 @@
 """What can happen to a lift at any moment, and what may move after it: the rows of `rig benchmark safety`."""
 
+import math
 import random
 import signal
 from dataclasses import dataclass
@@ -36,6 +37,7 @@ EVENTS = (
     Event("Ctrl-C twice", After.STAYS, (signal.SIGINT, signal.SIGINT)),
     Event("SIGTERM", After.SAFE_END, (signal.SIGTERM,)),
     Event("SIGHUP", After.SAFE_END, (signal.SIGHUP,)),
+    Event("SIGQUIT", After.SAFE_END, (signal.SIGQUIT,)),
     Event("kill -9", After.STAYS, (signal.SIGKILL,)),
     Event("SIGSTOP", After.STAYS, (signal.SIGSTOP,)),
     Event("protective stop", After.STAYS, fault=("arm", "protective_stop")),
@@ -63,7 +65,7 @@ def plan_runs(seed: int, full: bool, repeats: int = 3) -> list[PlannedRun]:
     if full:
         cells = [(event, stage) for event in EVENTS for stage in Stage] * repeats
     else:
-        stages = [*Stage] * (len(EVENTS) // len(Stage))
+        stages = ([*Stage] * math.ceil(len(EVENTS) / len(Stage)))[: len(EVENTS)]
         rng.shuffle(stages)
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)

@@ -81,7 +81,8 @@ class Arm(Diagnosable, Protocol):
         """Let a person lead the arm by hand (freedrive), until `end_guiding` or `stop`.
 
         It carries the tool and payload that it was told of, and nothing else. Ends by itself, the arm
-        standing, where nobody asks for `state` any more. Raises `DeviceError` where the arm cannot do that.
+        standing, where nobody asks for `state` any more; `state` then raises `DeviceError` until
+        `end_guiding`. Raises `DeviceError` where the arm cannot do that.
         """
         raise DeviceError("arm: its driver does not let it be led by hand; teach with --by keys")
 

@@ -17,7 +17,7 @@ from drivers.keep_out import check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e.control_commands import Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
-from drivers.ur5e.guiding import begin_guiding, end_guiding
+from drivers.ur5e.guiding import begin_guiding, end_guiding, guided_sample
 from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import ArmMotion, is_still
@@ -109,7 +109,7 @@ class UR5e(Arm):
 
     def state(self) -> ArmState:
         """Newest state. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when the arm is gone."""
-        sample = self._require_link().sample()
+        sample = guided_sample(self._require_link())
         return ArmState(
             time_ns=sample.sampled_ns + self._clock_ahead_ns,
             base_T_tcp=from_ur(sample.pose),

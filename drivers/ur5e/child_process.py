@@ -4,9 +4,10 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
+
+from drivers.children import python_command
 
 _ROOT = Path(__file__).resolve().parents[2]
 _TAIL_BYTES = 400
@@ -21,7 +22,7 @@ class ChildProcess:
         self._output = tempfile.TemporaryFile()
         paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         self._process = subprocess.Popen(  # noqa: S603 - our own module, no shell
-            [sys.executable, "-m", module, *map(str, arguments)],
+            python_command("-m", module, *arguments),
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,

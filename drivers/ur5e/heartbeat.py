@@ -62,6 +62,7 @@ class Heartbeat:
     def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:
         self._limit_ns, self._longest_ns, self._guided = to_ns(limit_s), to_ns(longest_s), guided
         self.halted = ""
+        self._state.note_guiding_lost(False)
         self._began_ns = self._checked_ns = self._clock.now_ns()
         self._waited_ns = 0
         self._program.note()
@@ -74,8 +75,9 @@ class Heartbeat:
         self._program.note()
 
     def end(self) -> None:
-        """The motion is over, or told to stop."""
+        """The motion or the guiding is over, or told to stop."""
         self._limit_ns = None
+        self._state.note_guiding_lost(False)
 
     def check(self) -> None:
         """Stop the motion where nobody looks any more."""
@@ -88,13 +90,14 @@ class Heartbeat:
         self._checked_ns = now_ns
         if not why:
             return
+        self.end()
         if self._guided:
             self._control.endTeachMode()
             self.halted = why
+            self._state.note_guiding_lost(True)
         elif self._control.getAsyncOperationProgressEx().isAsyncOperationRunning():
             self._control.stopL(BRAKE_M_S2, True)
             self.halted = why
-        self.end()
 
     def _note_looks(self) -> None:
         looked_ns = max(self._began_ns, self._state.looked_ns())

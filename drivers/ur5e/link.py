@@ -71,6 +71,11 @@ class ArmLink:
             "look at it, check the controller and the network, then connect again"
         )
 
+    @property
+    def guiding_lost(self) -> bool:
+        """Whether guiding by hand was ended because this program did not look at the arm."""
+        return self._state.guiding_lost()
+
     def age_s(self, sample: StateSample) -> float:
         """Time since the controller's time stamp last changed, s."""
         return (self._clock.now_ns() - sample.received_ns) / NS_PER_S

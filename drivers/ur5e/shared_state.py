@@ -17,8 +17,9 @@ from drivers.vectors import Vector3
 _WORD = 8
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
 _COUNT, _LOOKED = 0, 1 + 2 * _SAMPLE.size // _WORD
-"""Words: of the counter, and of the last look."""
-_SIZE = _WORD * (_LOOKED + 1)
+_GUIDING_LOST = _LOOKED + 1
+"""Words: the counter, the time of the last look, and 1 if guiding by hand has ended by itself."""
+_SIZE = _WORD * (_GUIDING_LOST + 1)
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -93,6 +94,17 @@ class SharedState:
     def looked_ns(self) -> int:
         """When it looked last; 0 before the first time."""
         return self._words[_LOOKED]
+
+    def note_guiding_lost(self, lost: bool) -> None:
+        """Note whether guiding by hand was ended because the program did not look at the arm."""
+        with contextlib.suppress(ValueError):  # closed
+            self._words[_GUIDING_LOST] = lost
+
+    def guiding_lost(self) -> bool:
+        """Whether guiding by hand was ended because the program did not look; False after `close`."""
+        with contextlib.suppress(ValueError):  # closed
+            return bool(self._words[_GUIDING_LOST])
+        return False
 
     def read(self) -> StateSample | None:
         """The newest sample; None before the first and after `close`."""

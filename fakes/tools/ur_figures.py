@@ -7,7 +7,6 @@ with two clients at 500 Hz, and how soon a stop begins. Half a minute; needs ur-
 """
 
 import json
-import multiprocessing
 import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -15,6 +14,7 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
+from drivers.children import spawn_context
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.types import Pose
 from fakes.clock import SharedClock
@@ -100,8 +100,9 @@ def _stop_begins_s(receive: Any, control: Any) -> float:
 def main(host: str) -> None:
     """Measure both versions; print a JSON line for each."""
     for version in ("5.11.0", "5.25.0"):
-        here, there = multiprocessing.Pipe()
-        process = multiprocessing.get_context("spawn").Process(target=serve, args=(host, version, there))
+        context = spawn_context()
+        here, there = context.Pipe()
+        process = context.Process(target=serve, args=(host, version, there))
         process.start()
         # So that waiting ends when the controller could not start: it has said why itself.
         there.close()

@@ -1,7 +1,5 @@
 """Fakes behind wires for a bench file: started here, or in a process beside for one session."""
 
-import multiprocessing
-import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,6 +9,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from drivers.children import leave_signals_to_parent, spawn_context
 from drivers.clock import SystemClock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import realtime
@@ -64,7 +63,7 @@ def started_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
 
     The process ends with this one, whatever ends it. Raises `DeviceError` when it does not start.
     """
-    context = multiprocessing.get_context("spawn")
+    context = spawn_context()
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(config, theirs), name="fakes")
     process.start()
@@ -136,9 +135,7 @@ def _ready(pipe: Connection) -> BenchConfig:
 
 def _serve(config: BenchConfig, pipe: Connection) -> None:
     """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
-    for number in (signal.SIGINT, signal.SIGHUP):  # the parent's, which makes the bench safe first
-        signal.signal(number, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    leave_signals_to_parent()
     try:
         with hosted_fakes(config, host=None) as (served, fakes), suppress(EOFError, OSError):
             pipe.send(served)

@@ -109,8 +109,12 @@ def report_broken(problems: Sequence[str]) -> None:
         raise SessionError(f"done, except for what is broken: {problems[-1]}")
 
 
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
+"""Signals that always end a command; SIGHUP does, unless the command was told to outlive its terminal."""
+
+
 def stop_on_signals() -> None:
-    """Make Ctrl-C, a polite kill and a lost terminal end in the same safe teardown as an error.
+    """Make Ctrl-C, SIGQUIT, a polite kill and a lost terminal end in the same safe teardown as an error.
 
     The first one raises `OperatorStopError` where the program is. The second one raises it once more,
     in the teardown, which then stops all motion and leaves everything where it is; further ones are
@@ -132,7 +136,7 @@ def stop_on_signals() -> None:
             _say_if_heard("stopping all motion at once ...")
             raise OperatorStopError("all motion stopped at once by the operator")
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPS:
         signal.signal(number, stop)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, stop)

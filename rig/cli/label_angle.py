@@ -49,7 +49,7 @@ def label_angle(
     from rig.frames.series import read_frames
     from rig.labels.angle_clicks import LINES, LineLog, read_drawn
     from rig.labels.angle_clip import load_clip
-    from rig.labels.angle_server import AngleServer
+    from rig.labels.angle_server import AngleServer, way_to
 
     series = read_frames(clip_frames(clip))
     drawn = read_drawn(clip / LINES)
@@ -57,16 +57,16 @@ def label_angle(
     background = _background(clip, series)
     choice = _choice(series, background, count, reference, drawn)
     to_label = load_clip(clip.resolve().name, series, background, choice)
-    with AngleServer(to_label, LineLog(clip / LINES, to_label, drawn)) as server:
+    log = LineLog(clip / LINES, to_label, drawn)
+    with AngleServer(to_label, log) as server, way_to(server.address) as way:
         say(f"draw the lines at {server.address}")
         if browser:
-            _open(server.address)
-        while not server.done.wait(0.2):
+            _open(way)
+        while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
-        labels = server.labels
-    say(f"{len(labels)} labels written to {clip / LABELS}")
+    say(f"{labels} labels written to {clip / LABELS}")
     if json:
-        emit_json({"out": str(clip / LABELS), "labels": len(labels), "frames": len(to_label.frames)})
+        emit_json({"out": str(clip / LABELS), "labels": labels, "frames": len(to_label.frames)})
 
 
 def _check_labels(labels: Path, drawn: "DrawnLines | None", overwrite: bool) -> None:
@@ -113,8 +113,8 @@ def _choice(
     return begun
 
 
-def _open(address: str) -> None:
+def _open(way: str) -> None:
     import webbrowser
 
-    if not webbrowser.open(address):
+    if not webbrowser.open(way):
         say("no browser opened: open that address in one on this computer")

@@ -12,7 +12,7 @@ from drivers.errors import RigError
 from rig.cli.bench import bench
 from rig.cli.benchmark.commands import benchmark
 from rig.cli.calibrate.commands import calibrate
-from rig.cli.common import Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
+from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
@@ -124,7 +124,8 @@ def _end(message: str, kind: str, code: Exit) -> None:
     from drivers.formats import without_passwords
 
     # All is done but to say so: a further Ctrl-C, also while Python ends, must not end it otherwise.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in STOPS:
+        signal.signal(number, signal.SIG_IGN)
     with suppress(OSError, ValueError):
         text = without_passwords(message).encode("utf-8", "backslashreplace").decode()
         say("rig: " + " ".join(text.splitlines()))

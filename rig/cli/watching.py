@@ -60,7 +60,7 @@ def watched(
             at = watch_address(watch_at)
             page = WatchPage(at, work.title, work.what, work.done, work.total)
             context.call_on_close(page.close)
-            stack.enter_context(looking_on(page.state.tell))
+            stack.enter_context(looking_on(page.tell))
             say(f"watch it at {page.address}")
             listeners = (page.listener,)
         yield listeners

@@ -1,14 +1,11 @@
 """Simulated lifts side by side: worker processes that end with their parent, whatever ends it."""
 
 import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from multiprocessing import connection
 from typing import TypeVar
 
+from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
 from drivers.errors import RigError
 
 Task = TypeVar("Task")
@@ -29,7 +26,8 @@ def run_tasks(
             task = tasks.pop(0)
             yield task, work(task)
         return
-    context = multiprocessing.get_context("fork" if fork else "spawn")
+    context = multiprocessing.get_context("fork") if fork else spawn_context()
+    others = multiprocessing.active_children()
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
     running: dict[Future[Result], Task] = {}
     try:
@@ -48,20 +46,12 @@ def run_tasks(
     finally:
         # Workers write nothing, so they can be ended at once without losing anything.
         for process in multiprocessing.active_children():
-            process.terminate()
+            if process not in others:  # as the process of a page, which outlives the pool
+                process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _end_with_parent() -> None:
-    """Leave interrupts to the parent, and exit when it is gone, even killed."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the command line's, which stops a bench
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
-
-
-def _watch(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
+    """Leave signals to the parent, and exit when it is gone. A fork has the command line's handlers."""
+    leave_signals_to_parent()
+    end_with_parent()

@@ -1,7 +1,6 @@
 """What a person has clicked on a clip's frames: on disk after every click, so that none is ever lost."""
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,7 +69,7 @@ def ends_in(clicks: Sequence[Click], drawn_in: int) -> dict[int, list[tuple[floa
 
 
 class LineLog:
-    """The clicks on one clip, each written to `file` before it counts. Safe between threads.
+    """The clicks on one clip, each written to `file` before it counts.
 
     drawn: what `file` held before. Raises `InputError` where that is of other frames.
     """
@@ -80,7 +79,6 @@ class LineLog:
             raise InputError(f"{file}: is of frames of another size: move it away to begin anew")
         self.file, self._clip = file, clip
         self._clicks = () if drawn is None else drawn.clicks
-        self._lock = threading.Lock()
         for click in self._clicks:
             self._check(click)
 
@@ -92,18 +90,16 @@ class LineLog:
     def add(self, click: Click) -> None:
         """Take the next click. Raises `InputError` for one that cannot be, `RecordingError` if not kept."""
         self._check(click)
-        with self._lock:
-            begun = ends_in(self._clicks, click.drawn_in).get(click.frame, [])
-            if len(begun) == 1 and math.dist(begun[0], (click.x, click.y)) < SHORTEST_PX:
-                raise InputError(f"less than {SHORTEST_PX:g} px from the first end: click farther away")
-            self._keep((*self._clicks, click))
+        begun = ends_in(self._clicks, click.drawn_in).get(click.frame, [])
+        if len(begun) == 1 and math.dist(begun[0], (click.x, click.y)) < SHORTEST_PX:
+            raise InputError(f"less than {SHORTEST_PX:g} px from the first end: click farther away")
+        self._keep((*self._clicks, click))
 
     def undo(self) -> Click | None:
         """Take the last click back and return it; None where there is none."""
-        with self._lock:
-            last = self._clicks[-1] if self._clicks else None
-            self._keep(self._clicks[:-1])
-            return last
+        last = self._clicks[-1] if self._clicks else None
+        self._keep(self._clicks[:-1])
+        return last
 
     def passes(self) -> list[dict[int, Line]]:
         """Return the finished lines of both passes by frame."""

@@ -2,9 +2,12 @@
 
 import json
 import secrets
-import threading
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError, RigError
@@ -13,113 +16,131 @@ from drivers.images import encode_png
 from rig.frames.clips import LABELS
 from rig.labels.angle_clicks import Click, LineLog, ends_in
 from rig.labels.angle_clip import ClipToLabel, difference
-from rig.labels.angle_lines import PASSES, AngleLabel, angle_labels, labels_csv
+from rig.labels.angle_lines import PASSES, angle_labels, labels_csv
 from rig.pages.page import render
-from rig.pages.serving import PageHandler, PageServer
+from rig.pages.process import PageProcess
+from rig.pages.serving import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, Request
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
 """A click is a hundred bytes."""
+TOKEN = "x-rig-token"  # noqa: S105 - its name
+"""Header with the token. A site elsewhere cannot send it: browsers ask first whether they may."""
 
 
 class AngleServer:
-    """Serves one clip's page at `address`, which nobody can guess; `done` is set when labels are written.
+    """Serves one clip's page, in a process of its own, until labels are written or it is closed.
 
-    log: takes the clicks; `labels.csv` is written beside its file. A context manager: the page is gone when
-    it ends.
+    log: takes the clicks; `labels.csv` is written beside its file. address: of the page, with the token as
+    its fragment, which browsers do not send. A context manager: the page is gone when it ends.
     """
 
     def __init__(self, clip: ClipToLabel, log: LineLog) -> None:
-        self.clip, self.log = clip, log
         self.token = secrets.token_urlsafe(12)
-        self.done = threading.Event()
-        self.labels: list[AngleLabel] = []
-        self._server = PageServer(("127.0.0.1", 0), partial(_Handler, self))
-        self.address = f"http://127.0.0.1:{self._server.port}/{self.token}/"
+        self._process = PageProcess(partial(AnglePage, clip, log, self.token), (LOOPBACK, 0))
+        self.address = f"http://{LOOPBACK}:{self._process.port}/#{self.token}"
 
     def __enter__(self) -> "AngleServer":
-        self._server.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.close()
+        self._process.close()
 
-    def page(self) -> str:
-        """Return the page."""
-        choice, (width, height) = self.clip.choice, self.clip.size_px
-        known = {"frames": choice.frames, "reference": choice.reference, "width": width, "height": height}
-        known["state"] = self.state()
-        return render("rig.labels", "angle_page.html", name=self.clip.name, known=known)
+    def labels_written(self, timeout_s: float) -> int | None:
+        """Wait for labels; return how many were written, None if none were in time. Raises `RigError`."""
+        report = self._process.receive(timeout_s)
+        return None if report is None else int(report)
 
-    def state(self) -> dict[str, Any]:
+
+@contextmanager
+def way_to(address: str) -> Iterator[str]:
+    """Give the address of a file that leads a browser to `address`; only this user can read the file.
+
+    An address on a browser's command line is shown to every user of the computer by `ps`, its token with it.
+    """
+    with tempfile.TemporaryDirectory(prefix="rig-label-angle-") as folder:  # made with mode 0700
+        file = Path(folder) / "page.html"
+        file.touch(mode=0o600)
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">')
+        yield file.as_uri()
+
+
+class AnglePage:
+    """The page, in its own process. token: expected with everything but the empty page itself."""
+
+    def __init__(self, clip: ClipToLabel, log: LineLog, token: str) -> None:
+        self._clip, self._log, self._token = clip, log, token
+        self._html = render("rig.labels", "angle_page.html").encode()
+
+    def answer(self, request: Request) -> Answer:
+        """Answer a request: the page, what is known of the clip, a picture, or a click."""
+        path = request.path.removeprefix("/")
+        if request.method == "GET" and path == "":
+            return Answer(self._html, "text/html; charset=utf-8")
+        if not secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode()):
+            return FORBIDDEN
+        if request.method == "GET":
+            return self._known() if path == "clip" else self._picture(path)
+        if request.method == "POST" and path in ("click", "undo", "write"):
+            return self._done(path, request.body)
+        return NOT_FOUND
+
+    def take(self, message: bytes) -> None:
+        """Take a message of the program, which sends none."""
+
+    def close(self) -> None:
+        """Release nothing: every click is on disk."""
+
+    def _known(self) -> Answer:
+        choice, (width, height) = self._clip.choice, self._clip.size_px
+        known = {"name": self._clip.name, "frames": choice.frames, "reference": choice.reference}
+        return _json({**known, "width": width, "height": height, "state": self._state()})
+
+    def _state(self) -> dict[str, Any]:
         """Return what is drawn: the ends of the lines of each pass by frame, and where the last click was."""
-        clicks = self.log.clicks
+        clicks = self._log.clicks
         last = [clicks[-1].drawn_in, clicks[-1].frame] if clicks else None
         return {"ends": [ends_in(clicks, drawn_in) for drawn_in in range(PASSES)], "last": last}
 
-    def picture(self, kind: str, number: int) -> bytes | None:
-        """Return a frame or its difference as PNG; None for one that is not labelled."""
-        image = self.clip.frames.get(number)
-        if image is None or kind not in ("frame", "difference"):
-            return None
-        return encode_png(image if kind == "frame" else difference(image, self.clip.background))
-
-    def take(self, what: str, sent: bytes) -> dict[str, Any]:
-        """Do what the page asks for: `click`, `undo` or `write`. Raises `RigError`."""
-        if what == "click":
-            self.log.add(_click(sent))
-        elif what == "undo":
-            self.log.undo()
-        else:
-            return self._write()
-        return self.state()
-
-    def _write(self) -> dict[str, Any]:
-        reference = self.clip.choice.reference
-        self.labels = angle_labels(self.log.passes(), reference)
-        file = self.log.file.with_name(LABELS)
-        write_file(file, labels_csv(self.labels, reference).encode())
-        rows = [[label.frame, label.angle_deg, label.sigma_deg] for label in self.labels]
-        return {"file": str(file), "labels": rows, "left_out": len(self.clip.frames) - len(rows)}
-
-
-class _Handler(PageHandler):
-    def __init__(self, owner: AngleServer, *connection: Any) -> None:
-        self._owner = owner
-        super().__init__(*connection)
-
-    def do_GET(self) -> None:  # noqa: N802 - as http.server calls it
-        owner, path = self._owner, self._path()
-        if path == "":
-            self.answer(HTTPStatus.OK, "text/html; charset=utf-8", owner.page().encode())
-            return
-        kind, _, name = (path or "").partition("/")
+    def _picture(self, path: str) -> Answer:
+        """Return a frame or its difference as PNG."""
+        kind, _, name = path.partition("/")
         number = name.removesuffix(".png")
-        picture = owner.picture(kind, int(number)) if number.isdecimal() and len(number) < 9 else None
-        if picture is None:
-            self.answer(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
-        else:
-            self.answer(HTTPStatus.OK, "image/png", picture)
+        known = number.isascii() and number.isdecimal() and len(number) < 9
+        image = self._clip.frames.get(int(number)) if known else None
+        if image is None or kind not in ("frame", "difference"):
+            return NOT_FOUND
+        shown = image if kind == "frame" else difference(image, self._clip.background)
+        return Answer(encode_png(shown), "image/png")
 
-    def do_POST(self) -> None:  # noqa: N802 - as http.server calls it
-        length, what = self.headers.get("Content-Length", ""), self._path()
-        if what not in ("click", "undo", "write") or not length.isdecimal() or len(length) > 9:
-            self.answer(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
-            return
+    def _done(self, what: str, sent: bytes) -> Answer:
+        """Do what the page asks for: `click`, `undo` or `write`."""
         try:
-            if int(length) > MOST_BYTES:
+            if len(sent) > MOST_BYTES:
                 raise InputError("what was sent is too long: load the page anew")
-            status, said = HTTPStatus.OK, self._owner.take(what, self.rfile.read(int(length)))
+            if what == "write":
+                return self._write()
+            if what == "click":
+                self._log.add(_click(sent))
+            else:
+                self._log.undo()
         except RigError as error:
-            status, said = HTTPStatus.BAD_REQUEST, {"error": str(error)}
-        self.answer(status, "application/json", json.dumps(said).encode())
-        if what == "write" and status is HTTPStatus.OK:
-            self._owner.done.set()
+            return _json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
+        return _json(self._state())
 
-    def _path(self) -> str | None:
-        """Return the path behind the token; None without it."""
-        start = f"/{self._owner.token}/"
-        return self.path.removeprefix(start) if self.path.startswith(start) else None
+    def _write(self) -> Answer:
+        reference = self._clip.choice.reference
+        labels = angle_labels(self._log.passes(), reference)
+        file = self._log.file.with_name(LABELS)
+        write_file(file, labels_csv(labels, reference).encode())
+        rows = [[label.frame, label.angle_deg, label.sigma_deg] for label in labels]
+        left_out = len(self._clip.frames) - len(rows)
+        report = str(len(rows)).encode()
+        return _json({"file": str(file), "labels": rows, "left_out": left_out}, report=report)
+
+
+def _json(value: dict[str, Any], status: HTTPStatus = HTTPStatus.OK, report: bytes = b"") -> Answer:
+    return Answer(json.dumps(value).encode(), "application/json", status, report)
 
 
 def _click(sent: bytes) -> Click:

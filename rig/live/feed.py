@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 KEPT_MESSAGES = 512
@@ -66,13 +66,17 @@ class LiveFeed:
 NOBODY = LiveFeed()
 
 
-@dataclass(slots=True)
 class Sender:
-    """Sends to everybody who looks on. `lost` counts the messages that somebody did not get."""
+    """Sends to everybody who looks on. `lost` counts the messages that somebody did not get.
 
-    feed: LiveFeed
-    lost: int = 0
-    _socket: socket.socket = field(default_factory=lambda: socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+    Each listener has a socket, because unread messages fill the send buffer of the socket they came from: one
+    that is stopped would otherwise keep messages from all others.
+    """
+
+    def __init__(self, feed: LiveFeed) -> None:
+        self.lost = 0
+        kind = (socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sockets = [(listener, socket.socket(*kind)) for listener in feed.listeners]
 
     def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
         """Send a message to those who want it; never waits, never raises."""
@@ -80,17 +84,18 @@ class Sender:
         if len(data) > LARGEST_BYTES:
             self.lost += 1
             return
-        for listener in self.feed.listeners:
+        for listener, sender in self._sockets:
             if listener.pictures or not picture:
-                self._send_to(listener.address, data)
+                self._send_to(listener.address, sender, data)
 
     def close(self) -> None:
-        """Let go of the socket."""
-        self._socket.close()
+        """Let go of the sockets."""
+        for _, sender in self._sockets:
+            sender.close()
 
-    def _send_to(self, address: str, data: bytes) -> None:
+    def _send_to(self, address: str, sender: socket.socket, data: bytes) -> None:
         try:
-            self._socket.sendto(data, socket.MSG_DONTWAIT, address)
+            sender.sendto(data, socket.MSG_DONTWAIT, address)
         except OSError:  # full, or nobody is there any more
             self.lost += 1
 

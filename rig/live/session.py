@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from drivers.children import python_command
 from drivers.errors import InputError
 from rig.live.feed import Inbox, Listener, LiveFeed
 
@@ -75,7 +76,7 @@ def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
 
 @contextmanager
 def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "rig.live.viewer", address, *([str(file)] if file else [])]
+    command = python_command("-m", "rig.live.viewer", address, *([file] if file else []))
     # What the viewer says goes into a file: a pipe that nobody empties would stop it.
     log = Path(f"{address}.log")
     with log.open("w") as said:

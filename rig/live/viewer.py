@@ -5,11 +5,11 @@ that started it is killed; the file is then complete up to there.
 """
 
 import os
-import signal
 import sys
 import threading
 from pathlib import Path
 
+from drivers.children import leave_signals_to_parent
 from rig.live.feed import Inbox
 from rig.live.scene import RerunScene
 
@@ -21,7 +21,7 @@ GIVE_WAY = 10
 def main(arguments: list[str]) -> None:
     """Show what arrives until the input ends. arguments: address, and the file to write to if any."""
     # Ctrl-C is for the trial; what it then still sends is to be seen.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_signals_to_parent()
     os.nice(GIVE_WAY)
     scene = RerunScene(Path(arguments[1]) if len(arguments) > 1 else None)
     inbox = Inbox(arguments[0])

@@ -1,21 +1,20 @@
-"""The page of `--watch`: read-only, on threads of its own, so that no browser is ever waited for."""
+"""The page of `--watch`: read-only, in a process of its own, so that no browser is ever waited for."""
 
-import ipaddress
 import json
 import socket
 import tempfile
+from dataclasses import asdict
 from functools import partial
-from http import HTTPStatus
-from typing import Any
-from urllib.parse import unquote, urlsplit
+from ipaddress import ip_address
+from urllib.parse import unquote
 
 from drivers.errors import InputError
 from rig.live.feed import Inbox, Listener
-from rig.live.watch_state import WatchState
+from rig.live.onlookers import Event
+from rig.live.watch_state import Progress, WatchState
 from rig.pages.page import render
-from rig.pages.serving import PageHandler, PageServer
-
-LOOPBACK = "127.0.0.1"
+from rig.pages.process import PageProcess
+from rig.pages.serving import LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, Request
 
 
 def watch_address(at: str | None) -> tuple[str, int]:
@@ -34,61 +33,63 @@ def watch_address(at: str | None) -> tuple[str, int]:
 class WatchPage:
     """Serves what happens at `address` until it is closed. `listener`: lifts and poses send to it.
 
-    at: host and port. title, what, done, total: as `WatchState`. Raises `InputError` for an address that
+    at: host and port. title, what, done, total: as `Progress`. Raises `InputError` for an address that
     cannot be served.
     """
 
     def __init__(self, at: tuple[str, int], title: str, what: str, done: int, total: int) -> None:
-        self.html = render("rig.live", "watch.html", title=title).encode()
+        self._progress = Progress(title, what, done, total)
+        self._folder = tempfile.TemporaryDirectory(prefix="rig-watch-")
+        self.listener = Listener(f"{self._folder.name}/page", pictures=True)
         try:
-            self._server = PageServer(at, partial(_Handler, self))
+            self.process = PageProcess(partial(Watched, self._progress, self.listener.address), at)
         except (OSError, UnicodeError) as error:
+            self._folder.cleanup()
             why = getattr(error, "strerror", None) or error
             raise InputError(
                 f"--watch-at {at[0]}:{at[1]}: nothing can be served there ({why}); choose another address"
             ) from error
-        self._folder = tempfile.TemporaryDirectory(prefix="rig-watch-")
-        self._inbox = Inbox(f"{self._folder.name}/page")
-        self.listener = Listener(self._inbox.address, pictures=True)
-        self.state = WatchState(title, what, done, total, self._inbox.take)
-        bound = str(self._server.server_address[0])
-        self.loopback = ipaddress.ip_address(bound).is_loopback
-        host = socket.gethostname() if ipaddress.ip_address(bound).is_unspecified else at[0]
-        self.address = f"http://{host}:{self._server.port}/"
-        self._server.start()
+        host = socket.gethostname() if ip_address(self.process.host).is_unspecified else at[0]
+        self.address = f"http://{host}:{self.process.port}/"
+
+    def tell(self, event: Event) -> None:
+        """Show an event; never waits. Each message holds all that was told before, so one may be lost."""
+        self._progress = self._progress.after(event)
+        self.process.send(json.dumps(asdict(self._progress)).encode())
 
     def close(self) -> None:
         """Stop serving."""
-        self._server.close()
-        self._inbox.close()
+        self.process.close()
         self._folder.cleanup()
 
 
-class _Handler(PageHandler):
-    def __init__(self, page: WatchPage, *connection: Any) -> None:
-        self._page = page
-        super().__init__(*connection)
+class Watched:
+    """The page, in its own process. progress: of the command so far. address: lifts and poses send there."""
 
-    def do_GET(self) -> None:  # noqa: N802 - as http.server calls it
-        path = urlsplit(self.path).path
-        if not self._asked_here():
-            self.answer(HTTPStatus.FORBIDDEN, "text/plain", b"asked under another name")
-        elif path == "/":
-            self.answer(HTTPStatus.OK, "text/html; charset=utf-8", self._page.html)
-        elif path == "/state.json":
-            self.answer(HTTPStatus.OK, "application/json", json.dumps(self._page.state.values()).encode())
-        else:
-            self._picture(path)
+    def __init__(self, progress: Progress, address: str) -> None:
+        self._html = render("rig.live", "watch.html", title=progress.title).encode()
+        self._inbox = Inbox(address)
+        self._state = WatchState(progress, self._inbox.take)
 
-    def _picture(self, path: str) -> None:
+    def take(self, message: bytes) -> None:
+        """Take the command's progress."""
+        self._state.progress = Progress(**json.loads(message))
+
+    def answer(self, request: Request) -> Answer:
+        """Answer a request; nothing can be changed from the page."""
+        if request.method != "GET":
+            return NOT_ALLOWED
+        if request.path == "/":
+            return Answer(self._html, "text/html; charset=utf-8")
+        if request.path == "/state.json":
+            return Answer(json.dumps(self._state.values()).encode(), "application/json")
+        return self._picture(request.path)
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._inbox.close()
+
+    def _picture(self, path: str) -> Answer:
         name = unquote(path.removeprefix("/picture/").removesuffix(".jpg"))
-        picture = self._page.state.picture(name)
-        if picture is None or path == name:
-            self.answer(HTTPStatus.NOT_FOUND, "text/plain", b"not here")
-        else:
-            self.answer(HTTPStatus.OK, "image/jpeg", picture)
-
-    def _asked_here(self) -> bool:
-        """A site elsewhere whose name leads to this computer's loopback is not to read the page."""
-        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-        return not self._page.loopback or host in ("localhost", LOOPBACK)
+        picture = self._state.picture(name)
+        return NOT_FOUND if picture is None or path == name else Answer(picture, "image/jpeg")

@@ -1,10 +1,9 @@
 """What the page of `--watch` shows: the newest of everything, and nothing else is kept."""
 
-import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -13,7 +12,7 @@ from rig.live.feed import Message
 from rig.live.onlookers import Event
 from rig.live.terminal import LiftInView
 
-KEPT_FAULTS = 20
+KEPT_FAULTS, MOST_CHARACTERS = 20, 2000
 KEPT_LIFTS = 16
 """Processes whose newest lift is shown."""
 POINTS_APART_S, KEPT_POINTS = 0.05, 600
@@ -62,64 +61,61 @@ class LiftOnPage:
         curve.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
 
 
-@dataclass(slots=True)
-class WatchState:
-    """What is known now. take: gives what came of lifts since it was last asked, oldest first.
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a command has told so far. title: its name. what: its pieces of work are called, as "lifts".
 
-    title: of the command, as people know it. what: pieces of work are called, as "lifts". Asked by threads
-    of the server, told by the command's.
+    newest: about the piece finished last. question: that waits for an answer. ended: how the command ended.
+    faults: newest first, with the time of day.
     """
 
     title: str
     what: str
     done: int
     total: int
-    take: Callable[[], list[Message]]
     newest: str = ""
     question: str = ""
     ended: str = ""
-    faults: deque[str] = field(default_factory=lambda: deque(maxlen=KEPT_FAULTS))
+    faults: Sequence[str] = ()
+
+    def after(self, event: Event) -> "Progress":
+        """Return the progress after an event."""
+        text = event.text[:MOST_CHARACTERS]
+        if event.kind == "progress":
+            return replace(self, newest=text, done=event.done, total=event.total)
+        if event.kind == "fault":
+            faults = (f"{datetime.now():%H:%M:%S} {text}", *self.faults)
+            return replace(self, faults=faults[:KEPT_FAULTS])
+        if event.kind == "end":
+            return replace(self, ended=text, question="")
+        return replace(self, question=text)
+
+
+@dataclass(slots=True)
+class WatchState:
+    """What is shown now. take: returns the messages of lifts since the last call, oldest first."""
+
+    progress: Progress
+    take: Callable[[], list[Message]]
     _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
     _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     _followed: int | None = None
     _followed_at_s: float = 0.0
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def tell(self, event: Event) -> None:
-        """Take an event."""
-        with self._lock:
-            if event.kind == "progress":
-                self.newest, self.done, self.total = event.text, event.done, event.total
-            elif event.kind == "fault":
-                self.faults.appendleft(f"{datetime.now():%H:%M:%S} {event.text}")
-            elif event.kind == "end":
-                self.ended, self.question = event.text, ""
-            else:
-                self.question = event.text
 
     def values(self) -> dict[str, Any]:
         """Return everything but the pictures, as JSON takes it."""
-        with self._lock:
-            self._read()
-            lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
-            return {
-                "title": self.title,
-                "what": self.what,
-                "done": self.done,
-                "total": self.total,
-                "newest": self.newest,
-                "question": self.question,
-                "ended": self.ended,
-                "faults": list(self.faults),
-                "lifts": [lift.values() for lift in lifts],
-                "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
-            }
+        self._read()
+        lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
+        return {
+            **asdict(self.progress),
+            "lifts": [lift.values() for lift in lifts],
+            "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
+        }
 
     def picture(self, serial: str) -> bytes | None:
         """Return the newest JPEG of a source; None where there is none."""
-        with self._lock:
-            self._read()
-            return self._pictures.get(serial, (0, None))[1]
+        self._read()
+        return self._pictures.get(serial, (0, None))[1]
 
     def _read(self) -> None:
         for message in self.take():

@@ -1,77 +1,209 @@
-"""A local page's server: on threads of its own, quiet, never waited for by what it shows."""
+"""A local page over HTTP: requests are read, checked and answered, all on one thread and at a bounded rate.
 
-import threading
-from contextlib import suppress
+An idle or slow client occupies a socket for at most `WAIT_S`, and no thread.
+"""
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler
-from socketserver import TCPServer, ThreadingMixIn
-from typing import Any, Self
+from typing import Protocol
+from urllib.parse import urlsplit
 
+LOOPBACK = "127.0.0.1"
 WAIT_S = 5.0
-"""For what a browser sends and takes: a connection that stays silent keeps a thread."""
-MOST_AT_ONCE = 16
-"""Connections that are answered at a time; a browser opens six."""
+"""Longest time from a connection to the end of its answer."""
+MOST_AT_ONCE = 64
+"""Open connections; beyond that a new one replaces the oldest."""
+MOST_PER_S, BURST = 100.0, 50
+"""Connections accepted per second on average, and at once after a pause. A browser makes about 10 per second.
+
+Further connections wait in the kernel, where they cost no processor time.
+"""
+MOST_HEAD_BYTES = MOST_BODY_BYTES = 16_384
+MOST_MESSAGE_BYTES = 200_000
+"""A message of the program has to fit into a socket's send buffer, 208 KiB by default (socket(7))."""
+RETRY_S = 0.1
 
 
-class PageHandler(BaseHTTPRequestHandler):
-    """Answers one request. What a class of it has no `do_` method for is refused."""
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a browser asks for. headers: by lower-case name."""
 
-    timeout = WAIT_S
+    method: str
+    path: str
+    headers: dict[str, str]
+    body: bytes = b""
 
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: the terminal is the person's."""
-
-    def answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
-        """Send an answer; a browser that shows something else by now has hung up."""
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        with suppress(ConnectionError):
-            self.end_headers()
-            self.wfile.write(body)
+    def header(self, name: str) -> str:
+        """Return a header's value, "" without one."""
+        return self.headers.get(name, "")
 
 
-class PageServer(ThreadingMixIn, TCPServer):
-    """Serves from `start` to `close`. Raises `OSError` for an address where it cannot.
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to a request. report: sent to the program once the browser has the answer."""
 
-    at: host and port, 0 for a free one. handler: makes a `PageHandler` of a connection.
-    """
+    body: bytes
+    kind: str = "text/plain"
+    status: HTTPStatus = HTTPStatus.OK
+    report: bytes = b""
 
-    daemon_threads = True
-    allow_reuse_address = True
+    def packed(self) -> bytes:
+        """Return the answer as it is sent."""
+        lines = [
+            f"HTTP/1.1 {self.status.value} {self.status.phrase}",
+            f"Content-Type: {self.kind}",
+            f"Content-Length: {len(self.body)}",
+            "Cache-Control: no-store",
+            "X-Content-Type-Options: nosniff",
+            "Cross-Origin-Resource-Policy: same-origin",
+            "Connection: close",
+        ]
+        return "\r\n".join([*lines, "", ""]).encode() + self.body
 
-    def __init__(self, at: tuple[str, int], handler: Any) -> None:
-        self._free = threading.BoundedSemaphore(MOST_AT_ONCE)
-        super().__init__(at, handler)
-        self.port = int(self.server_address[1])
-        self._thread = threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True, name="page")
 
-    def start(self) -> Self:
-        """Begin to serve."""
-        self._thread.start()
-        return self
+NOT_FOUND = Answer(b"not here", status=HTTPStatus.NOT_FOUND)
+NOT_ALLOWED = Answer(b"not allowed", status=HTTPStatus.METHOD_NOT_ALLOWED)
+FORBIDDEN = Answer(b"asked under another name, or from another site", status=HTTPStatus.FORBIDDEN)
+UNREADABLE = Answer(b"not understood", status=HTTPStatus.BAD_REQUEST)
+
+
+class Page(Protocol):
+    """What a server shows. It is called from one thread, and has to return soon."""
+
+    def answer(self, request: Request) -> Answer:
+        """Answer a request."""
+        ...
+
+    def take(self, message: bytes) -> None:
+        """Take a message of the program."""
+        ...
 
     def close(self) -> None:
-        """Stop serving; connections that are still open are not waited for."""
-        self.shutdown()
-        self.server_close()
-        self._thread.join()
+        """Release what the page holds."""
+        ...
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer on a thread, unless so many are at work."""
-        if not self._free.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
-        super().process_request(request, client_address)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and make room for the next."""
+async def serve(page: Page, listening: socket.socket, program: socket.socket) -> None:
+    """Answer browsers until the program closes its end of the socket, or has ended.
+
+    listening: accepts browsers. program: SOCK_SEQPACKET, messages for the page, and reports in return.
+    """
+    over = asyncio.Event()
+    listening.setblocking(False)
+    program.setblocking(False)
+    asyncio.get_running_loop().add_reader(program, _hear, page, program, over.set)
+    accepting = asyncio.create_task(_accept(page, listening, program))
+    await over.wait()
+    accepting.cancel()
+
+
+def _hear(page: Page, program: socket.socket, end: Callable[[], None]) -> None:
+    try:
+        message = program.recv(MOST_MESSAGE_BYTES)
+    except OSError:
+        message = b""
+    if message:
+        page.take(message)
+    else:
+        end()
+
+
+async def _accept(page: Page, listening: socket.socket, program: socket.socket) -> None:
+    loop, pace = asyncio.get_running_loop(), _Pace()
+    open_now: dict[asyncio.Task[None], None] = {}
+    while True:
+        await pace.turn()
         try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
+            connection, _ = await loop.sock_accept(listening)
+        except OSError:  # no descriptor is free, or the client has gone
+            await asyncio.sleep(RETRY_S)
+            continue
+        if len(open_now) >= MOST_AT_ONCE:
+            oldest = next(iter(open_now))
+            del open_now[oldest]
+            oldest.cancel()
+        task = loop.create_task(_converse(page, connection, _names(listening), program))
+        open_now[task] = None
+        task.add_done_callback(lambda done: open_now.pop(done, None))
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a connection that broke."""
+
+class _Pace:
+    """Spaces turns 1 / `MOST_PER_S` apart, `BURST` of them less."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    async def turn(self) -> None:
+        """Wait for the next turn."""
+        now_s = asyncio.get_running_loop().time()
+        self._next_s = max(self._next_s, now_s - BURST / MOST_PER_S) + 1.0 / MOST_PER_S
+        await asyncio.sleep(max(0.0, self._next_s - now_s))
+
+
+async def _converse(
+    page: Page, connection: socket.socket, names: frozenset[str], program: socket.socket
+) -> None:
+    """Read one request and answer it; a client that is too slow or gone is disconnected."""
+    reader, writer = await asyncio.open_connection(sock=connection, limit=MOST_HEAD_BYTES)
+    try:
+        async with asyncio.timeout(WAIT_S):
+            answer = _answer(page, await _read(reader), names)
+            writer.write(answer.packed())
+            writer.close()
+            await writer.wait_closed()
+        if answer.report:
+            program.send(answer.report)
+    except (TimeoutError, OSError, EOFError):
+        pass
+    finally:
+        writer.transport.abort()
+
+
+def _answer(page: Page, request: Request | None, names: frozenset[str]) -> Answer:
+    if request is None:
+        return UNREADABLE
+    return page.answer(request) if is_from_here(request, names) else FORBIDDEN
+
+
+def is_from_here(request: Request, names: frozenset[str]) -> bool:
+    """Whether a request asks for this computer's page, and comes from that page or from a person.
+
+    names: hosts under which the page may be asked for, empty for all. A site elsewhere can lead its own name
+    to this computer's loopback address, which shows in Host, and can send requests here, which shows in
+    Origin.
+    """
+    try:
+        host = urlsplit(f"//{request.header('host')}").hostname
+    except ValueError:
+        return False
+    return (not names or host in names) and request.header("origin") in (
+        "",
+        f"http://{request.header('host')}",
+    )
+
+
+def _names(listening: socket.socket) -> frozenset[str]:
+    """Return the hosts under which a page on the loopback may be asked for; empty if others may look on."""
+    address = str(listening.getsockname()[0])
+    loopback = ipaddress.ip_address(address).is_loopback
+    return frozenset({"localhost", LOOPBACK, address}) if loopback else frozenset()
+
+
+async def _read(reader: asyncio.StreamReader) -> Request | None:
+    """Read a request; None for anything else."""
+    try:
+        head = await reader.readuntil(b"\r\n\r\n")
+        first, *fields = head[:-4].decode("latin-1").split("\r\n")
+        method, target, _ = f"{first}  ".split(" ", 2)
+        path = urlsplit(target).path
+        headers = {name.lower(): value.strip() for name, _, value in (f.partition(":") for f in fields)}
+        length = int(headers.get("content-length", "0"))
+    except (asyncio.LimitOverrunError, ValueError):
+        return None
+    if not 0 <= length <= MOST_BODY_BYTES:
+        return None
+    return Request(method, path, headers, await reader.readexactly(length))

@@ -1,9 +1,12 @@
 """`rig label-angle`: from a clip to labels that the benchmark reads."""
 
 import json
+import re
+import stat
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -18,6 +21,13 @@ Draw = Callable[..., NDArray[np.uint8]]
 Browse = Callable[[Callable[[str], None]], None]
 
 
+def address_in(way: str) -> str:
+    """Return the address to which the file that is opened leads a browser."""
+    found = re.search('url=([^"]+)', Path(urlsplit(way).path).read_text())
+    assert found is not None
+    return found[1]
+
+
 @pytest.fixture
 def clip(tmp_path: Path, press: Draw, blank: NDArray[np.uint8]) -> Path:
     return write_clip(tmp_path / "pen", press, blank)
@@ -28,7 +38,8 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Browse:
     """Lets a person work on the page that the command opens, while the command waits."""
 
     def works(task: Callable[[str], None]) -> None:
-        def browse(address: str) -> bool:
+        def browse(way: str) -> bool:
+            address = address_in(way)
             threading.Thread(target=task, args=(address,), daemon=True).start()
             return True
 
@@ -40,7 +51,7 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Browse:
 def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse) -> None:
     def task(address: str) -> None:
         draw_all(address, [2, 6, 9, 13], shift_px=0.5)
-        ask(address + "write", {})
+        ask(address, "write", {})
 
     person(task)
     done = rig("label-angle", clip, "--count", 4, "--json")
@@ -52,6 +63,26 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
     )
     judged = rig("benchmark", "clips", clip, "--estimator", "pca", "--out", clip.parent / "judged", "--json")
     assert judged.returncode in (0, 4), judged.stderr
+
+
+def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+
+    def browse(way: str) -> bool:
+        file = Path(urlsplit(way).path)
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+        assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
+        opened.append(way)
+        address = address_in(way)
+        token = urlsplit(address).fragment
+        assert len(token) >= 16
+        assert token not in way
+        draw_all(address, [2, 13])
+        return ask(address, "write", {})[0] == 200
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    assert rig("label-angle", clip, "--count", 2).returncode == 0
+    assert not Path(urlsplit(opened[0]).path).exists()
 
 
 def test_what_was_drawn_before_a_stop_is_gone_on_with(clip: Path, person: Browse) -> None:
@@ -70,7 +101,7 @@ def test_what_was_drawn_before_a_stop_is_gone_on_with(clip: Path, person: Browse
 
     def goes_on(address: str) -> None:
         draw_all(address, [8, 13])
-        ask(address + "write", {})
+        ask(address, "write", {})
 
     person(goes_on)
     again = rig("label-angle", clip)
@@ -80,7 +111,7 @@ def test_what_was_drawn_before_a_stop_is_gone_on_with(clip: Path, person: Browse
 
 
 def test_other_frames_than_those_begun_with_are_refused(clip: Path, person: Browse) -> None:
-    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
     assert rig("label-angle", clip, "--count", 2).returncode == 0
     refused = rig("label-angle", clip, "--count", 5)
     assert refused.returncode == 2
@@ -92,7 +123,7 @@ def test_labels_from_elsewhere_are_not_replaced_unasked(clip: Path, person: Brow
     refused = rig("label-angle", clip)
     assert refused.returncode == 2
     assert "--overwrite" in refused.stderr
-    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
     assert rig("label-angle", clip, "--count", 2, "--overwrite").returncode == 0
     assert "2,13," in (clip / "labels.csv").read_text()
 
@@ -123,7 +154,7 @@ def test_a_background_of_another_size_is_refused(clip: Path) -> None:
 
 def test_without_a_background_the_first_frame_serves_and_it_is_said(clip: Path, person: Browse) -> None:
     (clip / "background.png").unlink()
-    person(lambda address: (draw_all(address, [2, 13]), ask(address + "write", {}), None)[-1])
+    person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
     done = rig("label-angle", clip, "--count", 2)
     assert done.returncode == 0, done.stderr
     assert "rig benchmark clips needs a background.png" in done.stderr

@@ -43,7 +43,7 @@ def started(told: Path, teardown_s: float) -> subprocess.Popen[str]:
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_one_signal_is_a_safe_end(tmp_path: Path, number: signal.Signals) -> None:
     process = started(tmp_path / "told", teardown_s=0.3)
     process.send_signal(number)

@@ -70,11 +70,14 @@ def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
         time.sleep(0.005)
 
 
-def test_a_trial_that_is_stopped_on_its_way_down_stays_there(served: Served, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
+def test_a_trial_that_is_stopped_on_its_way_down_stays_there(
+    served: Served, tmp_path: Path, number: signal.Signals
+) -> None:
     served.control.call("place", object="wrench", seed=3)
     process = trial(served.real, tmp_path / "s")
     wait_until(lambda: GRASP_M + 0.075 < served.height_m() < ABOVE_M - 0.010, process)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     there = served.height_m()
     _, error = process.communicate(timeout=60)
     assert process.returncode == 3, error

@@ -34,11 +34,16 @@ def true_ends(frame: int) -> list[tuple[float, float]]:
     return [(120.0 - x, 160.0 + y), (120.0 + x, 160.0 - y)]
 
 
-def ask(address: str, data: Any = None) -> tuple[int, Any]:
-    """GET, or POST where there is something to send; return the status and the answer, JSON as a value."""
+def ask(address: str, path: str = "", data: Any = None, **headers: str) -> tuple[int, Any]:
+    """GET, or POST if there is something to send; return the status and the answer, JSON as a value.
+
+    address: of the page, with its token as the fragment. headers: besides the one with the token.
+    """
+    page, token = address.split("#")
     body = None if data is None else data if isinstance(data, bytes) else json.dumps(data).encode()
+    asked = urllib.request.Request(page + path, body, {"X-Rig-Token": token, **headers})
     try:
-        with urllib.request.urlopen(urllib.request.Request(address, body), timeout=10) as answer:
+        with urllib.request.urlopen(asked, timeout=10) as answer:
             status, kind, text = answer.status, answer.headers["Content-Type"], answer.read()
     except urllib.error.HTTPError as error:
         status, kind, text = error.code, error.headers["Content-Type"], error.read()
@@ -51,5 +56,5 @@ def draw_all(address: str, frames: list[int], shift_px: float = 0.0) -> None:
         for frame in frames:
             for x, y in true_ends(frame):
                 click = {"drawn_in": drawn_in, "frame": frame, "x": x, "y": y + drawn_in * shift_px}
-                status, answer = ask(address + "click", click)
+                status, answer = ask(address, "click", click)
                 assert status == 200, answer

@@ -10,6 +10,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 
 import pytest
 
+from rig.cli.common import STOPS
 from rig.cli.main import main
 
 
@@ -45,7 +46,7 @@ def _away_from_a_terminal(command: list[str]) -> Iterator[None]:
 @contextmanager
 def _signals_kept() -> Iterator[None]:
     """Give the signals back that the command line listens to."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (*STOPS, signal.SIGHUP)}
     try:
         yield
     finally:

@@ -1,7 +1,5 @@
 """The process that draws: cameras and fingertips of a mirrored world, served as MJPEG streams."""
 
-import multiprocessing
-import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -13,6 +11,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import cv2
 import numpy as np
 
+from drivers.children import leave_signals_to_parent, spawn_context
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import ask_for_realtime
 from drivers.types import Image
@@ -42,7 +41,7 @@ class Renderer:
     """The drawing process as its parent sees it."""
 
     def __init__(self, plan: BenchPlan, clock: SharedClock, first: Snapshot, host: str) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = spawn_context()
         self._feed, feed = context.Pipe()
         self._calls, calls = context.Pipe()
         self._lock = threading.Lock()
@@ -110,8 +109,7 @@ def _render(
     plan: BenchPlan, start_ns: int, first: Snapshot, host: str, feed: Connection, calls: Connection
 ) -> None:
     """Run the process: until the parent closes the pipes, or is gone."""
-    for number in (signal.SIGINT, signal.SIGHUP):  # the parent's, which stops this process
-        signal.signal(number, signal.SIG_IGN)
+    leave_signals_to_parent()
     ask_for_realtime()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)

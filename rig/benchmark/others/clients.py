@@ -77,7 +77,7 @@ def _asked(client: Client, bench: BenchConfig, clone: Path | None) -> tuple[bool
     where = [str(bench.arm.host), str(bench.gripper.host), str(bench.gripper.port), str(clone or "")]
     try:
         done = subprocess.run(  # noqa: S603 - our own scripts
-            [python, "-c", client.script, *where],
+            [python, "-P", "-c", client.script, *where],
             capture_output=True,
             text=True,
             timeout=_LIMIT_S,

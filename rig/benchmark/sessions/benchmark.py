@@ -1,12 +1,12 @@
 """How long many sessions take to be listed, and a long one to be opened: as a person waits for it."""
 
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.children import python_command
 from rig.benchmark.measured import Measured, at_most
 from rig.benchmark.sessions.made import make_session
 from rig.config import load_bench
@@ -65,5 +65,5 @@ def run_sessions(
 def _time_s(arguments: Sequence[str]) -> float:
     """How long this Python takes for a program, from its start to its end. Raises as `subprocess.run`."""
     began = time.perf_counter()
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)  # noqa: S603 - this program
+    subprocess.run(python_command(*arguments), check=True, capture_output=True)  # noqa: S603 - this program
     return time.perf_counter() - began

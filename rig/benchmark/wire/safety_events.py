@@ -39,6 +39,7 @@ EVENTS = (
     Event("Ctrl-C twice", After.STAYS, (signal.SIGINT, signal.SIGINT)),
     Event("SIGTERM", After.SAFE_END, (signal.SIGTERM,)),
     Event("SIGHUP", After.SAFE_END, (signal.SIGHUP,)),
+    Event("SIGQUIT", After.SAFE_END, (signal.SIGQUIT,)),
     Event("kill -9", After.STAYS, (signal.SIGKILL,)),
     Event("SIGSTOP", After.STAYS, (signal.SIGSTOP,)),
     Event("protective stop", After.STAYS, fault=("arm", "protective_stop")),

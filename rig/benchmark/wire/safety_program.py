@@ -5,7 +5,6 @@ import resource
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -14,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from drivers.children import python_command
 from drivers.errors import DeviceError
 from rig.benchmark.wire.safety_events import Event
 
@@ -31,7 +31,7 @@ class TrialProgram:
     """A trial of two lifts that goes on with the second one, at a bench that counts as real."""
 
     def __init__(self, bench: Path, session: Path, object_id: str) -> None:
-        command = [sys.executable, "-m", "rig", "trial", "--lifts", "2", "--object", object_id]
+        command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
         command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._process = subprocess.Popen(  # noqa: S603 - our own program, no shell
@@ -155,6 +155,6 @@ def _dashboard(host: str, request: str) -> str:
 
 def _hear_all() -> None:
     """Hear every signal, also where this benchmark was started to outlive its terminal."""
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
         with suppress(OSError):
             signal.signal(number, signal.SIG_DFL)

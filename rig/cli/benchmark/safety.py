@@ -33,7 +33,7 @@ def safety(
     """Stop, kill or break a lift at random moments on the bench behind wires; print how it comes to rest.
 
     The trial is a program of its own at a bench that counts as real. Ctrl-C once and twice, SIGTERM,
-    SIGHUP, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and camera lost, disk
+    SIGHUP, SIGQUIT, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and camera lost, disk
     full: each once in the plain run, about 25 s each. Exit code 4 when an object was dropped, anything
     moved unasked, a finished lift was lost, or the arm did not stand within 0.5 s, and within 20 mm
     in the approach.

@@ -111,7 +111,7 @@ def test_freedrive_along_one_axis_gives_way_along_that_one(controller: URControl
     assert there[2] < HOME.position_m[2] - 0.1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT])
 def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
     controller: URController, number: signal.Signals
 ) -> None:
@@ -124,6 +124,18 @@ def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
         said = rig.stdout.read()
     assert "stopped by the operator" in said
     assert "ArmMode.RUNNING" in said
+
+
+def test_program_that_was_suspended_ends_when_it_goes_on(controller: URController) -> None:
+    with guided(controller, limit_s=60.0) as rig:
+        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005, 30.0)
+        rig.send_signal(signal.SIGSTOP)
+        until(lambda: not controller.snapshot()["freedrive"])
+        rig.send_signal(signal.SIGCONT)
+        said, _ = rig.communicate(timeout=20.0)
+        assert "guiding by hand had ended: its program was stopped by a signal" in said
+        assert "ArmMode.RUNNING" in said
+        assert stands(controller)
 
 
 def test_it_ends_after_its_time(controller: URController) -> None:

@@ -1,11 +1,17 @@
 """The page of `--watch`: it shows the newest of everything, changes nothing, and nobody waits for it."""
 
 import json
+import multiprocessing
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -15,11 +21,11 @@ import pytest
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
 from rig.cli.watching import telling
-from rig.live.feed import LiveFeed, Message, Sender
+from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.onlookers import Event, asked, looking_on, tell
 from rig.live.watch import WatchPage, watch_address
-from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, WatchState
-from rig.pages.serving import MOST_AT_ONCE
+from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, Progress, WatchState
+from rig.pages.serving import BURST, MOST_AT_ONCE, MOST_PER_S
 from support.browser import NEEDS_CHROMIUM, Browser
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
@@ -37,10 +43,13 @@ def page() -> Iterator[WatchPage]:
     made.close()
 
 
-def get(page: WatchPage, path: str, method: str = "GET", host: str | None = None) -> tuple[int, bytes]:
+def get(
+    page: WatchPage, path: str, method: str = "GET", host: str | None = None, origin: str | None = None
+) -> tuple[int, bytes]:
     at = urlsplit(page.address)
     connection = HTTPConnection(str(at.hostname), at.port, timeout=20)
-    connection.request(method, path, headers={} if host is None else {"Host": host})
+    headers = {name: value for name, value in (("Host", host), ("Origin", origin)) if value is not None}
+    connection.request(method, path, headers=headers)
     answer = connection.getresponse()
     body = answer.read()
     connection.close()
@@ -75,7 +84,7 @@ def test_the_page_shows_the_newest_of_everything(page: WatchPage) -> None:
 
 
 def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) -> None:
-    with looking_on(page.state.tell):
+    with looking_on(page.tell):
         with asked("Place object t1 on its mark. Ready?"):
             assert values(page)["question"] == "Place object t1 on its mark. Ready?"
         assert values(page)["question"] == ""
@@ -87,7 +96,7 @@ def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) 
         (fault,) = seen["faults"]  # type: ignore[misc]
         assert fault.endswith(" it fell")
     assert values(page)["ended"] == "done"
-    with pytest.raises(OperatorStopError), looking_on(page.state.tell):
+    with pytest.raises(OperatorStopError), looking_on(page.tell):
         raise OperatorStopError("stopped by the operator")
     assert values(page)["ended"] == "stopped by the operator"
     tell(Event("fault", "nobody looks on"))
@@ -109,8 +118,8 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
         later = [(100_000_000 * n, -0.1 * n, 0.2) for n in range(1, 31)]
         sender.send("figures", {**LIFT, **FIGURES, "estimate": later})
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
-        page.state.tell(Event("fault", "<i>fell</i>"))
-        page.state.tell(Event("question", "Place it. Ready?"))
+        page.tell(Event("fault", "<i>fell</i>"))
+        page.tell(Event("question", "Place it. Ready?"))
         until(lambda: shown("Place it. Ready?") and shown("<i>fell</i>") and shown("t1 wrench lift 2"))
         assert shown("\u22123.0\u00b0")
         assert (
@@ -125,7 +134,7 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
         assert box[0] > 300
         assert box[1] > 100
         until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
-        page.state.tell(Event("end", "done"))
+        page.tell(Event("end", "done"))
         until(lambda: not shown("Place it. Ready?") and shown("It has ended"))
         assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
         assert browser.said() == []
@@ -136,7 +145,7 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "HEAD"])
 def test_nothing_can_be_changed_from_the_page(page: WatchPage, method: str) -> None:
-    assert get(page, "/state.json", method)[0] == 501
+    assert get(page, "/state.json", method)[0] == 405
 
 
 @pytest.mark.parametrize(
@@ -151,37 +160,114 @@ def test_a_name_from_elsewhere_does_not_lead_to_the_loopback(page: WatchPage) ->
     assert get(page, "/state.json", host="localhost:9000")[0] == 200
 
 
-def test_clients_that_never_read_hold_nobody_up(page: WatchPage, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.pages.serving.PageHandler.timeout", 0.3)
+def test_request_from_a_page_of_another_site_is_refused(page: WatchPage) -> None:
+    netloc = urlsplit(page.address).netloc
+    assert get(page, "/state.json", origin="http://evil.example")[0] == 403
+    assert get(page, "/state.json", origin=f"http://{netloc}")[0] == 200
+
+
+def test_clients_that_never_read_hold_nobody_up(page: WatchPage) -> None:
     at = urlsplit(page.address)
     before = threading.active_count()
-    stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(3 * MOST_AT_ONCE)]
+    stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(2 * MOST_AT_ONCE)]
     stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
     sender = Sender(LiveFeed((page.listener,)))
-    for number in range(2000):  # one that waited for these clients would not come to the end
+    for number in range(2000):  # a sender that waited for these clients would not come to the end
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
-        page.state.tell(Event("progress", "on", number, 2000))
-    assert threading.active_count() <= before + MOST_AT_ONCE
-
-    def answered() -> bool:
-        try:
-            return get(page, "/state.json")[0] == 200
-        except OSError:  # refused while so many are at work
-            return False
-
-    until(answered)
+        page.tell(Event("progress", "on", number, 2000))
+    assert threading.active_count() == before, "none of this program's threads serves the page"
+    assert get(page, "/state.json")[0] == 200
     sender.close()
     for each in stuck:
         each.close()
+
+
+def page_process() -> BaseProcess:
+    (found,) = [each for each in multiprocessing.active_children() if each.name == "page"]
+    return found
+
+
+def test_page_gives_way_to_the_program_and_limits_requests(page: WatchPage) -> None:
+    assert get(page, "/state.json")[0] == 200
+    assert os.getpriority(os.PRIO_PROCESS, page_process().pid or 0) == os.getpriority(os.PRIO_PROCESS, 0) + 10
+    asked, began = int(BURST + MOST_PER_S), time.monotonic()
+    for _ in range(asked):
+        get(page, "/state.json")
+    assert time.monotonic() - began > 0.7 * (asked - BURST) / MOST_PER_S
+
+
+def test_stopped_page_delays_nothing_and_shows_everything_told_later(page: WatchPage) -> None:
+    assert get(page, "/state.json")[0] == 200
+    process = page_process()
+    assert process.pid
+    os.kill(process.pid, signal.SIGSTOP)
+    other = Inbox(f"{Path(page.listener.address).parent}/other")
+    sender = Sender(LiveFeed((page.listener, Listener(other.address, pictures=True))))
+    began = time.monotonic()
+    for number in range(2000):
+        page.tell(Event("fault", "it fell"))
+        sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
+    assert time.monotonic() - began < 5.0
+    until(lambda: bool(other.take()))
+    assert sender.lost > 0
+    os.kill(process.pid, signal.SIGCONT)
+    until(lambda: len(values(page)["faults"]) == KEPT_FAULTS)  # type: ignore[arg-type]
+    page.tell(Event("question", "Ready?"))
+    until(lambda: values(page)["question"] == "Ready?")
+    sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
+    until(lambda: len(other.take()) > 0)
+    sender.close()
+    other.close()
+
+
+def test_stopped_page_is_ended_with_the_command() -> None:
+    page = WatchPage(watch_address(None), "a", "lifts", 0, 1)
+    process = page_process()
+    assert process.pid
+    os.kill(process.pid, signal.SIGSTOP)
+    page.close()
+    assert not process.is_alive()
+
+
+def test_ended_page_changes_nothing_for_the_command(page: WatchPage) -> None:
+    page_process().kill()
+    page_process().join(10)
+    page.tell(Event("question", "Ready?"))
+    sender = Sender(LiveFeed((page.listener,)))
+    sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 1}, JPEG)
+    sender.close()
+
+
+def test_page_ends_with_a_killed_command(tmp_path: Path) -> None:
+    code = """if True:
+        import multiprocessing, time
+        from rig.live.watch import WatchPage, watch_address
+        if __name__ == "__main__":
+            page = WatchPage(watch_address(None), "a", "lifts", 0, 1)
+            print(multiprocessing.active_children()[0].pid, page.address, flush=True)
+            time.sleep(60)
+    """
+    (tmp_path / "program.py").write_text(code)
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "program.py"], stdout=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        pid, address = program.stdout.readline().split()
+        at = urlsplit(address)
+        with socket.create_connection((str(at.hostname), at.port or 0)) as client:
+            client.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
+            assert client.recv(15) == b"HTTP/1.1 200 OK"
+        program.kill()
+    until(lambda: not Path(f"/proc/{pid}").exists() or " Z " in Path(f"/proc/{pid}/stat").read_text())
 
 
 def test_only_the_newest_is_kept() -> None:
     came = [Message("frame", {**LIFT, "serial": "D1", "time_ns": n}, JPEG + bytes([n])) for n in range(9)]
     came += [Message("frame", {**LIFT, "sender": 8, "serial": "D1", "time_ns": 9}, b"another process's")]
     came += [Message("phase", {**LIFT, "sender": n, "number": n, "phase": "A"}) for n in range(40)]
-    state = WatchState("a", "lifts", 0, 1, lambda: [came.pop(0) for _ in range(len(came))])
+    state = WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
     for number in range(2 * KEPT_FAULTS):
-        state.tell(Event("fault", f"fault {number}"))
+        state.progress = state.progress.after(Event("fault", f"fault {number}"))
     assert state.picture("D1") == JPEG + bytes([8])
     seen = state.values()
     assert [lift["title"] for lift in seen["lifts"]] == ["t1 wrench lift 2"] * 16
@@ -196,7 +282,7 @@ def test_a_lifts_angles_are_kept_as_a_curve_no_finer_than_a_screen() -> None:
         return Message("figures", {**LIFT, **FIGURES, "time_ns": 0, "estimate": answers, "truth": []})
 
     came = [figures(0), figures(60)]
-    state = WatchState("a", "lifts", 0, 1, lambda: [came.pop(0) for _ in range(len(came))])
+    state = WatchState(Progress("a", "lifts", 0, 1), lambda: [came.pop(0) for _ in range(len(came))])
     (lift,) = state.values()["lifts"]
     times = [time_s for time_s, _ in lift["estimate"]]
     assert times == sorted(times)

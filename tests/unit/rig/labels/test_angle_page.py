@@ -1,21 +1,27 @@
 """The page on which lines are drawn: every click is kept, none is believed unseen."""
 
 import json
+import multiprocessing
+import socket
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
+from drivers.errors import InputError, RigError
 from drivers.images import read_image
 from rig.benchmark.clips.labelled import read_clips
 from rig.frames.series import read_frames
 from rig.labels.angle_clicks import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, difference, load_clip
-from rig.labels.angle_server import AngleServer
+from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
+from rig.pages.serving import Request
 from support.angle_clips import TURN_DEG, ask, draw_all, true_ends, write_clip
 
 Image = NDArray[np.uint8]
@@ -37,6 +43,38 @@ def server(clip: Path) -> Iterator[AngleServer]:
     to_label = opened(clip)
     with AngleServer(to_label, LineLog(clip / LINES, to_label)) as running:
         yield running
+
+
+class Asked:
+    """The page, asked as its server asks it."""
+
+    def __init__(self, clip: Path) -> None:
+        self.clip = opened(clip)
+        self.log = LineLog(clip / LINES, self.clip)
+        self.page = AnglePage(self.clip, self.log, "secret")
+        self.reports: list[bytes] = []
+
+    def get(self, path: str, token: str = "secret") -> tuple[int, bytes]:
+        answer = self.page.answer(Request("GET", path, {TOKEN: token}))
+        return answer.status, answer.body
+
+    def post(self, what: str, data: object, token: str = "secret") -> tuple[int, Any]:
+        body = data if isinstance(data, bytes) else json.dumps(data).encode()
+        answer = self.page.answer(Request("POST", f"/{what}", {TOKEN: token}, body))
+        self.reports += [answer.report] if answer.report else []
+        return answer.status, json.loads(answer.body) if answer.kind == "application/json" else answer.body
+
+    def draw(self, frames: list[int], shift_px: float = 0.0) -> None:
+        for drawn_in in (0, 1):
+            for frame in frames:
+                for x, y in true_ends(frame):
+                    click = {"drawn_in": drawn_in, "frame": frame, "x": x, "y": y + drawn_in * shift_px}
+                    assert self.post("click", click)[0] == 200
+
+
+@pytest.fixture
+def page(clip: Path) -> Asked:
+    return Asked(clip)
 
 
 def test_frames_are_chosen_evenly_from_the_first_contact_on(clip: Path) -> None:
@@ -70,46 +108,84 @@ def test_the_difference_is_grey_where_nothing_touches(clip: Path) -> None:
     assert seen[100:220].std() > 3 * seen[:20].std()
 
 
-def test_the_page_and_its_pictures_are_behind_a_secret(server: AngleServer) -> None:
-    root = server.address.rsplit("/", 2)[0]
-    for path in ("/", "/frame/2.png", "/wrong/"):
-        assert ask(root + path)[0] == 404
-    assert ask(root + "/wrong/click", {})[0] == 404
-    assert ask(server.address + "frame/3.png")[0] == 404, "of frames that are not labelled nothing is shown"
-    assert ask(server.address + "../../etc/passwd")[0] == 404
-    status, page = ask(server.address)
-    assert status == 200
-    assert b"how far has it turned" in page
-    status, picture = ask(server.address + "frame/6.png")
+def test_clip_and_clicks_need_the_token(page: Asked) -> None:
+    assert b"How far has it turned" in page.get("/", token="")[1]
+    for token in ("", "wrong", "secre", "\u00e9"):
+        for path in ("/clip", "/frame/2.png", "/difference/2.png"):
+            assert page.get(path, token)[0] == 403
+        for what in ("click", "undo", "write"):
+            assert page.post(what, {}, token)[0] == 403
+    assert json.loads(page.get("/clip")[1])["frames"] == [2, 6, 9, 13]
+    status, picture = page.get("/frame/6.png")
     decoded = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
-    assert decoded is not None
-    assert (decoded[..., ::-1] == server.clip.frames[6]).all()
-    assert ask(server.address + "difference/6.png")[0] == 200
+    assert (status, decoded is not None) == (200, True)
+    assert (decoded[..., ::-1] == page.clip.frames[6]).all()  # type: ignore[index]
+    assert page.get("/difference/6.png")[0] == 200
+    for path in ("/frame/3.png", "/../../etc/passwd", "/frame/\u00b2.png", "/other/6.png", "/click"):
+        assert page.get(path)[0] == 404, path
 
 
-def test_a_click_is_on_disk_before_it_is_answered(server: AngleServer, clip: Path) -> None:
+def test_requests_under_another_name_or_from_another_site_are_refused(server: AngleServer) -> None:
+    click = {"drawn_in": 0, "frame": 2, "x": 10, "y": 50}
+    here = server.address.split("/#")[0]
+    assert ask(server.address, "click", click, Origin=here)[0] == 200
+    for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}, {"Origin": "null"}):
+        assert ask(server.address, "click", click, **headers)[0] == 403, headers
+        assert ask(server.address, "", **headers)[0] == 403, headers
+    assert len(ask(server.address, "clip")[1]["state"]["ends"][0]["2"]) == 1
+
+
+def test_40_slow_clients_do_not_block_a_new_one(server: AngleServer) -> None:
+    assert ask(server.address, "clip")[0] == 200
+    at = urlsplit(server.address)
+    slow = [socket.create_connection((at.hostname, at.port)) for _ in range(40)]
+    for each in slow[::2]:
+        each.sendall(b"POST /click HTTP/1.1\r\nContent-Length: 50\r\n")
+    began = time.monotonic()
+    for _ in range(5):
+        assert ask(server.address, "clip")[0] == 200
+    assert time.monotonic() - began < 3.0
+    for each in slow:
+        each.close()
+
+
+def test_labels_written_are_reported_to_the_command(server: AngleServer, clip: Path) -> None:
+    assert server.labels_written(timeout_s=0.0) is None
+    draw_all(server.address, [2, 6, 9, 13], shift_px=1.0)
+    assert ask(server.address, "write", {})[0] == 200
+    assert server.labels_written(timeout_s=10.0) == 4
+
+
+def test_command_ends_if_the_process_of_the_page_has_ended(server: AngleServer) -> None:
+    (process,) = [each for each in multiprocessing.active_children() if each.name == "page"]
+    process.kill()
+    with pytest.raises(RigError, match="has ended; start the command again"):
+        server.labels_written(timeout_s=10.0)
+
+
+def test_a_click_is_on_disk_before_it_is_answered(page: Asked, clip: Path) -> None:
     for number, (x, y) in enumerate(true_ends(2), 1):
-        assert ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})[0] == 200
+        assert page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})[0] == 200
         kept = read_drawn(clip / LINES)
         assert kept is not None
         assert len(kept.clicks) == number
         assert not list(clip.glob("*.part"))
 
 
-def test_undo_takes_clicks_back_one_by_one(server: AngleServer) -> None:
+def test_undo_takes_clicks_back_one_by_one(page: Asked) -> None:
     for x in (10, 60, 20):
-        ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": 50})
-    assert ask(server.address + "undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0], [60.0, 50.0]]}
-    assert ask(server.address + "undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0]]}
-    assert ask(server.address + "undo", {})[1] == {"ends": [{}, {}], "last": None}
-    assert ask(server.address + "undo", {})[0] == 200
+        page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": 50})
+    assert page.post("undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0], [60.0, 50.0]]}
+    assert page.post("undo", {})[1]["ends"][0] == {"2": [[10.0, 50.0]]}
+    assert page.post("undo", {})[1] == {"ends": [{}, {}], "last": None}
+    assert page.post("undo", {})[0] == 200
 
 
-def test_a_third_click_begins_the_line_anew(server: AngleServer) -> None:
+def test_a_third_click_begins_the_line_anew(page: Asked) -> None:
     for x in (10, 60, 20, 90):
-        _, state = ask(server.address + "click", {"drawn_in": 1, "frame": 6, "x": x, "y": 50})
+        _, state = page.post("click", {"drawn_in": 1, "frame": 6, "x": x, "y": 50})
     assert state["ends"][1] == {"6": [[20.0, 50.0], [90.0, 50.0]]}
-    assert server.log.passes() == [{}, {6: (20.0, 50.0, 90.0, 50.0)}]
+    assert page.log.passes() == [{}, {6: (20.0, 50.0, 90.0, 50.0)}]
 
 
 @pytest.mark.parametrize(
@@ -122,28 +198,26 @@ def test_a_third_click_begins_the_line_anew(server: AngleServer) -> None:
         b" " * 2000,
     ],
 )  # fmt: skip
-def test_what_is_no_click_is_refused_and_nothing_is_kept(
-    server: AngleServer, clip: Path, sent: object
-) -> None:
-    status, answer = ask(server.address + "click", sent)
+def test_what_is_no_click_is_refused_and_nothing_is_kept(page: Asked, clip: Path, sent: object) -> None:
+    status, answer = page.post("click", sent)
     assert status == 400
     assert answer["error"]
     assert not (clip / LINES).exists()
 
 
-def test_a_line_that_is_too_short_is_refused_while_it_is_drawn(server: AngleServer) -> None:
-    ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
-    status, answer = ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 52, "y": 50})
+def test_a_line_that_is_too_short_is_refused_while_it_is_drawn(page: Asked) -> None:
+    page.post("click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
+    status, answer = page.post("click", {"drawn_in": 0, "frame": 2, "x": 52, "y": 50})
     assert status == 400
     assert "click farther away" in answer["error"]
-    assert len(server.log.clicks) == 1
+    assert len(page.log.clicks) == 1
 
 
-def test_labels_are_written_as_the_benchmark_reads_them(server: AngleServer, clip: Path) -> None:
-    draw_all(server.address, [2, 6, 9, 13], shift_px=1.0)
-    status, answer = ask(server.address + "write", {})
+def test_labels_are_written_as_the_benchmark_reads_them(page: Asked, clip: Path) -> None:
+    page.draw([2, 6, 9, 13], shift_px=1.0)
+    status, answer = page.post("write", {})
     assert (status, answer["left_out"]) == (200, 0)
-    assert server.done.wait(5)
+    assert page.reports == [b"4"]
     (found,) = read_clips(clip)
     assert found.reference_frame == 2
     assert [label.frame for label in found.labels] == [6, 9, 13]
@@ -152,27 +226,27 @@ def test_labels_are_written_as_the_benchmark_reads_them(server: AngleServer, cli
     assert all(0.2 < label.sigma_deg < 2.0 for label in found.labels)
 
 
-def test_labels_are_not_written_while_lines_are_missing(server: AngleServer, clip: Path) -> None:
+def test_labels_are_not_written_while_lines_are_missing(page: Asked, clip: Path) -> None:
     for x, y in true_ends(2):
-        ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})
-    status, answer = ask(server.address + "write", {})
+        page.post("click", {"drawn_in": 0, "frame": 2, "x": x, "y": y})
+    status, answer = page.post("write", {})
     assert status == 400
     assert "need a line in each of both passes" in answer["error"]
-    assert not server.done.is_set()
+    assert page.reports == []
     assert not (clip / "labels.csv").exists()
 
 
 def test_a_full_disk_is_said_and_the_click_does_not_count(
-    server: AngleServer, monkeypatch: pytest.MonkeyPatch
+    page: Asked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("rig.sessions.files.write_whole", full)
-    status, answer = ask(server.address + "click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
+    status, answer = page.post("click", {"drawn_in": 0, "frame": 2, "x": 50, "y": 50})
     assert status == 400
     assert "No space left" in answer["error"]
-    assert server.log.clicks == ()
+    assert page.log.clicks == ()
 
 
 def test_lines_that_were_begun_go_on(clip: Path) -> None:

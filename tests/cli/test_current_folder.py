@@ -1,0 +1,136 @@
+"""Commands that start processes import nothing from the current folder: its files may be somebody else's."""
+
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fakes.wire.net.loopback import free_address
+from support.angle_clips import write_clip
+
+ROOT = Path(__file__).parents[2]
+SHADOWED = (
+    "threading", "multiprocessing", "socket", "json", "pickle", "tempfile", "signal", "random", "selectors",
+    "asyncio", "numpy", "cv2", "rerun", "rig", "drivers", "fakes", "protocols", "calibration",
+)  # fmt: skip
+SHADOW = """
+open({log!r}, "a").write(__name__ + "\\n")
+raise SystemExit(__name__ + " of the current folder was run")
+"""
+RIG = (str(Path(sys.executable).with_name("rig")),)
+MODULE = (sys.executable, "-m", "rig")
+DEADLINE_S = 240.0
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A session in whose folder lie files named as modules."""
+    folder = tmp_path / "session"
+    shutil.copytree(ROOT / "tests" / "data" / "stored_trial", folder)
+    for name in SHADOWED:
+        text = SHADOW.format(log=str(tmp_path / "run"))
+        if name in ("multiprocessing", "asyncio", "rig", "drivers", "fakes", "protocols", "calibration"):
+            (folder / name).mkdir()
+            (folder / name / "__init__.py").write_text(text)
+        else:
+            (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, code: int = 0) -> None:
+    done = subprocess.run(
+        [*program, *map(str, words)], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        timeout=DEADLINE_S, check=False,
+    )  # fmt: skip
+    assert not (folder.parent / "run").exists(), (folder.parent / "run").read_text() + done.stderr
+    assert done.returncode == code, done.stderr
+
+
+def test_replay_in_several_processes(folder: Path) -> None:
+    check(folder, "replay", ".", "--jobs", 2)
+
+
+def test_compare_in_several_processes(folder: Path) -> None:
+    check(folder, "compare", "slip", "pca", "--on", ".", "--jobs", 2, "--out", folder.parent / "page.html")
+
+
+def test_list_of_sessions_in_several_processes(folder: Path) -> None:
+    check(folder, "sessions", "..")
+
+
+def test_trial_in_several_processes_with_page_and_viewer(folder: Path, light_bench_file: Path) -> None:
+    out = folder.parent / "out"
+    check(
+        folder, "trial", "--lifts", 2, "--object", "toothbrush", "--jobs", 2, "--bench", light_bench_file,
+        "--out", out, "--no-report", "--watch", "--live-to", folder.parent / "lift.rrd",
+    )  # fmt: skip
+
+
+@pytest.mark.real_time(beside=True)
+@pytest.mark.parametrize("program", [RIG, MODULE], ids=["script", "module"])
+def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -> None:
+    if program == MODULE:  # Python itself imports some modules from the current folder before it runs ours
+        for name in SHADOWED:
+            if name not in ("drivers", "fakes", "protocols", "calibration", "cv2", "numpy", "socket"):
+                shutil.rmtree(folder / name, ignore_errors=True)
+                (folder / f"{name}.py").unlink(missing_ok=True)
+    check(folder, "doctor", "--bench", "wire", "--seconds", 0.5, program=program)
+
+
+def serve(folder: Path, ready: str, *words: object) -> None:
+    """Start a command that runs until it is stopped; stop it when it is ready."""
+    command = [*RIG, *map(str, words)]
+    with subprocess.Popen(
+        command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stderr is not None
+        seen = [process.stderr.readline()]
+        while ready not in seen[-1] and seen[-1]:
+            seen.append(process.stderr.readline())
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=DEADLINE_S)
+    assert not (folder.parent / "run").exists(), (folder.parent / "run").read_text()
+    assert ready in seen[-1], "".join(seen)
+
+
+def test_fakes_that_are_served(folder: Path) -> None:
+    serve(
+        folder, "Ctrl-C", "fakes", "serve", "--host", free_address(), "--write", folder.parent / "bench.toml"
+    )
+
+
+def test_page_of_label_angle(
+    folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]
+) -> None:
+    clip = write_clip(folder.parent / "clip", press, blank)
+    serve(folder, "draw the lines at", "label-angle", clip, "--count", 2, "--no-browser")
+
+
+def test_every_process_is_started_without_the_current_folder() -> None:
+    """A new call that starts Python has to go through drivers.children, or be named here with its reason."""
+    reasons = {
+        "drivers/children.py": "the one place",
+        "rig/experiments/process_pool.py": "forks, which imports nothing",
+        "rig/benchmark/others/clients.py": "other people's Python, started with -P",
+        "rig/benchmark/others/client_scripts.py": "other people's scripts, which import from beside them",
+        "rig/live/session.py": "looks for a program beside this Python",
+    }
+    starts = (
+        "sys.executable",
+        "get_context(",
+        "multiprocessing.Process(",
+        "import_module('multiprocessing')",
+    )
+    found = {
+        str(file.relative_to(ROOT))
+        for package in ("rig", "drivers", "fakes", "protocols", "calibration")
+        for file in (ROOT / package).rglob("*.py")
+        if any(start in file.read_text() for start in starts)
+    }
+    assert found == set(reasons)

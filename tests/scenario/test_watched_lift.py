@@ -1,0 +1,105 @@
+"""A lift over the wire protocol goes on, whatever happens to the page that shows it."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from rig.config import BenchConfig
+from rig.config.write import write_bench
+from rig.sessions.rows import read_finished_lifts
+from support.waiting import until
+
+pytestmark = pytest.mark.real_time
+REQUESTS_PER_S = 2000
+"""More than the page answers: with 300, few lifts were disturbed when the lift itself served the page."""
+HAMMER = f"""if True:
+    import itertools, os, socket, sys, threading, time
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this test's priority is not the browser's
+    host, port = sys.argv[1].removeprefix("http://").rstrip("/").split(":")
+    asked = itertools.count()
+    began = time.monotonic()
+    def ask():
+        while True:
+            number = next(asked)
+            time.sleep(max(0.0, began + number / {REQUESTS_PER_S} - time.monotonic()))
+            path = ("/", "/state.json", "/picture/SIM-C0001.jpg")[number % 3]
+            try:
+                with socket.create_connection((host, int(port)), 5.0) as connection:
+                    connection.sendall(f"GET {{path}} HTTP/1.1\\r\\nHost: {{host}}\\r\\n\\r\\n".encode())
+                    while connection.recv(65536):
+                        pass
+            except OSError:
+                time.sleep(0.01)
+    for _ in range(60):
+        threading.Thread(target=ask, daemon=True).start()
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def wire_file(tmp_path: Path, unhurried_bench: BenchConfig) -> Path:
+    write_bench(tmp_path / "bench.toml", unhurried_bench)
+    return tmp_path / "bench.toml"
+
+
+@contextmanager
+def watched_trial(bench: Path, out: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """Start a trial of one lift with a page; give its process and the page's address."""
+    command = [
+        sys.executable,
+        "-m",
+        "rig",
+        "trial",
+        "--lifts",
+        "1",
+        "--object",
+        "wrench",
+        "--no-report",
+        "--yes",
+    ]
+    command += ["--bench", str(bench), "--out", str(out), "--watch"]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        yield process, next(line for line in lines if "watch it at" in line).split()[-1]
+
+
+def finish(process: "subprocess.Popen[str]", out: Path) -> None:
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 0, error
+    (row,) = read_finished_lifts(out)
+    assert row.attempt == 0, "no attempt before it ended as a fault"
+
+
+def test_flood_of_requests_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:
+    with watched_trial(wire_file, tmp_path / "s") as (process, address):
+        hammer = subprocess.Popen([sys.executable, "-c", HAMMER, address])
+        try:
+            finish(process, tmp_path / "s")
+        finally:
+            hammer.kill()
+            hammer.wait()
+
+
+def test_stopped_page_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:
+    with watched_trial(wire_file, tmp_path / "s") as (process, _):
+        until(lambda: page_of(process.pid) is not None, 30.0)
+        page = page_of(process.pid)
+        assert page is not None
+        os.kill(page, signal.SIGSTOP)
+        finish(process, tmp_path / "s")
+    assert not Path(f"/proc/{page}").exists()
+
+
+def page_of(pid: int) -> int | None:
+    """Return the process of a command's page: its child with a lower priority."""
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        if os.getpriority(os.PRIO_PROCESS, int(child)) > os.getpriority(os.PRIO_PROCESS, pid):
+            return int(child)
+    return None

@@ -150,7 +150,7 @@ def read_curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lif
         name=lift_name(row),
         estimate=estimate,
         truth=truth,
-        phases_s={phase.value: time_s - zero_s for phase, time_s in row.phases_s.items()},
+        phases_s={phase: time_s - zero_s for phase, time_s in row.phases_s.items()},
         onset_truth_s=row.onset_truth_s,
         onset_estimate_s=row.onset_estimate_s,
         tips={serial: _curve(angles[topic], zero_s) for serial, topic in tips.items()},

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
-from drivers.errors import SessionError
+from drivers.errors import RigError, SessionError
 from drivers.formats import reason
 from rig.sessions.layout import is_unfinished
 from rig.sessions.recording_chunks import (
@@ -82,9 +82,13 @@ def check_recording(path: Path) -> None:
         raise _damaged(path, gaps)
 
 
-def gaps_text(path: Path, gaps: Gaps) -> str:
-    """Return one line that names the gaps of a recording that was used in spite of them."""
-    return f"{_damaged(path, gaps)}; what comes before and after was used"
+def gaps_text(path: Path, gaps: Gaps, error: RigError | None = None) -> str:
+    """Return one line that names a recording's gaps, and what became of the rest.
+
+    error: why what is left could not be used; None if it was.
+    """
+    rest = "what comes before and after was used" if error is None else f"what is left is not enough: {error}"
+    return f"{_damaged(path, gaps)}; {rest}"
 
 
 def recording_values(path: Path) -> dict[str, str]:

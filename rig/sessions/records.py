@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
-from protocols.observer import Phase
+from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
@@ -33,8 +33,8 @@ class LiftOutcome(StrEnum):
     FAULT = "fault"
 
 
-def _all_phases(phases_s: dict[Phase, float]) -> dict[Phase, float]:
-    missing = [phase.value for phase in Phase if phase not in phases_s]
+def _all_phases(phases_s: dict[str, float]) -> dict[str, float]:
+    missing = [phase.value for phase in REQUIRED if phase not in phases_s]
     if missing:
         raise ValueError(f"has no phase {', '.join(missing)}")
     return phases_s
@@ -42,6 +42,8 @@ def _all_phases(phases_s: dict[Phase, float]) -> dict[Phase, float]:
 
 Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
 """Integer nanoseconds of other times do not fit 64 bits."""
+PhaseName = Annotated[str, Field(min_length=1, max_length=40)]
+"""Name of a phase: one of `protocols.observer.Phase`, or of a version of the rig that has more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +137,8 @@ class LiftFigures:
 
     re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held; None
     without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s, onset_alarm_s: since the
-    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
+    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock, those
+    of the paper and any other. frames,
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
     only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
@@ -154,7 +157,7 @@ class LiftFigures:
     onset_truth_s: float | None
     onset_estimate_s: float | None
     onset_alarm_s: float | None
-    phases_s: Annotated[dict[Phase, Seconds], AfterValidator(_all_phases)]
+    phases_s: Annotated[dict[PhaseName, Seconds], AfterValidator(_all_phases)]
     frames: dict[str, int]
     dropped: dict[str, int]
     states: dict[str, int]
@@ -230,7 +233,8 @@ class ReplayRow:
 
     react: what was to be done about slip, None in tables of before that was asked. identical: whether the
     replay gave exactly the stored row, None where it was not to. problem: what kept
-    a lift, or a whole session (then of number 0), from being read; the figures are None then.
+    a lift, or a whole session (then of number 0), from being read, and the figures are None then; or a gap in
+    a lift's recording, and the figures are of what is left.
     estimator_fault: where an estimator that is not the rig's own failed on frames.
     """
 
@@ -275,6 +279,11 @@ class ReplayRow:
     re_held_frames: int | None
     react: str | None = None
     estimator_fault: str | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether the lift counts: it was read, even if its recording has a gap, which `problem` names."""
+        return not self.problem or self.outcome is not None
 
 
 def _member(values: object) -> str:

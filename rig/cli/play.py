@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import JsonOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
 
@@ -60,6 +60,7 @@ def play(
     from rig.report.film import FilmedLift, write_film
     from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
+    from rig.sessions.recording_file import gaps_text
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
     chosen = find_lift(session, manifest, lift)
@@ -79,3 +80,6 @@ def play(
         )
     else:
         print(film.path)
+    report_broken(
+        [gaps_text(f.folder / f.lift.row.recording, list(f.lift.gaps)) for f in shown if f.lift.gaps]
+    )

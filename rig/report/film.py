@@ -83,7 +83,7 @@ def _read(filmed: FilmedLift) -> _Scene:
     camera: list[Image] = []
     times: list[float] = []
     for serial in (s for s in manifest.serials if s not in manifest.signs):
-        for frame in recorded_frames(path, serial):
+        for frame in recorded_frames(path, serial, gaps=[]):
             camera.append(_scaled(frame.image))
             times.append((frame.time_ns - zero_ns) / NS_PER_S)
     mark = "SIMULATED, " if manifest.simulated else ""

@@ -1,12 +1,13 @@
 """The lifts of a session again, from their stored frames, with any estimator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
+from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
 from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
@@ -17,7 +18,7 @@ from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import FinishedLift
-from rig.sessions.rows import read_usable_lifts
+from rig.sessions.rows import UsableLifts, read_usable_lifts
 from rig.tactile.estimators import EstimatorChoice, choose_estimator, stored_choice
 
 
@@ -27,12 +28,14 @@ class Replay:
 
     identical: None where they are not expected to: another estimator, or another way to measure the truth.
     problems: what could not be read; a lift with a gap in its recording counts with what is left of it.
+    interrupted: what unfinished recordings hold, which is in none of the others.
     """
 
     summary: TrialSummary
     rows: list[FinishedLift]
     identical: int | None
     problems: tuple[str, ...] = ()
+    interrupted: tuple[InterruptedLift, ...] = ()
 
 
 def run_replay(
@@ -48,9 +51,11 @@ def run_replay(
     is none, or where no finished lift can be read, `EstimatorError` for a session whose estimator is not
     the rig's own and was not named.
     """
-    settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+    settings = session_settings(folder, estimator, window)
     settings.estimator.require_named()
-    stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
+    interrupted, unread = interrupted_lifts(folder, settings)
+    usable = _usable(folder, interrupted)
+    stored, problems = {row.number: row for row in usable.lifts}, [*usable.problems, *unread]
     rows: dict[int, FinishedLift] = {}
     work = partial(replay_around_gaps, folder, settings)
     for _, (row, problem) in run_tasks(work, list(stored.values()), jobs):
@@ -59,13 +64,23 @@ def run_replay(
         if row is not None:
             rows[row.number] = row
             progress(len(rows), len(stored), row)
-    if not rows:
+    if not rows and not interrupted:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
     identical = None
     if repeats(folder, settings):
         identical = sum(row == stored[row.number] for row in in_order)
-    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
+    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems), tuple(interrupted))
+
+
+def _usable(folder: Path, interrupted: Sequence[InterruptedLift]) -> UsableLifts:
+    """Read the finished lifts; that there is none is an error only if there is no interrupted one either."""
+    try:
+        return read_usable_lifts(folder)
+    except SessionError as error:
+        if not interrupted:
+            raise
+        return UsableLifts((), (str(error),))
 
 
 def replay_around_gaps(

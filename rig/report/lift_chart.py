@@ -88,7 +88,9 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         return float(times.min(initial=0.0)), float(times.max(initial=0.0))
     begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
-    return begins, lift.phases_s.get("lower", float(lift.truth.time_s.max(initial=begins))) + _AFTER_S
+    curves = (lift.truth, lift.estimate, *lift.tips.values())
+    ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)  # of an interrupted lift
+    return begins, lift.phases_s.get("lower", ends) + _AFTER_S
 
 
 def angle_range(lift: LiftCurves) -> tuple[float, float]:

@@ -49,6 +49,11 @@ class Lift:
         return lift_name(self.row)
 
     @property
+    def recording(self) -> str:
+        """File of its recording in the session."""
+        return self.row.recording
+
+    @property
     def zero_ns(self) -> int:
         """Start of phase B by the recording's clock."""
         return round(self.row.phases_s[Phase.LIFT] * NS_PER_S)
@@ -169,21 +174,21 @@ def read_curves(
     zero_s = row.phases_s[Phase.LIFT]
     tips = {serial: slip_topic(serial) for serial in manifest.signs}
     angles = recorded_angles(path, FUSED_TOPIC, TRUTH_TOPIC, *tips.values(), gaps=gaps)
-    estimate, truth = _curve(angles[FUSED_TOPIC], zero_s), _curve(angles[TRUTH_TOPIC], zero_s)
-    if not estimate.time_s.size or not truth.time_s.size:
+    if not angles[FUSED_TOPIC] or not angles[TRUTH_TOPIC]:
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
     return LiftCurves(
         name=lift_name(row),
-        estimate=estimate,
-        truth=truth,
+        estimate=curve(angles[FUSED_TOPIC], zero_s),
+        truth=curve(angles[TRUTH_TOPIC], zero_s),
         phases_s={phase: time_s - zero_s for phase, time_s in row.phases_s.items()},
         onset_truth_s=row.onset_truth_s,
         onset_estimate_s=row.onset_estimate_s,
-        tips={serial: _curve(angles[topic], zero_s) for serial, topic in tips.items()},
+        tips={serial: curve(angles[topic], zero_s) for serial, topic in tips.items()},
     )
 
 
-def _curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
+def curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
+    """Return angles in the order of their times, which count from zero_s by the bench's clock."""
     ordered = sorted(angles, key=lambda angle: angle.time_ns)
     times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
     # None becomes nan

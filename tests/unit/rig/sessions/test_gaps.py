@@ -105,13 +105,13 @@ def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged
 
 def test_report_shows_the_rest_of_a_lift_and_names_the_gap(trial: Path, tmp_path: Path) -> None:
     recording = trial / "lifts" / "002.mcap"
-    damaged_chunk = chunk_with(recording, "/angle/estimate", 2)
+    damaged_chunk = chunk_with(recording, "/angle/estimate")
     damage_chunks(recording, damaged_chunk)
     shown = read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial"))
     whole, partly = (lift.curves for lift in shown.lifts)
     assert whole is not None
     assert partly is not None
-    assert 0.5 * whole.estimate.time_s.size < partly.estimate.time_s.size < whole.estimate.time_s.size
+    assert 0 < partly.estimate.time_s.size < whole.estimate.time_s.size
     written = write_report([trial], tmp_path / "report.html")
     [problem] = written.problems
     assert problem.startswith("1 of 2 recordings are damaged in part: toothbrush, lift 2 (lifts/002.mcap: ")

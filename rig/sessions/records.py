@@ -43,7 +43,7 @@ def _all_phases(phases_s: dict[str, float]) -> dict[str, float]:
 Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
 """Integer nanoseconds of other times do not fit 64 bits."""
 PhaseName = Annotated[str, Field(min_length=1, max_length=40)]
-"""Name of a phase: one of `protocols.observer.Phase`, or of a version of the rig that has more."""
+"""Of `protocols.observer.Phase`, or of a version of the rig that has more phases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +137,7 @@ class LiftFigures:
 
     re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held; None
     without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s, onset_alarm_s: since the
-    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock, those
-    of the paper and any other. frames,
+    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
     dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
     the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
     only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
@@ -231,11 +230,10 @@ class PoseRow:
 class ReplayRow:
     """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
 
-    react: what was to be done about slip, None in tables of before that was asked. identical: whether the
-    replay gave exactly the stored row, None where it was not to. problem: what kept
-    a lift, or a whole session (then of number 0), from being read, and the figures are None then; or a gap in
-    a lift's recording, and the figures are of what is left.
-    estimator_fault: where an estimator that is not the rig's own failed on frames.
+    react: what was to be done about slip, None in tables written by versions without reactions. identical:
+    whether the replay gave exactly the stored row, None where that is not expected. problem: why a lift, or a
+    whole session (number 0), cannot be read, with figures that are None; or a gap in a recording, with the
+    figures of what is left. estimator_fault: where a foreign estimator failed on frames.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -282,7 +280,7 @@ class ReplayRow:
 
     @property
     def measured(self) -> bool:
-        """Whether the lift counts: it was read, even if its recording has a gap, which `problem` names."""
+        """Whether the row has figures, even if `problem` names a gap."""
         return not self.problem or self.outcome is not None
 
 

@@ -5,7 +5,7 @@ import resource
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,13 @@ import pytest
 
 from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import Frame
+from rig.config import load_bench
 from rig.sessions import background_file
 from rig.sessions.background_file import BackgroundFile
+from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
+from rig.sessions.records import LIFTS, FinishedLift
+from rig.sessions.session import open_session
 from rig.sessions.unfinished import completed, new_recording, unfinished_recordings
 
 RECORDING = "lifts/007.mcap"
@@ -133,3 +137,21 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert MB < max(sizes) < 4 * MB
     assert file.path.stat().st_size == MB
     assert writers() == []
+
+
+def test_final_name_is_given_without_overwriting_a_recording_that_has_no_line(
+    tmp_path: Path, lift_row: Callable[..., FinishedLift]
+) -> None:
+    """As after a crash between the renaming of a recording and its line in the results."""
+    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
+    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:
+        lifts = session.folder / "lifts"
+        lifts.mkdir()
+        (lifts / "007.mcap").write_bytes(b"older")
+        (lifts / "007.unfinished.mcap").write_bytes(b"newer")
+        session.adopt("lifts/007.mcap", lifts / "007.unfinished.mcap")
+        assert (lifts / "007.mcap").read_bytes() == b"newer"
+        assert (lifts / "007.unfinished-2.mcap").read_bytes() == b"older"
+        with pytest.raises(RecordingError, match=r"008\.mcap: cannot be written"):
+            session.adopt("lifts/008.mcap", lifts / "008.unfinished.mcap")

@@ -16,6 +16,10 @@ class Phase(StrEnum):
     LOWER = "lower"
 
 
+REQUIRED = (Phase.REFERENCE, Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)
+"""Phases that every whole lift has, in their order. Recordings of other versions may have further ones."""
+
+
 class LiftObserver(Protocol):
     """Sees everything that happens, and can say whether a fingertip is touching."""
 

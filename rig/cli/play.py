@@ -5,14 +5,19 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import JsonOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
 
 def play(
     session: Annotated[Path, typer.Argument(help="Session folder of a trial.")],
     lift: Annotated[
-        str, typer.Option("--lift", help="Number in the session (3), or object and lift (t1/3, wrench/3).")
+        str,
+        typer.Option(
+            "--lift",
+            help="Number in the session (3), object and lift (t1/3, wrench/3), or an unfinished recording "
+            "(003.unfinished).",
+        ),
     ],
     out: Annotated[
         Path,
@@ -57,14 +62,20 @@ def play(
       rig play sessions/2026-11-21T093000_trial --lift 11 --fps 10 --width 1000 --out lift11.webp
 
     """
+    from drivers.errors import InputError
     from rig.report.film import FilmedLift, write_film
-    from rig.report.session import find_lift
+    from rig.report.session import Lift, find_lift
+    from rig.report.unfinished import find_unfinished
     from rig.sessions.manifest import TrialManifest, read_manifest_of
+    from rig.sessions.recording_file import gaps_text
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
-    chosen = find_lift(session, manifest, lift)
+    unfinished = find_unfinished(session, manifest, lift)
+    chosen = unfinished or find_lift(session, manifest, lift)
     shown = [FilmedLift(session, manifest, chosen)]
     if beside is not None:
+        if not isinstance(chosen, Lift):
+            raise InputError("--beside: an unfinished recording has no lift of the same number beside it")
         other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
         same = find_lift(beside, other, f"{chosen.row.object}/{chosen.row.lift}")
         shown.append(FilmedLift(beside, other, same))
@@ -79,3 +90,4 @@ def play(
         )
     else:
         print(film.path)
+    report_broken([gaps_text(f.folder / f.lift.recording, list(f.lift.gaps)) for f in shown if f.lift.gaps])

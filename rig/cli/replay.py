@@ -85,6 +85,7 @@ def _replay_one(
 ) -> None:
     import time
 
+    from rig.cli.interrupted import interrupted_json, interrupted_text
     from rig.cli.printing import TrialProgress, summary_json, trial_table
     from rig.experiments.replay import run_replay, session_settings, truth_note
 
@@ -100,11 +101,16 @@ def _replay_one(
     with TrialProgress(1) as progress:
         result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began
-    trial_table(result.summary, simulated, wall_s, to_stderr=json)
+    if result.rows:
+        trial_table(result.summary, simulated, wall_s, to_stderr=json)
     if result.identical is not None:
         say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")
+    for lift in result.interrupted:
+        say(interrupted_text(lift))
     if json:
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
+        if result.interrupted:
+            figures["unfinished"] = [interrupted_json(lift) for lift in result.interrupted]
         emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})
     report_broken(result.problems)
 

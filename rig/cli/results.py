@@ -51,7 +51,7 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     from rig.results.table import summarize_table
 
     console = table_console(to_stderr)
-    good = [row for row in rows if not row.problem]
+    good = [row for row in rows if row.measured]
     if by == By.OBJECT and good:
         for react, own in _by_reaction(good).items():
             console.print(object_table(summarize_table(own), _mark(own), react))
@@ -79,7 +79,7 @@ def results_json(rows: "list[ReplayRow]") -> dict[str, object]:
     from rig.cli.printing import summary_json
     from rig.results.table import summarize_table
 
-    good = [row for row in rows if not row.problem]
+    good = [row for row in rows if row.measured]
     apart = _by_reaction(good)
     mixed = len(apart) > 1
     return {

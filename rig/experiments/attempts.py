@@ -8,6 +8,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from drivers.errors import DeviceError
@@ -55,15 +56,16 @@ Row = TypeVar("Row", bound=AttemptRow)
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Generic[Row]):
-    """What came of an attempt. files: by name in the session.
+    """What came of an attempt.
 
+    files: by name in the session, their bytes, or the path of a file that is there under an unfinished name.
     fault: what ended it, None where it counts. warning: what somebody should look at though it counts.
     """
 
     row: Row
     timing: TimingLine
     fault: str | None
-    files: Mapping[str, bytes]
+    files: Mapping[str, bytes | Path]
     warning: str | None = None
 
 
@@ -132,7 +134,10 @@ def _in_a_row(faults: int, kinds: int) -> str:
 def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:
     """Files first, line last: a line in the results says that all of the work is there."""
     for name, data in attempt.files.items():
-        session.write(name, data)
+        if isinstance(data, Path):
+            session.adopt(name, data)
+        else:
+            session.write(name, data)
     session.add(attempt.row, attempt.timing)
     if attempt.fault is not None:
         _log.warning("%s %s attempt %d: %s", wording.piece, task.name, task.attempt, attempt.fault)

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import InputError, RigError
+from drivers.errors import InputError
 from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import repeats, replay_lift, session_settings
+from rig.experiments.replay import repeats, replay_around_gaps, session_settings
 from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
@@ -129,14 +129,13 @@ def replay_manifest(folders: list[Path], estimator: str | None, window: int | No
 
 
 def replay_task(task: ReplayTask) -> ReplayRow:
-    """Replay one lift; return its row of the table, with the problem where it cannot be read."""
+    """Replay one lift; return its row of the table, with the problem if it cannot be read as a whole."""
     bench, choice = task.settings.bench, task.settings.estimator
     head = TableHead(str(task.folder), task.started, bench.name, choice.name, choice.window)
-    try:
-        row = replay_lift(task.folder, task.settings, task.row)
-    except RigError as error:
-        return unread_row(head, task.row, str(error))
-    return table_row(head, row, identical=row == task.row if task.repeats else None)
+    row, problem = replay_around_gaps(task.folder, task.settings, task.row)
+    if row is None:
+        return unread_row(head, task.row, problem or "")
+    return table_row(head, row, row == task.row if task.repeats else None, problem)
 
 
 def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:

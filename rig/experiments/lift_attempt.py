@@ -1,11 +1,11 @@
 """One attempt at a lift, from its plan to its row: what a worker process runs."""
 
-import io
 import time
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -37,6 +37,7 @@ from rig.sessions.manifest import DISTRIBUTION, SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
 from rig.sessions.timing import LatencyTimes, LiftTiming
+from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.estimators import EstimatorChoice
 
 LEAST_LIFT = 0.4
@@ -124,30 +125,33 @@ def attempt_lift(
     task: LiftTask,
     benches: BenchSource | None = None,
     live: LiveFeed = NOBODY,
+    folder: Path | None = None,
 ) -> Attempt[LiftRow]:
     """Carry out one lift and evaluate it.
 
     A device's failure becomes an outcome "fault" with the error's text; nothing else is caught.
     benches: where its bench comes from; a simulated bench of its own when None. live: who looks on.
+    folder: the session in which the lift is recorded, under an unfinished name; not recorded when None.
+    Raises `RecordingError` if the recording cannot be written; the lift then ends as after any error.
     """
     cv2.setNumThreads(1)
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
-    stream = io.BytesIO()
     head = _head(task, plan, seed, settings)
-    recorder = LiftRecorder(stream, _about(settings, head))
+    file = None if folder is None else new_recording(folder, task.recording)
+    recorder = None if file is None else LiftRecorder(file, _about(settings, head))
     measurement = new_measurement(settings, recorder)
     reaction = _reaction(settings, task, measurement)
     shown = LiveObserver(measurement, live, head) if live.listeners else None
-    with closing(shown) if shown else nullcontext():
-        course = _carry_out(benches, task, seed, plan, shown or measurement, reaction)
-    fault = None if course.error is None else fault_text(course.error)
-    row = _row(head, measurement, fault, course)
-    if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
-        benches.displaced()
-    recorder.close()
+    with completed(recorder, file) if recorder and file else nullcontext():
+        with closing(shown) if shown else nullcontext():
+            course = _carry_out(benches, task, seed, plan, shown or measurement, reaction)
+        fault = None if course.error is None else fault_text(course.error)
+        row = _row(head, measurement, fault, course)
+        if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
+            benches.displaced()
     timing = LiftTiming(
         number=task.number,
         attempt=task.attempt,
@@ -155,7 +159,7 @@ def attempt_lift(
         stages=stage_times(measurement),
         capture_to_angle=course.latency or None,
     )
-    return Attempt(row, timing, fault, {task.recording: stream.getvalue()}, _warning(row))
+    return Attempt(row, timing, fault, {task.recording: file.path} if file else {}, _warning(row))
 
 
 def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:

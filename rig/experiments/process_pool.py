@@ -17,9 +17,9 @@ def run_tasks(
 ) -> Iterator[tuple[Task, Result]]:
     """Yield results as they come; with one job, in this process and in order.
 
-    `tasks` may grow while results are taken (a lift to repeat). Leaving the loop early ends
-    the workers. Only the caller's process gets to write anything. fork: workers begin as copies of this
-    process, which must have no other thread then; so they need not import all that it has imported.
+    `tasks` may grow while results are taken (a lift to repeat). Leaving the loop early ends the workers at
+    any moment: they write recordings under unfinished names, and no results. fork: workers begin as copies of
+    this process, which must have no other thread then; so they need not import all that it has imported.
     """
     if jobs == 1:
         while tasks:
@@ -44,7 +44,7 @@ def run_tasks(
             "and with fewer --jobs if it happens again"
         ) from error
     finally:
-        # Workers write nothing, so they can be ended at once without losing anything.
+        # Workers write no results, so they can be ended at once without damaging any.
         for process in multiprocessing.active_children():
             if process not in others:  # as the process of a page, which outlives the pool
                 process.terminate()

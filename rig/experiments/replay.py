@@ -1,11 +1,13 @@
 """The lifts of a session again, from their stored frames, with any estimator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
+from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
 from rig.experiments.lift_attempt import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
@@ -14,8 +16,9 @@ from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
+from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import FinishedLift
-from rig.sessions.rows import read_usable_lifts
+from rig.sessions.rows import UsableLifts, read_usable_lifts
 from rig.tactile.estimators import EstimatorChoice, choose_estimator, stored_choice
 
 
@@ -24,13 +27,15 @@ class Replay:
     """What a replay gave: its summary, rows, and how many lifts equal the stored ones bit for bit.
 
     identical: None where they are not expected to: another estimator, or another way to measure the truth.
-    problems: what could not be read, and is left out of all this.
+    problems: what could not be read; a lift with a gap in its recording counts with what is left of it.
+    interrupted: what unfinished recordings hold, which is in none of the others.
     """
 
     summary: TrialSummary
     rows: list[FinishedLift]
     identical: int | None
     problems: tuple[str, ...] = ()
+    interrupted: tuple[InterruptedLift, ...] = ()
 
 
 def run_replay(
@@ -46,40 +51,71 @@ def run_replay(
     is none, or where no finished lift can be read, `EstimatorError` for a session whose estimator is not
     the rig's own and was not named.
     """
-    settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
+    settings = session_settings(folder, estimator, window)
     settings.estimator.require_named()
-    stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
+    interrupted, unread = interrupted_lifts(folder, settings)
+    usable = _usable(folder, interrupted)
+    stored, problems = {row.number: row for row in usable.lifts}, [*usable.problems, *unread]
     rows: dict[int, FinishedLift] = {}
-    work = partial(replay_or_problem, folder, settings)
-    for _, row in run_tasks(work, list(stored.values()), jobs):
-        if isinstance(row, str):
-            problems.append(row)
-        else:
+    work = partial(replay_around_gaps, folder, settings)
+    for _, (row, problem) in run_tasks(work, list(stored.values()), jobs):
+        if problem is not None:
+            problems.append(problem)
+        if row is not None:
             rows[row.number] = row
             progress(len(rows), len(stored), row)
-    if not rows:
+    if not rows and not interrupted:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
     identical = None
     if repeats(folder, settings):
         identical = sum(row == stored[row.number] for row in in_order)
-    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
+    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems), tuple(interrupted))
+
+
+def _usable(folder: Path, interrupted: Sequence[InterruptedLift]) -> UsableLifts:
+    """Read the finished lifts; that there is none is an error only if there is no interrupted one either."""
+    try:
+        return read_usable_lifts(folder)
+    except SessionError as error:
+        if not interrupted:
+            raise
+        return UsableLifts((), (str(error),))
+
+
+def replay_around_gaps(
+    folder: Path, settings: TrialSettings, row: FinishedLift
+) -> tuple[FinishedLift | None, str | None]:
+    """Watch one recorded lift again; return its row, and what of its recording cannot be read."""
+    gaps, path = Gaps(), folder / row.recording
+    try:
+        again = replay_lift(folder, settings, row, gaps)
+    except RigError as error:
+        return None, gaps_text(path, gaps, error) if gaps else str(error)
+    return again, gaps_text(path, gaps) if gaps else None
 
 
 def replay_or_problem(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift | str:
-    """Watch one recorded lift again; return its row, or why its recording cannot be read."""
+    """Watch one recorded lift again; return its row, or why its recording cannot be read as a whole."""
     try:
         return replay_lift(folder, settings, row)
     except RigError as error:
         return str(error)
 
 
-def replay_lift(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift:
-    """Watch one recorded lift again; return its row with the measured part made anew."""
+def replay_lift(
+    folder: Path, settings: TrialSettings, row: FinishedLift, gaps: Gaps | None = None
+) -> FinishedLift:
+    """Watch one recorded lift again; return its row with the measured part made anew.
+
+    gaps: list to which damage of the recording is added, and then passed over. Raises `SessionError`.
+    """
     measurement = new_measurement(settings)
-    show_again(folder / row.recording, measurement, measurement)
+    known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
+    phases_ns = show_again(folder / row.recording, measurement, measurement, known_ns, gaps)
     figures, _ = lift_result(measurement)
-    return replace(row, **vars(figures))
+    phases_s = {name: time_ns / NS_PER_S for name, time_ns in phases_ns.items()}
+    return replace(row, **{**vars(figures), "phases_s": phases_s})
 
 
 def repeats(folder: Path, settings: TrialSettings) -> bool:

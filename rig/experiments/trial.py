@@ -117,7 +117,7 @@ def run_trial(
                 benches.begin()
             tasks = left_to_do(all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
-            work = partial(attempt_lift, settings, benches=benches, live=live)
+            work = partial(attempt_lift, settings, benches=benches, live=live, folder=folder.absolute())
             repeat_until_accepted(session, tasks, work, WORDING, progress, jobs)
             session.finish(order=lambda row: (row.number, row.attempt))
             for row in session.rows:

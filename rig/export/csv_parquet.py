@@ -131,9 +131,9 @@ def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[Expor
 def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, Line]]:
     """Yield each message of a lift as a line, with the topic it came from."""
     path = request.session / row.recording
-    phases = sorted((time_ns, phase.value) for phase, time_ns in phase_times(path).items())
+    phases = sorted((time_ns, phase) for phase, time_ns in phase_times(path).items())
     starts = [time_ns for time_ns, _ in phases]
-    lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT.value)
+    lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT)
     identity = {
         "session": request.session.name,
         "number": row.number,

@@ -5,7 +5,7 @@ same results bit for bit.
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from drivers.clock import to_ns
@@ -174,23 +174,19 @@ class LiftMeasurement:
         """Add angles and states to the recording, behind the frames they came from."""
         if self._recorder is None:
             return
+        for topic, angle in self.angles(series):
+            self._recorder.angle(topic, angle)
+
+    def angles(self, series: TruthSeries) -> Iterator[tuple[str, RecordedAngle]]:
+        """Yield the angles of a lift as a recording keeps them, each with its topic."""
         for serial, tip in self.tips.items():
             for sample in tip.samples:
                 answer = tip.answer(sample)
-                self._record_angle(slip_topic(serial), answer.angle_deg, answer.sigma_deg, sample)
+                yield slip_topic(serial), _recorded(answer.angle_deg, answer.sigma_deg, sample)
         for fused in self.fused:
-            self._record_angle(FUSED_TOPIC, fused.angle_deg, fused.sigma_deg, fused)
+            yield FUSED_TOPIC, _recorded(fused.angle_deg, fused.sigma_deg, fused)
         for time_ns, angle, sigma in zip(series.time_ns, series.angle_deg, series.sigma_deg, strict=True):
-            recorded = RecordedAngle(int(time_ns), float(angle), float(sigma), State.TRACKING.value)
-            self._recorder.angle(TRUTH_TOPIC, recorded)
-
-    def _record_angle(
-        self, topic: str, angle: float | None, sigma: float | None, sample: SlipSample | FusedSample
-    ) -> None:
-        area = sample.contact_area_px if isinstance(sample, SlipSample) else None
-        if self._recorder:
-            recorded = RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)
-            self._recorder.angle(topic, recorded)
+            yield TRUTH_TOPIC, RecordedAngle(int(time_ns), float(angle), float(sigma), State.TRACKING.value)
 
     def _tactile(self, tip: TipTrack, frame: Frame) -> None:
         if tip.estimator is None:
@@ -241,3 +237,8 @@ class LiftMeasurement:
                     for serial, tip in self.tips.items()
                 }
             )
+
+
+def _recorded(angle: float | None, sigma: float | None, sample: SlipSample | FusedSample) -> RecordedAngle:
+    area = sample.contact_area_px if isinstance(sample, SlipSample) else None
+    return RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)

@@ -60,7 +60,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
         onset_alarm_s=_since(measurement.alarm.raised_ns, lift_ns),
-        phases_s={phase: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
+        phases_s={phase.value: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
         jumped={name: tally.jumped for name, tally in measurement.tallies.items() if tally.jumped} or None,

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
+from protocols.observer import REQUIRED
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.results.metrics import Floats
 
@@ -36,7 +37,8 @@ class LiftCurves:
     """All curves of one lift; times in s from the start of phase B (as given, in a table), angles in deg.
 
     estimate: the fused angle. truth: the markers'. tips: each fingertip's, by serial. phases_s:
-    where "A", "B" and "C" begin and "lower" ends them; empty where nothing is known of them.
+    where "A", "B" and "C" begin and "lower" ends them, and other phases, which split none of these; empty
+    where nothing is known of them.
     onset_truth_s, onset_estimate_s: None where no slip began.
     """
 
@@ -49,6 +51,16 @@ class LiftCurves:
     tips: dict[str, Curve] = field(default_factory=dict)
     time_label: str = "time from the start of the lift, s"
 
+    @property
+    def paper_phases_s(self) -> dict[str, float]:
+        """The phases that each lift has."""
+        return {name: t for name, t in self.phases_s.items() if name in REQUIRED}
+
+    @property
+    def other_phases_s(self) -> dict[str, float]:
+        """Phases that only other versions of the trial have."""
+        return {name: t for name, t in self.phases_s.items() if name not in REQUIRED}
+
     def within(self, *phases: str) -> NDArray[np.bool_]:
         """Which frames of the estimate, (N,) bool, lie in these phases; all where phases are unknown."""
         times = self.estimate.time_s
@@ -56,7 +68,7 @@ class LiftCurves:
         for phase in phases:
             if phase in self.phases_s:
                 begins = self.phases_s[phase]
-                ends = min((t for t in self.phases_s.values() if t > begins), default=np.inf)
+                ends = min((t for t in self.paper_phases_s.values() if t > begins), default=np.inf)
                 inside |= (times >= begins) & (times < ends)
         return inside if self.phases_s else np.ones(times.shape, bool)
 

@@ -19,6 +19,7 @@ from rig.report.film_file import Film, require_film_name, save_film
 from rig.report.lift_chart import shown_range
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
+from rig.report.unfinished import UnfinishedLift
 from rig.results.metrics import Floats
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
@@ -43,11 +44,11 @@ class _Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmedLift:
-    """A lift of a session's folder."""
+    """A lift of a session's folder, or what was recorded of an interrupted one."""
 
     folder: Path
     manifest: TrialManifest
-    lift: Lift
+    lift: Lift | UnfinishedLift
 
 
 def write_film(
@@ -71,10 +72,8 @@ def write_film(
 def _read(filmed: FilmedLift) -> _Scene:
     folder, manifest, lift = filmed.folder, filmed.manifest, filmed.lift
     if lift.curves is None:
-        raise SessionError(
-            f"{folder / lift.row.recording}: the recording cannot be read; choose another --lift"
-        )
-    path = folder / lift.row.recording
+        raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
+    path = folder / lift.recording
     zero_ns = lift.zero_ns
     tips = []
     for serial, sign in manifest.signs.items():
@@ -83,12 +82,12 @@ def _read(filmed: FilmedLift) -> _Scene:
     camera: list[Image] = []
     times: list[float] = []
     for serial in (s for s in manifest.serials if s not in manifest.signs):
-        for frame in recorded_frames(path, serial):
+        for frame in recorded_frames(path, serial, gaps=[]):
             camera.append(_scaled(frame.image))
             times.append((frame.time_ns - zero_ns) / NS_PER_S)
     mark = "SIMULATED, " if manifest.simulated else ""
     panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
-    reaction = "" if lift.row.react is ReactionKind.NONE else f", on a slip: {lift.row.react}"
+    reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
     return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
 
 

@@ -88,7 +88,9 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         return float(times.min(initial=0.0)), float(times.max(initial=0.0))
     begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
-    return begins, lift.phases_s.get("lower", float(lift.truth.time_s.max(initial=begins))) + _AFTER_S
+    curves = (lift.truth, lift.estimate, *lift.tips.values())
+    ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)  # of an interrupted lift
+    return begins, lift.phases_s.get("lower", ends) + _AFTER_S
 
 
 def angle_range(lift: LiftCurves) -> tuple[float, float]:
@@ -149,6 +151,13 @@ def _phases(axes: Axes, lift: LiftCurves) -> None:
         axes.text(
             middle, 1.0, name, transform=axes.get_xaxis_transform(), ha="center", va="bottom",
             fontsize=10.5, color=MUTED.light,
+        )  # fmt: skip
+
+    for name, begins in lift.other_phases_s.items():
+        axes.axvline(begins, color=MUTED.light, linewidth=0.8, zorder=1)
+        axes.text(
+            begins, 0.0, f" {name}", transform=axes.get_xaxis_transform(), ha="left", va="bottom",
+            fontsize=9, color=MUTED.light, clip_on=True,
         )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from rig.sessions.layout import RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, RecordedAngle, slip_topic
+from rig.sessions.recording_file import Gaps, recording_gaps
 from rig.sessions.records import LIFTS, FinishedLift, LiftHead, LiftRow, finished
 from rig.sessions.rows import readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
@@ -33,15 +34,24 @@ UNREADABLE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lift:
-    """An accepted lift: its row of `lifts.jsonl`, and its curves where the recording can be read."""
+    """An accepted lift: its row of `lifts.jsonl`, and its curves where the recording can be read.
+
+    gaps: what of the recording is damaged, passed over in the curves.
+    """
 
     row: FinishedLift
     curves: LiftCurves | None
+    gaps: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """Name for people, as "wrench, lift 3"."""
         return lift_name(self.row)
+
+    @property
+    def recording(self) -> str:
+        """File of its recording in the session."""
+        return self.row.recording
 
     @property
     def zero_ns(self) -> int:
@@ -78,11 +88,10 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
     lifts, damaged = [], []
     for row in sorted(finished(rows), key=lambda row: row.number):
         try:
-            curves = read_curves(folder, row, manifest)
+            lifts.append(_read_lift(folder, row, manifest))
         except UNREADABLE as error:
-            curves = None
+            lifts.append(Lift(row, None))
             damaged.append(f"{lift_name(row)} ({row.recording}: {_why(error)})")
-        lifts.append(Lift(row, curves))
     if damaged:
         what = f"{len(damaged)} of {len(lifts)} recordings cannot be read: {joined(damaged)}."
         advice = (
@@ -90,21 +99,38 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             "again from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
+    if partly := [lift for lift in lifts if lift.gaps]:
+        problems.append(_gaps_notice(partly, len(lifts)))
     return Trial(folder, manifest, rows, lifts, timing, problems)
+
+
+def _read_lift(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lift:
+    """Read a lift around the gaps of its recording. Raises `SessionError` and others of `UNREADABLE`."""
+    gaps = recording_gaps(folder / row.recording)
+    return Lift(row, read_curves(folder, row, manifest, []), tuple(gaps))
+
+
+def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
+    named = joined([f"{lift.name} ({lift.row.recording}: {joined(list(lift.gaps))})" for lift in lifts])
+    advice = (
+        "Their results count in the tables; their curves and frames are shown without what is damaged. Copy "
+        "the session again from the rig's disk, or repeat these lifts."
+    )
+    return Notice("bad", f"{len(lifts)} of {of} recordings are damaged in part: {named}.", advice)
 
 
 def find_lift(folder: Path, manifest: TrialManifest, wanted: str) -> Lift:
     """Find an accepted lift by its number in the session ("3"), or by object and lift ("t1/3", "wrench/3").
 
-    Raises `SessionError` for a recording that cannot be read, `InputError` with the lifts there are for
-    one that is not there.
+    Gaps of its recording are passed over. Raises `SessionError` for a recording that cannot be read,
+    `InputError` with the lifts there are for one that is not there.
     """
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     lifts = sorted(finished(rows), key=lambda row: row.number)
     for row in lifts:
         if wanted.strip() in {str(row.number), f"{row.object}/{row.lift}", f"{row.name}/{row.lift}"}:
             try:
-                return Lift(row, read_curves(folder, row, manifest))
+                return _read_lift(folder, row, manifest)
             except UNREADABLE as error:
                 raise SessionError(f"{folder / row.recording}: cannot be read ({_why(error)})") from error
     there = joined([f"{row.number} ({row.object}/{row.lift} {row.name})" for row in lifts], 6)
@@ -137,27 +163,32 @@ def read_timing(folder: Path) -> list[LiftTiming]:
     return readable_rows(folder / TIMING, LIFT_TIMINGS)[0]
 
 
-def read_curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> LiftCurves:
-    """Read a lift's curves from its recording. Raises `SessionError` and others of `UNREADABLE`."""
+def read_curves(
+    folder: Path, row: FinishedLift, manifest: TrialManifest, gaps: Gaps | None = None
+) -> LiftCurves:
+    """Read a lift's curves from its recording.
+
+    gaps: see `recorded_messages`. Raises `SessionError` and others of `UNREADABLE`.
+    """
     path = folder / row.recording
     zero_s = row.phases_s[Phase.LIFT]
     tips = {serial: slip_topic(serial) for serial in manifest.signs}
-    angles = recorded_angles(path, FUSED_TOPIC, TRUTH_TOPIC, *tips.values())
-    estimate, truth = _curve(angles[FUSED_TOPIC], zero_s), _curve(angles[TRUTH_TOPIC], zero_s)
-    if not estimate.time_s.size or not truth.time_s.size:
+    angles = recorded_angles(path, FUSED_TOPIC, TRUTH_TOPIC, *tips.values(), gaps=gaps)
+    if not angles[FUSED_TOPIC] or not angles[TRUTH_TOPIC]:
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
     return LiftCurves(
         name=lift_name(row),
-        estimate=estimate,
-        truth=truth,
-        phases_s={phase.value: time_s - zero_s for phase, time_s in row.phases_s.items()},
+        estimate=curve(angles[FUSED_TOPIC], zero_s),
+        truth=curve(angles[TRUTH_TOPIC], zero_s),
+        phases_s={phase: time_s - zero_s for phase, time_s in row.phases_s.items()},
         onset_truth_s=row.onset_truth_s,
         onset_estimate_s=row.onset_estimate_s,
-        tips={serial: _curve(angles[topic], zero_s) for serial, topic in tips.items()},
+        tips={serial: curve(angles[topic], zero_s) for serial, topic in tips.items()},
     )
 
 
-def _curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
+def curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
+    """Return angles in the order of their times, which count from zero_s by the bench's clock."""
     ordered = sorted(angles, key=lambda angle: angle.time_ns)
     times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
     # None becomes nan

@@ -1,4 +1,7 @@
-"""Tactile frames of a lift as small pictures, with the contact and both angles drawn in."""
+"""Tactile frames of a lift as small pictures, with the contact and both angles drawn in.
+
+Gaps of a recording are passed over: `rig.report.session` names them, once for each lift.
+"""
 
 import math
 from dataclasses import dataclass
@@ -72,7 +75,7 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) ->
 
 def camera_strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str) -> list[Still]:
     """The camera's pictures at the same moments, smaller. Raises `SessionError` where there are none."""
-    frames = list(recorded_frames(path, serial))
+    frames = list(recorded_frames(path, serial, gaps=[]))
     if not frames:
         raise SessionError(f"{path}: holds no pictures of the camera {serial}")
     stills = []
@@ -112,7 +115,7 @@ def read_tip(
 ) -> TipFrames:
     """Read a fingertip's frames: those nearest to the wanted times, or all from phase A on."""
     grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
-    frames = list(recorded_frames(path, serial))
+    frames = list(recorded_frames(path, serial, gaps=[]))
     reference = [f.image for f in frames if f.time_ns < grasp_ns]
     frames = [f for f in frames if f.time_ns >= grasp_ns]
     if not reference or not frames:

@@ -20,7 +20,7 @@ def write_file(path: Path, data: bytes) -> None:
     try:
         write_whole(path, data)
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise not_written(path, error) from error
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -41,7 +41,7 @@ def append_line(path: Path, line: bytes) -> None:
                 os.truncate(path, end)
                 raise
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise not_written(path, error) from error
 
 
 def complete_lines(path: Path) -> list[bytes]:
@@ -91,7 +91,8 @@ def read_json(path: Path) -> dict[str, Any]:
     return value
 
 
-def _not_written(path: Path, error: OSError) -> RecordingError:
+def not_written(path: Path, error: OSError) -> RecordingError:
+    """Return the error of a file that cannot be written."""
     return RecordingError(
         f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
         "the permission, then run the command again, a session with --resume"

@@ -1,5 +1,7 @@
 """What a session folder holds (contract, session folder): names of its files and folders, said once."""
 
+from pathlib import Path
+
 MANIFEST = "session.json"
 RESULTS = {"trial": "lifts.jsonl", "record": "poses.jsonl", "replay": "replays.jsonl"}
 """Where each kind of session keeps its finished work, a line each."""
@@ -9,6 +11,8 @@ LOG = "log.txt"
 LOCK = ".lock"
 """Held by the process that writes; left behind it holds nothing."""
 RECORDINGS = "lifts"
+UNFINISHED = ".unfinished"
+"""In the name of a recording whose lift is under way or was interrupted."""
 REFERENCES = "reference"
 """Each fingertip's frame without contact, in a recording."""
 TRUE_MASKS = "truth/masks"
@@ -19,6 +23,16 @@ def recording_file(number: int, attempt: int) -> str:
     """Return where an attempt at a lift is recorded. number: in the session, from 1; attempt: from 0."""
     suffix = f"-attempt{attempt}" if attempt else ""
     return f"{RECORDINGS}/{number:03d}{suffix}.mcap"
+
+
+def unfinished_name(stem: str, number: int) -> str:
+    """Return the file name of an unfinished recording. stem: of its final name. number: from 1."""
+    return f"{stem}{UNFINISHED}{'' if number == 1 else f'-{number}'}.mcap"
+
+
+def is_unfinished(recording: Path) -> bool:
+    """Whether a recording has the name of an unfinished one."""
+    return UNFINISHED in recording.stem
 
 
 def reference_file(serial: str) -> str:

@@ -1,9 +1,10 @@
 """Reading the lifts of a session back."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, ClassVar, TypeVar
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -11,13 +12,13 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import DecodeError
 from pydantic import ConfigDict, Field
 
-from drivers.clock import to_ns
 from drivers.errors import RecordingError, SessionError
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
-from protocols.observer import LiftObserver, Phase
+from protocols.observer import REQUIRED, LiftObserver, Phase
 from protocols.reaction import ReactionStep, SlipSense
 from rig.sessions.codec import STRICT, Codec
 from rig.sessions.images import decoded
+from rig.sessions.phase_times import PhaseTimes
 from rig.sessions.recorder import (
     ARM_TOPIC,
     GRIPPER_TOPIC,
@@ -27,21 +28,20 @@ from rig.sessions.recorder import (
     RecordedAngle,
     image_topic,
 )
-from rig.sessions.recording_file import recorded_messages
+from rig.sessions.recording_file import Gaps, recorded_messages
+from rig.sessions.records import PhaseName
 
 Value = TypeVar("Value")
 Message = TypeVar("Message", CompressedImage, PoseInFrame)
 _NOT_A_TURN = 0.01
 """How far from 1 the length of a quaternion may be."""
-_LONGEST_S = 3600.0
-"""No lift takes longer."""
 
 
 @dataclass(frozen=True)
 class _Phase:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    phase: Phase
+    phase: PhaseName
 
 
 @dataclass(frozen=True)
@@ -94,37 +94,65 @@ _GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
 _ANGLE: Codec[_Angle] = Codec(_Angle)
 
 
-def show_again(path: Path, observer: LiftObserver, sense: SlipSense | None = None) -> None:
+def show_again(
+    path: Path,
+    observer: LiftObserver,
+    sense: SlipSense | None = None,
+    known_phases: Mapping[str, int] = MappingProxyType({}),
+    gaps: Gaps | None = None,
+) -> dict[str, int]:
     """Give a recorded lift to an observer exactly as it was given when it happened.
 
-    sense: is told again what was done about slips, where that matters. Raises `SessionError` when the
-    recording is missing, damaged or not of a whole lift.
+    An unfinished recording is given up to its end. sense: is told again what was done about slips, where that
+    matters. known_phases: when phases began, ns, for phases that a gap hides. gaps: list to which damage is
+    added; see `recorded_messages`. Returns when each phase began, ns, by name, also the phases that this
+    version does not know, of which the observer hears nothing. Raises `SessionError` when the recording is
+    missing, not of a whole lift, or, without `gaps`, damaged.
     """
-    pose: Pose | None = None
-    phases: dict[Phase, int] = {}
-    for topic, time_ns, sequence, data in recorded_messages(path):
+    phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
+    hidden = {} if gaps is None else _hidden(path, known_phases)
+
+    def begin(name: str, time_ns: int) -> None:
+        phases.add(name, time_ns)
+        if name in REQUIRED:
+            observer.phase(Phase(name), time_ns)
+
+    for topic, time_ns, sequence, data in recorded_messages(path, gaps=gaps):
+        for name in [name for name, begins_ns in hidden.items() if begins_ns <= time_ns]:
+            begin(name, hidden.pop(name))
+        if gaps and len(gaps) != gaps_before:
+            pose, gaps_before = None, len(gaps)
         if topic == PHASE_TOPIC:
-            phase = _parsed(_PHASE, data, path).phase
-            _add_phase(phases, phase, time_ns, path)
-            observer.phase(phase, time_ns)
+            begin(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == REACTION_TOPIC:
             if sense is not None:
                 done = _parsed(_REACTION, data, path)
                 sense.reacted(done.step, time_ns, done.counts)
         elif topic == ARM_TOPIC:
             pose = recorded_pose(data, path)
-        elif topic == JOINTS_TOPIC:
+        elif topic == JOINTS_TOPIC and (pose is not None or not gaps):
             observer.arm(_arm_state(pose, data, path, time_ns))
         elif topic == GRIPPER_TOPIC:
             observer.gripper(_gripper_state(data, path, time_ns))
         elif topic.startswith(image_topic("")):
             observer.frame(_frame(data, path, time_ns, sequence))
-    _require_all(phases, path)
+    for name, begins_ns in hidden.items():
+        begin(name, begins_ns)
+    return phases.complete()
 
 
-def recorded_frames(path: Path, serial: str) -> Iterator[Frame]:
-    """Yield one source's frames in order. Raises `SessionError`."""
-    for _, time_ns, sequence, data in recorded_messages(path, image_topic(serial)):
+def _hidden(path: Path, known_phases: Mapping[str, int]) -> dict[str, int]:
+    """Return the phases whose messages cannot be read, in order of time, ns."""
+    read = {
+        _parsed(_PHASE, data, path).phase for _, _, _, data in recorded_messages(path, PHASE_TOPIC, gaps=[])
+    }
+    lost = {name: time_ns for name, time_ns in known_phases.items() if name not in read}
+    return dict(sorted(lost.items(), key=lambda item: item[1]))
+
+
+def recorded_frames(path: Path, serial: str, gaps: Gaps | None = None) -> Iterator[Frame]:
+    """Yield one source's frames in order. gaps: see `recorded_messages`. Raises `SessionError`."""
+    for _, time_ns, sequence, data in recorded_messages(path, image_topic(serial), gaps=gaps):
         yield _frame(data, path, time_ns, sequence)
 
 
@@ -144,20 +172,24 @@ def recorded_reactions(path: Path) -> list[tuple[ReactionStep, int]]:
     return [(_parsed(_REACTION, data, path).step, time_ns) for _, time_ns, _, data in messages]
 
 
-def phase_times(path: Path) -> dict[Phase, int]:
-    """Return when each phase of a recorded lift began, ns, all of them. Raises `SessionError`."""
-    phases: dict[Phase, int] = {}
+def phase_times(path: Path) -> dict[str, int]:
+    """Return when each phase of a recorded lift began, ns, by name; of an unfinished one up to its end.
+
+    Raises `SessionError` if one of the phases of a whole lift is missing or out of order.
+    """
+    phases = PhaseTimes(path)
     for _, time_ns, _, data in recorded_messages(path, PHASE_TOPIC):
-        phase = _parsed(_PHASE, data, path).phase
-        _add_phase(phases, phase, time_ns, path)
-    _require_all(phases, path)
-    return phases
+        phases.add(_parsed(_PHASE, data, path).phase, time_ns)
+    return phases.complete()
 
 
-def recorded_angles(path: Path, *topics: str) -> dict[str, list[RecordedAngle]]:
-    """Return the angles of some topics in the order they were written. Raises `SessionError`."""
+def recorded_angles(path: Path, *topics: str, gaps: Gaps | None = None) -> dict[str, list[RecordedAngle]]:
+    """Return the angles of some topics in the order they were written.
+
+    gaps: see `recorded_messages`. Raises `SessionError`.
+    """
     found: dict[str, list[RecordedAngle]] = {topic: [] for topic in topics}
-    for topic, time_ns, _, data in recorded_messages(path, *topics):
+    for topic, time_ns, _, data in recorded_messages(path, *topics, gaps=gaps):
         found[topic].append(recorded_angle(data, path, time_ns))
     return found
 
@@ -237,18 +269,3 @@ def _arm_state(pose: Pose | None, data: bytes, path: Path, time_ns: int) -> ArmS
         wrench=joints.wrench,
         mode=joints.mode,
     )
-
-
-def _add_phase(phases: dict[Phase, int], phase: Phase, time_ns: int, path: Path) -> None:
-    """Add a phase. Raises `SessionError` where it does not follow on those so far."""
-    follows = [phase] == list(Phase)[len(phases) : len(phases) + 1]
-    begun = list(phases.values()) or [time_ns]
-    if not follows or not begun[-1] <= time_ns <= begun[0] + to_ns(_LONGEST_S):
-        raise SessionError(f"{path}: the recording is damaged (phase {phase.value} out of its order)")
-    phases[phase] = time_ns
-
-
-def _require_all(phases: dict[Phase, int], path: Path) -> None:
-    missing = [phase.value for phase in Phase if phase not in phases]
-    if missing:
-        raise SessionError(f"{path}: is no whole lift: phase {', '.join(missing)} is missing")

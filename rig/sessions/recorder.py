@@ -3,15 +3,15 @@
 Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
 schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns, plus one offset
 for the whole file, which makes them dates (`RecordingAbout`). A message's publish time is its own, of a
-frame that of capture. Its log time is the same, or that of the message before it where that one is later: so
-the file is in the order of log times, and in the order in which a replay needs it.
+frame that of capture. Its log time is the same, or that of the message before it if that one is later, so
+what arrived is in the order of log times, and in the order in which a replay needs it. The angles follow when
+the lift is over, again in the order of log times; readers that want all in one order use the file's index.
 """
 
-import heapq
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, Protocol, cast
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -42,6 +42,8 @@ IMAGE_PREFIX = "/image/"
 ANGLE_PREFIX = "/angle/"
 TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
 FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
+CHUNK_BYTES = 128 * 1024
+"""A chunk is written once it holds more than this: 4 to 8 frames, 1/25 s of a lift."""
 _LARGEST_STEP_NS = NS_PER_S
 """From a message to the next at most: one wrong stamp moves no other message's log time far."""
 _NUMBER = {"type": ["number", "null"]}
@@ -99,28 +101,47 @@ class _Message:
     data: bytes
 
 
-class LiftRecorder:
-    """Keeps the messages of one lift; `close` writes them to a binary stream and completes the file.
+class Sink(Protocol):
+    """What a recording is written to: a binary stream, or a file that does not keep the caller waiting."""
 
-    about: what the file says of itself.
+    def write(self, data: bytes, /) -> int:
+        """Take data and return their size."""
+        ...
+
+    def tell(self) -> int:
+        """Return how many bytes were written."""
+        ...
+
+
+class LiftRecorder:
+    """Writes the messages of one lift to a binary stream as they come; `close` completes the file.
+
+    about: what the file says of itself. Nothing is written before the first message. Every method raises
+    `RecordingError` if the stream does.
     """
 
-    def __init__(self, stream: IO[bytes], about: RecordingAbout | None = None) -> None:
+    def __init__(self, stream: Sink, about: RecordingAbout | None = None) -> None:
         self._about = about or RecordingAbout()
         self._described = about is None
-        # Images are compressed already; chunks of a few frames let viewers jump, and are what is read and
-        # held to its checksum at once; that of all data is for what lies between them. They save nothing
-        # from a crash: a lift is recorded in memory and reaches the disk when it is over.
+        # Images are compressed already. A chunk is read and compared with its checksum as a whole, and it is
+        # what is lost when a byte of it is damaged or when the program is killed. The checksum of all data
+        # covers what lies between chunks.
         self._writer = Writer(
-            stream, chunk_size=512 * 1024, compression=CompressionType.NONE, enable_data_crcs=True
+            cast("IO[bytes]", stream),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.NONE,
+            enable_data_crcs=True,
         )
-        self._writer.start()
-        if self._about.values:
-            self._writer.add_metadata("rig", dict(self._about.values))
+        self._begun = False
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._arrived: list[_Message] = []
+        self._latest_ns: int | None = None
         self._results: list[_Message] = []
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything was written."""
+        return self._begun
 
     def image(self, frame: Frame, jpeg: bytes) -> None:
         """Keep a frame's encoded bytes as received."""
@@ -164,7 +185,7 @@ class LiftRecorder:
         area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
         date = self._date(angle.time_ns)
         data = _json_bytes({**value, **area})
-        # known when the lift is over; its place in the file is among what was seen at its time
+        # known when the lift is over, fingertip by fingertip
         self._results.append(_Message(self._json_channel(topic, "rig.Angle"), date, date, 0, data))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
@@ -190,23 +211,35 @@ class LiftRecorder:
         return {CLOCK_OFFSET: str(offset)} if offset else {}
 
     def close(self) -> None:
-        """Write the messages in the order of their log times, and complete the file (index and summary)."""
-        results = sorted(self._results, key=_log_time)
-        for message in heapq.merge(self._arrived, results, key=_log_time):
-            self._writer.add_message(
-                message.channel, message.log_time, message.data, message.date, message.sequence
-            )
+        """Write the angles in the order of their log times, and complete the file (index and summary)."""
+        self._begin()
+        for message in sorted(self._results, key=_log_time):
+            self._write(message)
         self._writer.finish()
+
+    def _begin(self) -> None:
+        if self._begun:
+            return
+        self._begun = True
+        self._writer.start()
+        if self._about.values:
+            self._writer.add_metadata("rig", dict(self._about.values))
+
+    def _write(self, message: _Message) -> None:
+        self._writer.add_message(
+            message.channel, message.log_time, message.data, message.date, message.sequence
+        )
 
     def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
         """Keep a small JSON value under one of this module's schemas."""
         self._keep(self._json_channel(topic, schema), time_ns, _json_bytes(value), 0)
 
     def _keep(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:
+        self._begin()
         date = self._date(time_ns)
-        latest = self._arrived[-1].log_time if self._arrived else date
-        log_time = max(latest, min(date, latest + _LARGEST_STEP_NS))
-        self._arrived.append(_Message(channel, log_time, date, sequence, data))
+        latest = date if self._latest_ns is None else self._latest_ns
+        self._latest_ns = max(latest, min(date, latest + _LARGEST_STEP_NS))
+        self._write(_Message(channel, self._latest_ns, date, sequence, data))
 
     def _json_channel(self, topic: str, schema: str) -> int:
         if topic not in self._channels:

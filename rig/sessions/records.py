@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 
-from protocols.observer import Phase
+from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import STRICT, Codec
@@ -33,8 +33,8 @@ class LiftOutcome(StrEnum):
     FAULT = "fault"
 
 
-def _all_phases(phases_s: dict[Phase, float]) -> dict[Phase, float]:
-    missing = [phase.value for phase in Phase if phase not in phases_s]
+def _all_phases(phases_s: dict[str, float]) -> dict[str, float]:
+    missing = [phase.value for phase in REQUIRED if phase not in phases_s]
     if missing:
         raise ValueError(f"has no phase {', '.join(missing)}")
     return phases_s
@@ -42,6 +42,8 @@ def _all_phases(phases_s: dict[Phase, float]) -> dict[Phase, float]:
 
 Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
 """Integer nanoseconds of other times do not fit 64 bits."""
+PhaseName = Annotated[str, Field(min_length=1, max_length=40)]
+"""Of `protocols.observer.Phase`, or of a version of the rig that has more phases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +156,7 @@ class LiftFigures:
     onset_truth_s: float | None
     onset_estimate_s: float | None
     onset_alarm_s: float | None
-    phases_s: Annotated[dict[Phase, Seconds], AfterValidator(_all_phases)]
+    phases_s: Annotated[dict[PhaseName, Seconds], AfterValidator(_all_phases)]
     frames: dict[str, int]
     dropped: dict[str, int]
     states: dict[str, int]
@@ -228,10 +230,10 @@ class PoseRow:
 class ReplayRow:
     """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
 
-    react: what was to be done about slip, None in tables of before that was asked. identical: whether the
-    replay gave exactly the stored row, None where it was not to. problem: what kept
-    a lift, or a whole session (then of number 0), from being read; the figures are None then.
-    estimator_fault: where an estimator that is not the rig's own failed on frames.
+    react: what was to be done about slip, None in tables written by versions without reactions. identical:
+    whether the replay gave exactly the stored row, None where that is not expected. problem: why a lift, or a
+    whole session (number 0), cannot be read, with figures that are None; or a gap in a recording, with the
+    figures of what is left. estimator_fault: where a foreign estimator failed on frames.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -275,6 +277,11 @@ class ReplayRow:
     re_held_frames: int | None
     react: str | None = None
     estimator_fault: str | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether the row has figures, even if `problem` names a gap."""
+        return not self.problem or self.outcome is not None
 
 
 def _member(values: object) -> str:

@@ -13,11 +13,12 @@ from typing import Any, Generic, TypeVar
 
 from drivers.errors import InputError, RecordingError
 from rig.sessions.codec import Codec, json_line, json_value
-from rig.sessions.files import append_line, drop_torn_line, write_file, write_json
+from rig.sessions.files import append_line, drop_torn_line, not_written, write_file, write_json
 from rig.sessions.layout import LOCK, LOG, MANIFEST, RESULTS, TIMING
 from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest, remarked
 from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
+from rig.sessions.unfinished import set_aside
 
 Row = TypeVar("Row")
 SESSIONS = Path("sessions")
@@ -82,6 +83,19 @@ class Session(Generic[Row]):
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, data)
+
+    def adopt(self, name: str, path: Path) -> None:
+        """Give a file of the session its final name. Raises `RecordingError`.
+
+        A file that has this name belongs to work without a result: it is set aside, not overwritten.
+        """
+        final = self.folder / name
+        try:
+            if final.exists():
+                set_aside(final)
+            path.rename(final)
+        except OSError as error:
+            raise not_written(final, error) from error
 
     def finish(self, order: Callable[[Row], Any]) -> None:
         """Put the results in order (they may have come side by side) and mark the target reached."""

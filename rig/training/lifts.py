@@ -64,7 +64,7 @@ class GelViews:
 
 
 def wrist_series(
-    object_id: str, states: Sequence[ArmState], phases: dict[Phase, int], turn: Turn
+    object_id: str, states: Sequence[ArmState], phases: dict[str, int], turn: Turn
 ) -> WristSeries:
     """Put one lift's samples together with the truth."""
     lift_ns = phases[Phase.LIFT]
@@ -75,7 +75,7 @@ def wrist_series(
 
 
 def labelled_views(
-    frames: Iterator[Frame], sign: int, hand_turn_deg: float, phases: dict[Phase, int], turn: Turn
+    frames: Iterator[Frame], sign: int, hand_turn_deg: float, phases: dict[str, int], turn: Turn
 ) -> Iterator[tuple[Frame, float]]:
     """Yield one fingertip's frames from just before the lift to the end of phase C, with their angle.
 
@@ -115,7 +115,7 @@ class StoredLift:
     object_id: str
     recording: Path
     signs: Mapping[str, int]
-    phases: dict[Phase, int]
+    phases: dict[str, int]
     turn: Turn
 
     def wrist(self) -> WristSeries:

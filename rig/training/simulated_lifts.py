@@ -84,7 +84,7 @@ class _Seen(LiftObserver):
     """Keeps what happens in one lift, and how the object lay in the hand at each sample and frame."""
 
     made: LearningBench
-    phases: dict[Phase, int] = field(default_factory=dict)
+    phases: dict[str, int] = field(default_factory=dict)
     states: list[ArmState] = field(default_factory=list)
     frames: dict[str, list[Frame]] = field(default_factory=dict)
     _turns_deg: dict[int, float] = field(default_factory=dict)

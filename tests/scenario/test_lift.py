@@ -1,6 +1,8 @@
 """One lift on the simulated bench: what is kept, how faults end, and what nobody may see."""
 
 import io
+import resource
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from drivers.errors import OperatorStopError
+from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
@@ -64,8 +66,14 @@ def fault(device: str, kind: str, at_s: float = 8.0, **more: object) -> TrialSet
 
 
 @pytest.fixture(scope="module")
-def good() -> Attempt[LiftRow]:
-    return attempt_lift(settings(), TASK)
+def good(tmp_path_factory: pytest.TempPathFactory) -> Attempt[LiftRow]:
+    return attempt_lift(settings(), TASK, folder=tmp_path_factory.mktemp("good"))
+
+
+def recorded(attempt: Attempt[LiftRow]) -> bytes:
+    path = attempt.files[TASK.recording]
+    assert isinstance(path, Path)
+    return path.read_bytes()
 
 
 def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt[LiftRow]) -> None:
@@ -89,7 +97,7 @@ def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt[LiftRow]
 
 
 def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt[LiftRow]) -> None:
-    reader = make_reader(io.BytesIO(good.files[TASK.recording]))
+    reader = make_reader(io.BytesIO(recorded(good)))
     summary = reader.get_summary()
     assert summary is not None
     schemas = {schema.name: schema.encoding for schema in summary.schemas.values()}
@@ -100,10 +108,12 @@ def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt[LiftR
     assert {"/angle/estimate", "/angle/truth", "/image/SIM-D0001", "/image/SIM-C0001"} <= topics
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(good: Attempt[LiftRow]) -> None:
-    again = attempt_lift(settings(), TASK)
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(
+    good: Attempt[LiftRow], tmp_path: Path
+) -> None:
+    again = attempt_lift(settings(), TASK, folder=tmp_path)
     assert again.row == good.row
-    assert again.files[TASK.recording] == good.files[TASK.recording]
+    assert recorded(again) == recorded(good)
     other = TrialSettings(settings().bench, 1, choose_estimator())
     other_row = attempt_lift(other, TASK).row
     assert isinstance(other_row, FinishedLift)
@@ -193,10 +203,27 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
     assert opening <= bench.gripper.limits.counts_for_opening(plan.width_m)
 
 
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """No file of this process may become larger than 2 MB."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.usefixtures("small_disk")
+def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"001\.unfinished\.mcap: cannot be written") as raised:
+        attempt_lift(settings(), TASK, folder=tmp_path)
+    (note,) = raised.value.__notes__
+    assert note in ("object set down, fingers open, arm retreated", "nothing held, fingers open, arm risen")
+
+
 def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow]) -> None:
     """Frames of noise in place of the real ones leave nothing to answer."""
     path = tmp_path / "lift.mcap"
-    path.write_bytes(good.files[TASK.recording])
+    path.write_bytes(recorded(good))
     measurement = new_measurement(settings())
 
     class Noise(Relay):

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.types import Frame
-from protocols.observer import Phase
 from rig.config import BenchConfig, load_bench
 from rig.results.metrics import summarize
 from rig.sessions.codec import json_line, json_value
@@ -79,7 +78,7 @@ def a_lift(number: int = 1, **changes: Any) -> FinishedLift:
         re=error, re_b=error, re_held=error, answered=1.0, grip_counts=4, lift_height_m=0.05,
         contact_area_px=dict.fromkeys(TIPS, 9000.0), final_estimate_deg=12.0, final_truth_deg=12.0,
         onset_truth_s=0.34, onset_estimate_s=0.38, onset_alarm_s=0.40,
-        phases_s={Phase(phase): begins for phase, begins in PHASES_S.items()},
+        phases_s=dict(PHASES_S),
         frames={**dict.fromkeys(TIPS, 150), "camera": 75}, dropped=dict.fromkeys((*TIPS, "camera"), 0),
         states={"tracking": 300, "lost": 0}, skipped={"alignment": 10}, disagreements={"tilt": 0},
         seed=number, simulated=True, force_n=None,

@@ -45,7 +45,7 @@ class RecordedLift:
     row: FinishedLift
     recording: Path
     tips: Tips
-    phases: Mapping[Phase, int]
+    phases: Mapping[str, int]
     backgrounds: Mapping[str, Image]
 
     def frames(self, serial: str) -> Iterator[Frame]:

@@ -58,7 +58,7 @@ def _lift(number: int, rng: np.random.Generator) -> FinishedLift:
         re_held=error, contact_area_px={"SIM-D0001": 9000.0, "SIM-D0002": 8700.0}, answered=1.0,
         final_estimate_deg=turn_deg, final_truth_deg=turn_deg + 0.1, onset_truth_s=onset_s,
         onset_estimate_s=onset_s + 0.02, onset_alarm_s=onset_s + 0.05,
-        phases_s={phase: 3.0 * i for i, phase in enumerate(Phase)},
+        phases_s={phase.value: 3.0 * i for i, phase in enumerate(Phase)},
         frames={"SIM-D0001": 610, "SIM-D0002": 610, "camera": 305},
         dropped={"SIM-D0001": 0, "SIM-D0002": 0, "camera": 0},
         states={"tracking": 900, "rekeyed": 4, "no_contact": 300, "lost": 6, "unobservable": 10},

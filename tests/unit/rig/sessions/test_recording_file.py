@@ -16,10 +16,11 @@ from mcap.writer import CompressionType, Writer
 from drivers.errors import SessionError
 from protocols.observer import LiftObserver
 from rig.results.listing import SessionState, list_session
-from rig.sessions import recording_file
+from rig.sessions import recording_chunks
 from rig.sessions.reading import phase_times, recorded_angles, recorded_frames, show_again
 from rig.sessions.recorder import FUSED_TOPIC
-from rig.sessions.recording_file import MOST_CHUNK, check_recording, recorded_messages
+from rig.sessions.recording_chunks import MOST_CHUNK
+from rig.sessions.recording_file import check_recording, recorded_messages
 from rig.sessions.rows import read_usable_lifts
 from support.command_line import rig
 
@@ -118,8 +119,8 @@ def test_a_few_bytes_that_stand_for_gigabytes_are_refused_before_they_are_unpack
     tmp_path: Path, packed: CompressionType, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     most: list[int] = []
-    unpacked = recording_file._unpacked
-    monkeypatch.setattr(recording_file, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
+    unpacked = recording_chunks._unpacked
+    monkeypatch.setattr(recording_chunks, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
     path = tmp_path / "bomb.mcap"
     data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
     assert len(data) < 400_000

@@ -71,7 +71,7 @@ def test_what_is_written_only_where_it_is_so_is_absent_elsewhere(lift_row: MakeR
         (lambda row: row.update(simulated=1), "'simulated' Input should be a valid boolean, found 1"),
         (lambda row: row.update(outcome="flown"), "'outcome' Input should be 'slipped'"),
         (lambda row: row.update(frames={"D1": 3.5}), "'frames.D1' Input should be a valid integer"),
-        (lambda row: row.update(phases_s={"D": 1.0}), "'phases_s.D.[key]' Input should be 'reference'"),
+        (lambda row: row.update(phases_s={"D": 1.0}), "has no phase reference, A, B, C, lower"),
         (lambda row: row.update(accepted=False), "'outcome' Input should be <LiftOutcome.FAULT"),
         (lambda row: row.update(accepted=1), "'accepted' Input should be False, found 1"),
     ],

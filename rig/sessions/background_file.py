@@ -1,0 +1,105 @@
+"""A file that a thread of its own writes, so that the control loop never waits for a disk."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock, Thread
+
+from drivers.errors import RecordingError
+from rig.sessions.files import not_written
+
+MOST_WAITING = 64_000_000
+"""Bytes that may wait for the disk: about 20 s of a lift at 3 MB/s. A disk that stalls longer is a fault."""
+
+
+class BackgroundFile:
+    """A new file for binary data. `write` copies nothing and waits for nothing; `close` waits for the disk.
+
+    names: paths in order of preference. The first that does not exist is created at the first write, so an
+    existing file is never overwritten, and a file to which nothing is written is never created.
+    """
+
+    def __init__(self, names: Iterable[Path]) -> None:
+        self._names = iter(names)
+        self._path = next(self._names)
+        self._queue: SimpleQueue[bytes | None] = SimpleQueue()
+        self._lock = Lock()
+        self._waiting = 0
+        self._size = 0
+        self._failure: OSError | None = None
+        self._thread: Thread | None = None
+
+    @property
+    def path(self) -> Path:
+        """Where the file is; before the first write the preferred path."""
+        return self._path
+
+    def write(self, data: bytes) -> int:
+        """Queue data and return their size.
+
+        Raises `RecordingError` if the file cannot be created, if an earlier write failed, as on a full disk,
+        or if the disk is slower than the data for longer than the queue lasts.
+        """
+        if self._thread is None:
+            self._thread = self._started()
+        self._raise_failure()
+        with self._lock:
+            self._waiting += len(data)
+        if self._waiting > MOST_WAITING:
+            raise RecordingError(
+                f"{self._path}: the disk is too slow: {self._waiting / 1e6:.0f} MB wait to be written; "
+                "use a faster disk, or end other programs that write, then continue with --resume"
+            )
+        self._queue.put(data)
+        self._size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how many bytes were given to `write`."""
+        return self._size
+
+    def close(self) -> None:
+        """Wait until all data are on the disk. Safe to call twice. Raises `RecordingError` if that fails."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join()
+        self._raise_failure()
+
+    def _started(self) -> Thread:
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            handle = self._created()
+        except OSError as error:
+            raise not_written(self._path, error) from error
+        thread = Thread(
+            target=self._write_all, args=(handle,), name=f"writer of {self._path.name}", daemon=True
+        )
+        thread.start()
+        return thread
+
+    def _created(self) -> int:
+        while True:
+            try:
+                return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            except FileExistsError:
+                self._path = next(self._names)
+
+    def _write_all(self, handle: int) -> None:
+        """Write what is queued until `close`; after a failure write no more."""
+        try:
+            while (data := self._queue.get()) is not None:
+                left = memoryview(data)
+                while left:
+                    left = left[os.write(handle, left) :]
+                with self._lock:
+                    self._waiting -= len(data)
+            os.fsync(handle)
+        except OSError as error:
+            self._failure = error
+        finally:
+            os.close(handle)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise not_written(self._path, self._failure) from self._failure

@@ -1,0 +1,130 @@
+"""A lift that is interrupted leaves its recording, which is read up to its end and never counts."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from protocols.observer import Phase
+from rig.config import BenchConfig
+from rig.experiments.interrupted import interrupted_lifts
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.results.listing import SessionState, list_session
+from rig.sessions.reading import phase_times, recorded_frames
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
+from rig.sessions.recording_file import recording_gaps
+from rig.sessions.rows import read_finished_lifts
+from rig.sessions.unfinished import unfinished_recordings
+from rig.tactile.estimators import choose_estimator
+from support.command_line import rig
+
+SETTINGS = ["--object", "t2", "--lifts", "2", "--estimator", "pca", "--no-report"]
+BYTES = 400_000
+
+
+def interrupted_after(size: int, how: signal.Signals, folder: Path, bench: Path, jobs: str = "1") -> None:
+    """Start a trial and send it a signal when a recording of it has a size."""
+    words = ["trial", *SETTINGS, "--bench", str(bench), "--out", str(folder), "--resume", "--jobs", jobs]
+    process = subprocess.Popen([sys.executable, "-m", "rig", *words], stderr=subprocess.PIPE)
+    before = set(unfinished_recordings(folder))
+    deadline = time.monotonic() + 60.0
+    while not any(p.stat().st_size > size for p in set(unfinished_recordings(folder)) - before):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.002)
+    process.send_signal(how)
+    process.communicate(timeout=60)
+
+
+@pytest.fixture
+def killed(tmp_path: Path, light_bench_file: Path) -> Path:
+    """A session whose first lift was killed in the middle."""
+    interrupted_after(BYTES, signal.SIGKILL, tmp_path / "s", light_bench_file)
+    return tmp_path / "s"
+
+
+def test_recording_of_a_killed_lift_is_kept_and_read_up_to_its_end(
+    killed: Path, light_bench: BenchConfig
+) -> None:
+    [path] = unfinished_recordings(killed)
+    assert path.name == "001.unfinished.mcap"
+    assert recording_gaps(path) == []
+    assert next(iter(phase_times(path))) == Phase.REFERENCE
+    assert len(list(recorded_frames(path, "SIM-D0001"))) > 5
+    settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
+    [lift], problems = interrupted_lifts(killed, settings)
+    assert problems == ()
+    assert lift.name == "toothbrush, lift 1"
+    assert lift.seconds > 0.3
+    assert not (killed / "lifts.jsonl").exists()
+    entry = list_session(killed)
+    assert (entry.state, entry.done, entry.problem) == (SessionState.UNFINISHED, 0, None)
+
+
+def test_resumed_session_repeats_the_lift_and_keeps_what_was_interrupted(
+    killed: Path, tmp_path: Path, light_bench_file: Path
+) -> None:
+    first = (killed / "lifts" / "001.unfinished.mcap").read_bytes()
+    interrupted_after(BYTES, signal.SIGINT, killed, light_bench_file)
+    names = [path.name for path in unfinished_recordings(killed)]
+    assert names == ["001.unfinished-2.mcap", "001.unfinished.mcap"]
+    done = rig("trial", *SETTINGS, "--bench", light_bench_file, "--out", killed, "--resume", "--jobs", "2")
+    assert done.returncode == 0, done.stderr
+    rows = read_finished_lifts(killed)
+    assert [row.recording for row in rows] == ["lifts/001.mcap", "lifts/002.mcap"]
+    assert (killed / "lifts" / "001.unfinished.mcap").read_bytes() == first
+    assert [path.name for path in unfinished_recordings(killed)] == names
+    alone = run_trial(
+        tmp_path / "alone",
+        TrialSettings(load_light(light_bench_file), 0, choose_estimator("pca")),
+        ["t2"],
+        2,
+    )
+    assert alone.lifts_accepted == 2
+    for row in rows:
+        assert (killed / row.recording).read_bytes() == (tmp_path / "alone" / row.recording).read_bytes()
+
+
+def load_light(file: Path) -> BenchConfig:
+    from rig.config import load_bench
+
+    return load_bench(str(file))
+
+
+def test_killed_parent_of_two_workers_leaves_both_recordings(tmp_path: Path, light_bench_file: Path) -> None:
+    interrupted_after(BYTES, signal.SIGKILL, tmp_path / "s", light_bench_file, jobs="2")
+    time.sleep(1.0)
+    names = {path.name for path in unfinished_recordings(tmp_path / "s")}
+    assert names <= {"001.unfinished.mcap", "002.unfinished.mcap"}
+    assert names
+
+
+def test_replay_and_play_show_an_interrupted_lift_that_reached_phase_b(
+    tmp_path: Path, light_bench_file: Path, one_lift: Path, light_bench: BenchConfig
+) -> None:
+    """The recording of a whole lift, cut off in phase C as a kill would."""
+    session = tmp_path / "s"
+    interrupted_after(BYTES, signal.SIGKILL, session, light_bench_file)
+    whole = (one_lift / "lifts" / "001.mcap").read_bytes()
+    unfinished = session / "lifts" / "001.unfinished.mcap"
+    unfinished.write_bytes(whole[: len(whole) * 8 // 10])
+    done = rig("replay", session, "--json")
+    assert done.returncode == 2  # no lift is finished
+    [lift] = json.loads(done.stdout)["unfinished"]
+    assert lift["recording"] == "lifts/001.unfinished.mcap"
+    assert lift["phases"][:3] == ["reference", "A", "B"]
+    assert lift["estimate_deg"] is not None
+    assert "unfinished, not counted: lifts/001.unfinished.mcap: toothbrush, lift 1" in done.stderr
+    film = tmp_path / "film.avi"
+    played = rig("play", session, "--lift", "001.unfinished", "--fps", "5", "--out", film)
+    assert played.returncode == 0, played.stderr
+    assert film.stat().st_size > 1000
+    settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
+    [lift], _ = interrupted_lifts(session, settings)
+    assert lift.last_deg(FUSED_TOPIC) is not None
+    assert lift.last_deg(TRUTH_TOPIC) is not None

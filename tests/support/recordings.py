@@ -1,0 +1,64 @@
+"""Recordings written again: with other phases, in smaller chunks, with damaged ones."""
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from rig.sessions.recording_chunks import summary_layout
+
+Edit = Callable[[str], list[tuple[str, int]]]
+"""Returns the phases to write for one, by name, each with how much later, ns."""
+
+
+def written_again(
+    recording: Path, edit: Edit = lambda name: [(name, 0)], chunk_bytes: int = 1_000_000
+) -> None:
+    """Write a recording again, with other phases or in other chunks."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE, enable_data_crcs=True)
+    writer.start()
+    channels: dict[int, int] = {}
+    with recording.open("rb") as source:
+        for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.id not in channels:
+                kept = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, kept, dict(channel.metadata)
+                )
+            messages = [(message.data, 0)]
+            if channel.topic == "/phase":
+                phases = edit(json.loads(message.data)["phase"])
+                messages = [(json.dumps({"phase": name}).encode(), later_ns) for name, later_ns in phases]
+            for data, later_ns in messages:
+                date = message.publish_time + later_ns
+                writer.add_message(channels[channel.id], date, data, date, message.sequence)
+    writer.finish()
+    recording.write_bytes(stream.getvalue())
+
+
+def damage_chunks(recording: Path, *numbers: int) -> None:
+    """Flip a bit in the middle of chunks, numbered from 1."""
+    data = bytearray(recording.read_bytes())
+    with recording.open("rb") as stream:
+        chunks = summary_layout(stream).chunks
+    for number in numbers:
+        index = chunks[number - 1]
+        data[index.chunk_start_offset + index.chunk_length // 2] ^= 1
+    recording.write_bytes(data)
+
+
+def chunk_with(recording: Path, topic: str, number: int = 0) -> int:
+    """Return which chunk, from 1, holds a topic: the first such chunk, or that after `number` others."""
+    with recording.open("rb") as stream:
+        layout = summary_layout(stream)
+    holding = [
+        place
+        for place, index in enumerate(layout.chunks, start=1)
+        if topic in {layout.topics[channel] for channel in index.message_index_offsets}
+    ]
+    return holding[number]

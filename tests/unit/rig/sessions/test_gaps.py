@@ -1,0 +1,137 @@
+"""Of a recording with damaged chunks everything else is used, and the gap is named."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import SessionError
+from protocols.observer import Phase
+from rig.experiments.batch_replay import plan_replays, replay_task
+from rig.experiments.replay import run_replay
+from rig.report.session import find_lift, read_trial
+from rig.report.write import write_report
+from rig.results.listing import SessionState, list_session
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.recording_file import recorded_messages, recording_gaps
+from rig.sessions.rows import read_finished_lifts
+from support.command_line import rig
+from support.recordings import chunk_with, damage_chunks, written_again
+
+CHUNK_BYTES = 15_000
+FRAMES = "/image/SIM-D0001"
+
+
+@pytest.fixture
+def trial(tmp_path: Path, stored_trial_twice: Callable[[Path], Path]) -> Path:
+    """Two lifts in recordings of many chunks."""
+    folder = stored_trial_twice(tmp_path / "trial")
+    for row in read_finished_lifts(folder):
+        written_again(folder / row.recording, chunk_bytes=CHUNK_BYTES)
+    return folder
+
+
+@pytest.fixture
+def damaged_chunk(trial: Path) -> int:
+    """A chunk of lift 2, in the middle of the lift, in which a bit has flipped."""
+    recording = trial / "lifts" / "002.mcap"
+    number = chunk_with(recording, "/phase", 2) + 1
+    damage_chunks(recording, number)
+    return number
+
+
+def test_messages_before_and_after_a_damaged_chunk_are_read(trial: Path) -> None:
+    recording = trial / "lifts" / "001.mcap"
+    whole = list(recorded_messages(recording))
+    damage_chunks(recording, 3, 7)
+    gaps: list[str] = []
+    left = list(recorded_messages(recording, gaps=gaps))
+    assert 0.8 * len(whole) < len(left) < len(whole)
+    in_order = iter(whole)
+    assert all(message in in_order for message in left)
+    assert [gap.split(",")[0].split(" of")[0] for gap in gaps] == ["chunk 3", "chunk 7"]
+    assert all(gap.endswith(" s: the checksum differs") for gap in gaps)
+    assert recording_gaps(recording) == gaps
+    with pytest.raises(SessionError, match=r"chunk 3 of \d+, .* s: the checksum differs"):
+        list(recorded_messages(recording))
+
+
+def test_a_recording_without_its_end_is_read_up_to_there(trial: Path) -> None:
+    recording = trial / "lifts" / "001.mcap"
+    whole = list(recorded_messages(recording))
+    data = recording.read_bytes()
+    recording.write_bytes(data[: len(data) // 2])
+    gaps: list[str] = []
+    left = list(recorded_messages(recording, gaps=gaps))
+    assert left == whole[: len(left)]
+    assert len(left) > 0.3 * len(whole)
+    assert gaps == ["it is cut short"]
+    with pytest.raises(SessionError, match="it is cut short"):
+        list(recorded_messages(recording))
+
+
+def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_chunk: int) -> None:
+    replay = run_replay(trial, None, None, jobs=1)
+    stored, partly = replay.rows
+    assert partly.phases_s == stored.phases_s
+    assert sum(partly.dropped.values()) > sum(stored.dropped.values())
+    assert 0 < sum(partly.frames.values()) < sum(stored.frames.values())
+    assert partly.final_estimate_deg == pytest.approx(stored.final_estimate_deg, abs=1.0)
+    [problem] = replay.problems
+    assert f"002.mcap: the recording is damaged (chunk {damaged_chunk} of " in problem
+    assert problem.endswith("what comes before and after was used")
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+def test_a_phase_hidden_by_a_gap_is_taken_from_the_lifts_row(trial: Path, phase: Phase) -> None:
+    recording = trial / "lifts" / "002.mcap"
+    damage_chunks(recording, chunk_with(recording, "/phase", list(Phase).index(phase)))
+    replay = run_replay(trial, None, None, jobs=1)
+    stored, partly = replay.rows
+    assert partly.phases_s == stored.phases_s
+    assert partly.final_estimate_deg == pytest.approx(stored.final_estimate_deg, abs=2.0)
+    assert len(replay.problems) == 1
+
+
+def test_table_of_many_sessions_has_the_figures_and_the_gap(trial: Path, damaged_chunk: int) -> None:
+    plan = plan_replays([trial], "pca", None)
+    whole, partly = (replay_task(task) for task in plan.tasks)
+    assert whole.problem is None
+    assert partly.problem is not None
+    assert f"chunk {damaged_chunk} of " in partly.problem
+    assert partly.measured
+    assert partly.final_estimate_deg is not None
+
+
+def test_report_shows_the_rest_of_a_lift_and_names_the_gap(trial: Path, tmp_path: Path) -> None:
+    recording = trial / "lifts" / "002.mcap"
+    damaged_chunk = chunk_with(recording, "/angle/estimate")
+    damage_chunks(recording, damaged_chunk)
+    shown = read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial"))
+    whole, partly = (lift.curves for lift in shown.lifts)
+    assert whole is not None
+    assert partly is not None
+    assert 0 < partly.estimate.time_s.size < whole.estimate.time_s.size
+    written = write_report([trial], tmp_path / "report.html")
+    [problem] = written.problems
+    assert problem.startswith("1 of 2 recordings are damaged in part: toothbrush, lift 2 (lifts/002.mcap: ")
+    assert f"chunk {damaged_chunk} of " in problem
+    assert "cannot be shown" not in written.path.read_text()
+
+
+def test_listing_names_every_gap(trial: Path) -> None:
+    damage_chunks(trial / "lifts" / "002.mcap", 3, 7)
+    entry = list_session(trial)
+    assert entry.state is SessionState.BROKEN
+    assert "002.mcap: the recording is damaged (chunk 3 of " in str(entry.problem)
+    assert "; chunk 7 of " in str(entry.problem)
+
+
+def test_film_is_made_and_the_command_names_the_gap(trial: Path, damaged_chunk: int, tmp_path: Path) -> None:
+    manifest = read_manifest_of(trial, TrialManifest, "no trial")
+    assert len(find_lift(trial, manifest, "2").gaps) == 1
+    film = tmp_path / "film.avi"
+    done = rig("play", trial, "--lift", "2", "--fps", "5", "--out", film)
+    assert done.returncode == 2
+    assert film.stat().st_size > 1000
+    assert f"002.mcap: the recording is damaged (chunk {damaged_chunk} of " in done.stderr.splitlines()[-1]

@@ -1,0 +1,157 @@
+"""A recording is on the disk while its lift goes on, and keeps its unfinished name if that is interrupted."""
+
+import os
+import resource
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import OperatorStopError, RecordingError
+from drivers.types import Frame
+from rig.config import load_bench
+from rig.sessions import background_file
+from rig.sessions.background_file import BackgroundFile
+from rig.sessions.manifest import TrialManifest, begun_on
+from rig.sessions.recorder import LiftRecorder
+from rig.sessions.records import LIFTS, FinishedLift
+from rig.sessions.session import open_session
+from rig.sessions.unfinished import completed, new_recording, unfinished_recordings
+
+RECORDING = "lifts/007.mcap"
+MB = 1_000_000
+
+
+def frame(number: int) -> Frame:
+    return Frame(np.zeros((1, 1, 3), np.uint8), (1 + number) * 10_000_000, number, "T1")
+
+
+def record(recorder: LiftRecorder, frames: int, size: int = 20_000) -> None:
+    for number in range(frames):
+        recorder.image(frame(number), os.urandom(size))
+
+
+def interrupt(recorder: LiftRecorder, file: BackgroundFile, frames: int) -> None:
+    with completed(recorder, file):
+        record(recorder, frames)
+        raise OperatorStopError("stopped")
+
+
+def writers() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("writer of")]
+
+
+def test_frames_are_on_the_disk_before_the_lift_is_over(tmp_path: Path) -> None:
+    file = new_recording(tmp_path, RECORDING)
+    recorder = LiftRecorder(file)
+    with completed(recorder, file):
+        record(recorder, 100)
+        deadline = time.monotonic() + 10.0
+        while file.path.stat().st_size < 1.8 * MB and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert file.path == tmp_path / "lifts" / "007.unfinished.mcap"
+        assert file.path.stat().st_size >= 1.8 * MB
+
+
+def test_second_recording_of_a_lift_does_not_overwrite_the_first(tmp_path: Path) -> None:
+    for frames in (3, 5):
+        file = new_recording(tmp_path, RECORDING)
+        recorder = LiftRecorder(file)
+        with pytest.raises(OperatorStopError):
+            interrupt(recorder, file, frames)
+    names = [path.name for path in unfinished_recordings(tmp_path)]
+    assert names == ["007.unfinished-2.mcap", "007.unfinished.mcap"]
+    small, large = (tmp_path / "lifts" / name for name in reversed(names))
+    assert 0 < small.stat().st_size < large.stat().st_size
+
+
+def test_a_lift_that_ends_before_its_first_message_leaves_no_file(tmp_path: Path) -> None:
+    file = new_recording(tmp_path, RECORDING)
+    with pytest.raises(OperatorStopError), completed(LiftRecorder(file), file):
+        raise OperatorStopError("stopped")
+    assert list(tmp_path.iterdir()) == []
+    assert writers() == []
+
+
+def test_slow_disk_does_not_delay_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = os.write
+
+    def slow(handle: int, data: bytes) -> int:
+        time.sleep(0.2)
+        return write(handle, data)
+
+    monkeypatch.setattr(background_file.os, "write", slow)
+    file = BackgroundFile(iter([tmp_path / "a"]))
+    began = time.perf_counter()
+    for _ in range(5):
+        file.write(bytes(1000))
+    assert time.perf_counter() - began < 0.2
+    file.close()
+    assert (tmp_path / "a").stat().st_size == file.tell() == 5000
+    assert writers() == []
+
+
+def test_disk_that_stalls_for_too_long_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    released, write = threading.Event(), os.write
+
+    def stalled(handle: int, data: bytes) -> int:
+        released.wait(10.0)
+        return write(handle, data)
+
+    monkeypatch.setattr(background_file.os, "write", stalled)
+    file = BackgroundFile(iter([tmp_path / "a"]))
+    with pytest.raises(RecordingError, match=r"a: the disk is too slow: 6[45] MB wait to be written"):
+        deque(map(file.write, [bytes(MB)] * 70), maxlen=0)
+    released.set()
+    file.close()
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """No file of this process may become larger than 1 MB."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (MB, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.usefixtures("small_disk")
+def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
+    file = new_recording(tmp_path, RECORDING)
+    recorder = LiftRecorder(file)
+    sizes: list[int] = []
+
+    def until_full() -> None:
+        with completed(recorder, file):
+            for number in range(500):
+                recorder.image(frame(number), bytes(20_000))
+                sizes.append(file.tell())
+                time.sleep(0.001)
+
+    with pytest.raises(RecordingError, match=r"007\.unfinished\.mcap: cannot be written"):
+        until_full()
+    assert MB < max(sizes) < 4 * MB
+    assert file.path.stat().st_size == MB
+    assert writers() == []
+
+
+def test_final_name_is_given_without_overwriting_a_recording_that_has_no_line(
+    tmp_path: Path, lift_row: Callable[..., FinishedLift]
+) -> None:
+    """As after a crash between the renaming of a recording and its line in the results."""
+    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
+    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:
+        lifts = session.folder / "lifts"
+        lifts.mkdir()
+        (lifts / "007.mcap").write_bytes(b"older")
+        (lifts / "007.unfinished.mcap").write_bytes(b"newer")
+        session.adopt("lifts/007.mcap", lifts / "007.unfinished.mcap")
+        assert (lifts / "007.mcap").read_bytes() == b"newer"
+        assert (lifts / "007.unfinished-2.mcap").read_bytes() == b"older"
+        with pytest.raises(RecordingError, match=r"008\.mcap: cannot be written"):
+            session.adopt("lifts/008.mcap", lifts / "008.unfinished.mcap")

@@ -87,7 +87,7 @@ def sessions(
         console.print(f"{folder}: no {'such ' if tags or objects else ''}session here")
     for entry in entries:
         if entry.problem:
-            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True, markup=False)
+            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
     page = None if wear is None else _wear_page(entries, wear)
     if json:
         listed = {"folder": str(folder), "sessions": [_as_json(entry) for entry in entries]}
@@ -144,13 +144,11 @@ def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
 
 
 def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
-    from rich.markup import escape
     from rich.table import Table
-    from rich.text import Text
 
     from rig.cli.printing import mare_text
 
-    table = Table(title=escape(f"sessions in {folder}; MARE over phases B and C, degrees"))
+    table = Table(title=f"sessions in {folder}; MARE over phases B and C, degrees")
     said = {
         "name": lambda entry: entry.remarks.name,
         "tags": lambda entry: ", ".join(entry.remarks.tags),
@@ -183,7 +181,7 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
             f"{entry.size_bytes / MB:.1f}",
             entry.state.value,
         )
-        table.add_row(*map(Text, cells))
+        table.add_row(*cells)
     return table
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivers.errors import SessionError
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
 
@@ -65,7 +66,8 @@ def sessions(
     """List sessions: date, kind, objects, lifts, MARE, size; broken ones with what is wrong.
 
     A recording or image that is missing, or whose bytes are not as they were written, makes a session
-    broken. Of more than 20 sessions the bytes are only read with --check.
+    broken. Of more than 20 sessions the bytes are only read with --check, which ends with exit code 2 if a
+    session is broken.
 
     Examples:
       rig sessions
@@ -92,6 +94,9 @@ def sessions(
     if json:
         listed = {"folder": str(folder), "sessions": [_as_json(entry) for entry in entries]}
         emit_json({**listed, "wear": page} if page else listed)
+    broken = sum(entry.state == "broken" for entry in entries)
+    if check and broken:
+        raise SessionError(f"{folder}: {broken} of {len(entries)} sessions are broken: each is named above")
 
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":

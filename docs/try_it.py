@@ -1,4 +1,4 @@
-"""Runs every `rig` line of the pages once: `python docs/try_it.py --out tried`. See `try_it.md`."""
+"""Runs the `rig` lines of each page in an empty folder: `python docs/try_it.py --out tried` (`try_it.md`)."""
 
 import argparse
 import re
@@ -10,14 +10,15 @@ import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 AT_MOST_S, LONG_AT_MOST_S = 300.0, 7200.0
 ALLOWED = {"rig benchmark": (0, 4), "rig calibrate": (0,)}
 """Exit codes that count as done; 4 is a missed limit."""
-FIRST = "rig trial --object wrench --lifts 1 --out first"
-"""The session from which frames, a clip and a background are taken."""
+FIRST = "rig trial --object wrench --lifts 1 --out lift"
+"""The session from which the reader's own frames, clip, background and session are made."""
 _INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
@@ -28,12 +29,15 @@ NEEDS = {
     r"my_lab|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
     r"benchmark clips": "needs labels that somebody drew",
+    r"TactileTracking|digit-pose-estimation": "needs a public set",
     r"benchmark others": "needs clones of others' repositories",
     r"^rig trial --resume(?! --out)": "needs an unfinished session",
 }
 LONG = r"rig benchmark|rig trial --lifts 5|--full|--all"
-STANDS_FOR = {"FRAMES": "frames", "CLIPS": "clips", "SESSIONS...": "sessions",
-              "SESSION": "first", "CLIP": "clips/pen_2"}  # fmt: skip
+OWN = {"FRAMES": "frames", "frames": "frames", "empty.png": "empty.png", "CLIPS": "clips", "clips": "clips",
+       "CLIP": "clips/pen_2", "SESSIONS...": "sessions", "sessions": "sessions",
+       "SESSION": "sessions/campaign"}  # fmt: skip
+"""Names by which pages speak of files that a reader brings, and the stand-ins in the folder of such files."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +50,14 @@ class Line:
 
 
 def command_lines(long: bool) -> list[Line]:
-    """Return the lines of all pages, each once, in the order of the index."""
+    """Return the lines of all pages, each once a page, in the order of the index."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     pages = [ROOT / "docs" / f"{name}.md" for name in re.findall(r"\]\((\w+)\.md\)", index)]
-    found: dict[str, Line] = {}
-    for page in pages:
-        for text in typed_lines(page.read_text(encoding="utf-8")):
-            found.setdefault(text, Line(page.name, text, reason(text, long)))
-    # what is calibrated is used by all that comes after
-    return sorted(found.values(), key=lambda line: line.page == "calibrating.md")
+    return [
+        Line(page.name, text, reason(text, long))
+        for page in pages
+        for text in dict.fromkeys(typed_lines(page.read_text(encoding="utf-8")))
+    ]
 
 
 def typed_lines(page: str) -> list[str]:
@@ -73,38 +76,45 @@ def reason(text: str, long: bool) -> str:
     return "takes many minutes; --long runs it" if re.search(LONG, text) and not long else ""
 
 
-def bring_along(folder: Path) -> None:
-    """Make what a person would bring: frames, a background, a clip, a bench file's neighbours."""
+def make_own_files(folder: Path) -> str:
+    """Make what a reader would bring: frames, a background, a clip, a session; return what went wrong."""
     from drivers.images import encode_png
     from rig.frames.of_session import session_frames
 
-    tip = session_frames(folder / "first")[0][0]
+    folder.mkdir()
+    with ExitStack() as ending:
+        wrong = run(Line("", FIRST), folder, folder, AT_MOST_S, ending)
+    if wrong:
+        return wrong
+    tip = session_frames(folder / "lift")[0][0]
     clip = folder / "clips" / "pen_2"
     for frames in (folder / "frames", clip / "frames"):
-        frames.mkdir(parents=True, exist_ok=True)
+        frames.mkdir(parents=True)
         for number, frame in enumerate(tip.frames):
             if frame.image is not None:
                 (frames / f"{number:04d}.png").write_bytes(encode_png(frame.image))
     for place in (folder / "empty.png", clip / "background.png"):
         place.write_bytes(encode_png(tip.background))
-    (folder / "objects").mkdir()
-    shutil.copytree(folder / "first", folder / "sessions" / "campaign", dirs_exist_ok=True)
+    shutil.copytree(folder / "lift", folder / "sessions" / "campaign")
+    return ""
 
 
-def typed(line: Line, folder: Path) -> list[str]:
-    """Return the words behind `rig`, with what stands for a person's own."""
-    text = line.text
-    for name, instead in STANDS_FOR.items():
-        text = re.sub(rf"(?<![\w-]){re.escape(name)}(?!\w)", instead, text)
-    words: list[str] = []
-    for word in shlex.split(text)[1:]:
-        words += sorted(str(p.relative_to(folder)) for p in folder.glob(word)) if "*" in word else [word]
+def typed(line: Line, folder: Path, own: Path) -> list[str]:
+    """Return the words behind `rig` as printed, but for names of a reader's own files, which lie in `own`."""
+    command, *rest = shlex.split(line.text)[1:]
+    words = [command]
+    for word in rest:
+        name, _, inside = word.partition("/")
+        if name in OWN:
+            words.append(str(own.absolute() / OWN[name] / inside))
+        else:
+            words += sorted(str(p.relative_to(folder)) for p in folder.glob(word)) if "*" in word else [word]
     return words
 
 
-def serve(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
+def serve(line: Line, folder: Path, own: Path, at_most_s: float, ending: ExitStack) -> str:
     """Start what serves until the page's end, as in another terminal; return what went wrong."""
-    words, nowhere = typed(line, folder), subprocess.DEVNULL
+    words, nowhere = typed(line, folder, own), subprocess.DEVNULL
     command = [sys.executable, "-m", "rig", *words]
     process = subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)  # noqa: S603 - as below
     ending.callback(process.wait, 30)
@@ -117,11 +127,11 @@ def serve(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
     return ""
 
 
-def run(line: Line, folder: Path, at_most_s: float, ending: ExitStack) -> str:
-    """Run a line; return an empty text, or what went wrong. ending: what is to be done after the page."""
+def run(line: Line, folder: Path, own: Path, at_most_s: float, ending: ExitStack) -> str:
+    """Run a line in a folder; return an empty text, or what went wrong. ending: what ends with the page."""
     if line.text.startswith("rig fakes serve"):
-        return serve(line, folder, at_most_s, ending)
-    command = [sys.executable, "-m", "rig", *typed(line, folder)]
+        return serve(line, folder, own, at_most_s, ending)
+    command = [sys.executable, "-m", "rig", *typed(line, folder, own)]
     quiet = {"capture_output": True, "text": True, "stdin": subprocess.DEVNULL}
     try:
         done = subprocess.run(command, cwd=folder, timeout=at_most_s, **quiet)  # noqa: S603 - our own pages'
@@ -139,31 +149,33 @@ def main() -> int:
     parser.add_argument("--long", action="store_true", help="Also those that take many minutes.")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True)
-    with ExitStack() as ending:
-        failed = try_all(
-            command_lines(asked.long), asked.out, ending, LONG_AT_MOST_S if asked.long else AT_MOST_S
-        )
+    own = asked.out / "own_files"
+    wrong = make_own_files(own)
+    if wrong:
+        print(f"the first lift fails, and the pages need its frames: {wrong}")
+        return 1
+    failed = 0
+    for page, lines in groupby(command_lines(asked.long), lambda line: line.page):
+        folder = asked.out / Path(page).stem
+        folder.mkdir()
+        failed += try_page(list(lines), folder, own, LONG_AT_MOST_S if asked.long else AT_MOST_S)
     print(f"{failed} failed")
     return 1 if failed else 0
 
 
-def try_all(lines: list[Line], folder: Path, ending: ExitStack, at_most_s: float) -> int:
-    """Run lines, one after the other, and say what became of each; return how many failed."""
+def try_page(lines: list[Line], folder: Path, own: Path, at_most_s: float) -> int:
+    """Run the lines of a page in an empty folder; print each result and return how many failed."""
     failed = 0
-    for before, line in zip([None, *lines], lines, strict=False):
-        if before is not None and before.page != line.page:
-            ending.close()
-        began, became = time.monotonic(), f"skipped: {line.why_not}"
-        if not line.why_not:
-            wrong = run(line, folder, at_most_s, ending)
-            failed += bool(wrong)
-            became = f"FAILED: {wrong}" if wrong else "done"
-        print(f"{time.monotonic() - began:6.1f} s  {line.page}: {line.text}\n          {became}", flush=True)
-        if line.text == FIRST:
-            if failed:
-                print("the other lines use this session: nothing more is run")
-                return failed
-            bring_along(folder)
+    with ExitStack() as ending:
+        for line in lines:
+            began, became = time.monotonic(), f"skipped: {line.why_not}"
+            if not line.why_not:
+                wrong = run(line, folder, own, at_most_s, ending)
+                failed += bool(wrong)
+                became = f"FAILED: {wrong}" if wrong else "done"
+            print(
+                f"{time.monotonic() - began:6.1f} s  {line.page}: {line.text}\n          {became}", flush=True
+            )
     return failed
 
 

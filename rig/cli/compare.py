@@ -106,7 +106,7 @@ def _print(found: "Comparison") -> None:
     console.print(verdict(found))
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:
-            console.print(f"left out, only in {name}: {'; '.join(alone)}", highlight=False, markup=False)
+            console.print(f"left out, only in {name}: {'; '.join(alone)}", highlight=False)
 
 
 def _figures(found: "Comparison") -> dict[str, object]:

@@ -65,15 +65,13 @@ def _plain(finding: "Finding") -> dict[str, object]:
 
 
 def _print_table(title: str, findings: "list[Finding]") -> None:
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     from rig.cli.fitting import table_console
 
     table = Table("device", "check", "", "found", "what to do", title=title)
     for finding in findings:
-        verdict = f"[{COLOURS[finding.verdict]}]{finding.verdict}[/]"
-        texts = (finding.device, finding.check, finding.seen, finding.todo)
-        device, check, seen, todo = map(escape, texts)
-        table.add_row(device, check, verdict, seen, todo)
+        verdict = Text(finding.verdict, COLOURS[finding.verdict])
+        table.add_row(finding.device, finding.check, verdict, finding.seen, finding.todo)
     table_console().print(table)

@@ -15,11 +15,14 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from rig.live.console import PlainConsole
+from rig.live.plain_text import plain
+
 UNBOUNDED = 100_000
 """Width of what is no terminal."""
 
 
-class TableConsole(Console):
+class TableConsole(PlainConsole):
     """A console whose tables fit."""
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -85,7 +88,7 @@ def _height(text: Text, width: int) -> int:
 def _lines(table: Table, columns: Sequence[Sequence[Text]]) -> Group:
     """Write each row as its first cell, and below it all others behind their headings."""
     heads = [cells[0].plain.replace("\n", " ") for cells in columns]
-    lines: list[RenderableType] = [Text.from_markup(str(table.title))] if table.title else []
+    lines: list[RenderableType] = [Text(str(table.title))] if table.title else []
     for row in zip(*(cells[1:] for cells in columns), strict=True):
         rest = [f"{head} {cell.plain}".strip() for head, cell in zip(heads, row, strict=True) if cell.plain]
         first, others = (rest[0], rest[1:]) if row[0].plain else ("", rest)
@@ -95,7 +98,7 @@ def _lines(table: Table, columns: Sequence[Sequence[Text]]) -> Group:
 
 
 def _text(cell: Any) -> Text:
-    return cell if isinstance(cell, Text) else Text.from_markup(str(cell))
+    return Text(plain(cell.plain if isinstance(cell, Text) else str(cell)))
 
 
 def _longest_word(text: Text) -> int:

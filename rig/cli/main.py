@@ -38,6 +38,7 @@ from rig.cli.train import train
 from rig.cli.train_angle import train_angle
 from rig.cli.train_turning import train_turning
 from rig.cli.trial import trial
+from rig.live.plain_text import plain
 
 app = typer.Typer(
     name="rig",
@@ -127,7 +128,7 @@ def _end(message: str, kind: str, code: Exit) -> None:
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)
     with suppress(OSError, ValueError):
-        text = without_passwords(message).encode("utf-8", "backslashreplace").decode()
-        say("rig: " + " ".join(text.splitlines()))
-        emit_error(" ".join(text.splitlines()), kind, code)
+        text = " ".join(plain(without_passwords(message)).splitlines())
+        say(f"rig: {text}")
+        emit_error(text, kind, code)
     sys.exit(code)

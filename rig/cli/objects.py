@@ -63,7 +63,6 @@ def new(file: Annotated[Path, typer.Argument(help="The file to write, as objects
 
 
 def _table(found: "list[tuple[GraspFile, str]]") -> Any:
-    from rich.markup import escape
     from rich.table import Table
 
     table = Table(title="objects; widths in mm")
@@ -72,14 +71,14 @@ def _table(found: "list[tuple[GraspFile, str]]") -> Any:
     for each, where in found:
         lifted = sum(position.lift_height_m > 0.0 for position in each.position)
         table.add_row(
-            escape(each.id),
-            escape(each.name),
-            escape(", ".join(position.name for position in each.position)),
+            each.id,
+            each.name,
+            ", ".join(position.name for position in each.position),
             ", ".join(f"{1e3 * position.width_m:g}" for position in each.position),
             ", ".join(position.surface or "?" for position in each.position),
             str(len(each.orientations_deg)),
             f"{lifted} of {len(each.position)}",
-            escape(where),
+            where,
         )
     return table
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from drivers.errors import RecordingError
+from rig.live.plain_text import PlainStream
 
 TAIL = 4000
 """Characters of what was said that are kept."""
@@ -56,13 +57,13 @@ class Output:
 
 @contextmanager
 def guarded_output() -> Iterator[Output]:
-    """Let nothing that is printed end the program; give what goes to standard error.
+    """Let nothing that is printed end the program or act on the terminal; give what goes to standard error.
 
     Raises `RecordingError` for results that are lost.
     """
     out, err = sys.stdout, sys.stderr
     said = Output(err, needed=False)
-    sys.stdout, sys.stderr = Output(out, needed=True), said  # type: ignore[assignment]
+    sys.stdout, sys.stderr = PlainStream(Output(out, needed=True)), PlainStream(said)  # type: ignore[assignment]
     try:
         try:
             yield said

@@ -6,12 +6,12 @@ from contextlib import ExitStack
 from statistics import median
 from typing import Generic, Self, TypeVar
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
 from rich.text import Text
 
 from rig.cli.fitting import table_console
+from rig.live.console import PlainConsole
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import Mare
@@ -26,7 +26,7 @@ class WorkProgress:
     """A progress bar on a terminal, a plain line per finished piece of work elsewhere."""
 
     def __init__(self, total: int, what: str) -> None:
-        console = Console(stderr=True)
+        console = PlainConsole(stderr=True)
         self._plain = not console.is_terminal
         self._bar = Progress(
             TextColumn(what),
@@ -55,7 +55,7 @@ class WorkProgress:
         else:
             self._time_left.piece_done(done, total)
             self._bar.update(self._task, completed=done, total=total)
-            self._bar.console.print(f"{done}/{total} {note}", highlight=False, markup=False)
+            self._bar.console.print(f"{done}/{total} {note}", highlight=False)
 
     def _left_s(self) -> float | None:
         return self._time_left.counting_down()

@@ -64,10 +64,10 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
     failed = [row.estimator_fault for row in good if row.estimator_fault]
     if failed:
         text = f"WARNING: in {len(failed)} lifts {failed[0]}"
-        console.print(text, highlight=False, soft_wrap=True, markup=False)
+        console.print(text, highlight=False, soft_wrap=True)
     for row in rows:
         if row.problem:
-            console.print(f"broken: {row.problem}", highlight=False, soft_wrap=True, markup=False)
+            console.print(f"broken: {row.problem}", highlight=False, soft_wrap=True)
 
 
 def results_json(rows: "list[ReplayRow]") -> dict[str, object]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivers.errors import SessionError
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
 
@@ -65,7 +66,8 @@ def sessions(
     """List sessions: date, kind, objects, lifts, MARE, size; broken ones with what is wrong.
 
     A recording or image that is missing, or whose bytes are not as they were written, makes a session
-    broken. Of more than 20 sessions the bytes are only read with --check.
+    broken. Of more than 20 sessions the bytes are only read with --check, which ends with exit code 2 if a
+    session is broken.
 
     Examples:
       rig sessions
@@ -87,11 +89,14 @@ def sessions(
         console.print(f"{folder}: no {'such ' if tags or objects else ''}session here")
     for entry in entries:
         if entry.problem:
-            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True, markup=False)
+            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
     page = None if wear is None else _wear_page(entries, wear)
     if json:
         listed = {"folder": str(folder), "sessions": [_as_json(entry) for entry in entries]}
         emit_json({**listed, "wear": page} if page else listed)
+    broken = sum(entry.state == "broken" for entry in entries)
+    if check and broken:
+        raise SessionError(f"{folder}: {broken} of {len(entries)} sessions are broken: each is named above")
 
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
@@ -144,13 +149,11 @@ def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
 
 
 def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
-    from rich.markup import escape
     from rich.table import Table
-    from rich.text import Text
 
     from rig.cli.printing import mare_text
 
-    table = Table(title=escape(f"sessions in {folder}; MARE over phases B and C, degrees"))
+    table = Table(title=f"sessions in {folder}; MARE over phases B and C, degrees")
     said = {
         "name": lambda entry: entry.remarks.name,
         "tags": lambda entry: ", ".join(entry.remarks.tags),
@@ -183,7 +186,7 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
             f"{entry.size_bytes / MB:.1f}",
             entry.state.value,
         )
-        table.add_row(*map(Text, cells))
+        table.add_row(*cells)
     return table
 
 

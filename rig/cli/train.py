@@ -125,10 +125,11 @@ class TrainingView:
     """A progress bar at a terminal, a line per epoch elsewhere."""
 
     def __init__(self) -> None:
-        from rich.console import Console
         from rich.progress import Progress
 
-        self._bar = Progress(console=Console(stderr=True), transient=True)
+        from rig.live.console import PlainConsole
+
+        self._bar = Progress(console=PlainConsole(stderr=True), transient=True)
         self._task: Any = None
 
     def __enter__(self) -> Self:

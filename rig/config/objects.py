@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -116,18 +117,20 @@ def new_object_text(called: str) -> str:
 
 
 def new_object_file(path: Path) -> None:
-    """Write an object file that explains each key, named as the file is.
+    """Write an object file that explains each key, named as the file is, and make its folder.
 
     Raises `InputError`; never overwrites.
     """
     text = new_object_text(path.stem)
+    with suppress(OSError):  # why there is no folder is the reason that opening the file gives
+        path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with path.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except FileExistsError as error:
         raise InputError(f"{path} exists already: give another name, or move it aside") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place") from error
 
 
 _KEYS = {key for model in (GraspFile, Position, PlainBody) for key in model.model_fields}

@@ -14,14 +14,12 @@ layout as its code reads it, github.com/facebookresearch/sparsh): a pickle per s
 beside, without contact. Neither rate nor the sense of the finger's z as the image shows it is told.
 """
 
-import io
 import math
-import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import cv2
 import numpy as np
@@ -32,6 +30,7 @@ from drivers.errors import FormatError, InputError
 from drivers.formats import read_bounded, reason
 from drivers.images import decode_image, read_image
 from drivers.types import Image
+from rig.frames.plain_pickle import read_plain_pickle
 
 TRIAL_VIDEO, TRIAL_POSES, TRIAL_MASKS = "gelsight.avi", "true_start_T_currs.npy", "contact_masks.npy"
 BAG_SUFFIX, BACKGROUNDS = ".pkl", "bgs"
@@ -43,12 +42,6 @@ MOST_BYTES = 2_000_000_000
 NOT_A_TURN = 0.01
 MASKS_USED, GROWN_PX, FILLED_PX = 60, 9, 5
 """Frames a background is made of; how far a contact's surroundings reach; what is filled looks so far."""
-SAFE = {
-    ("numpy", "ndarray"), ("numpy", "dtype"),
-    ("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct"),
-    ("numpy.core.multiarray", "scalar"), ("numpy._core.multiarray", "scalar"),
-}  # fmt: skip
-"""All that a pickle of these sets names; anything else in one is not looked at."""
 
 Matrices = NDArray[np.float64]
 
@@ -136,41 +129,38 @@ def bag_of(path: Path) -> tuple[Path, str] | None:
 
 
 def read_bag(path: Path, finger: str) -> Bag:
-    """Read one finger of a bag of digit-pose-estimation; no code in it is run. Raises `InputError`."""
+    """Read one finger of a sequence of digit-pose-estimation; runs no code in it. Raises `InputError`."""
     content = _unpickled(path)
     images, changes = content.get(f"digit_{finger}"), content.get(f"object_{finger}_rel_pose_n{BAG_STRIDE}")
-    if not isinstance(images, (list, tuple, np.ndarray)) or not len(images) or changes is None:
-        raise InputError(
+    if isinstance(changes, list) and {getattr(change, "shape", None) for change in changes} == {(4, 4)}:
+        changes = np.array(changes)
+    if not _several(images) or changes is None:
+        raise FormatError(
             f"{path}: has no digit_{finger} with object_{finger}_rel_pose_n{BAG_STRIDE}: give a sequence of "
             "digit-pose-estimation"
         )
-    try:
-        matrices = np.asarray(changes, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: object_{finger}_rel_pose_n{BAG_STRIDE} is no array: {error}") from error
-    return Bag(path, finger, list(images), _matrices(path, matrices))
+    if not isinstance(changes, np.ndarray):
+        raise FormatError(f"{path}: object_{finger}_rel_pose_n{BAG_STRIDE} is no array: copy it again")
+    return Bag(path, finger, list(images), _matrices(path, changes))
 
 
-class _Plain(pickle.Unpickler):
-    """Reads numbers, texts, bytes, lists, dicts and numpy's arrays, and refuses all else unseen."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in SAFE:
-            raise pickle.UnpicklingError(f"names {module}.{name}, which no array needs")
-        return super().find_class(module.replace("numpy.core", "numpy._core"), name)
+def _several(images: object) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list of images or an array of them, (N, H, W, 3), and not empty."""
+    if isinstance(images, np.ndarray):
+        return images.ndim == 4 and len(images) > 0
+    return isinstance(images, (list, tuple)) and len(images) > 0
 
 
 @lru_cache(maxsize=1)
 def _unpickled(path: Path) -> dict[str, Any]:
     """Read a file once for its three fingers: it takes seconds, and as much memory as it is large."""
+    data = read_bounded(path, MOST_BYTES)
     try:
-        content = _Plain(io.BytesIO(read_bounded(path, MOST_BYTES))).load()
-    except FormatError:
-        raise
-    except Exception as error:
-        raise InputError(f"{path}: is no sequence of digit-pose-estimation ({reason(error)})") from error
+        content = read_plain_pickle(data)
+    except FormatError as error:
+        raise FormatError(f"{path}: is no sequence of digit-pose-estimation ({error})") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: holds a {type(content).__name__}, no sequence of digit-pose-estimation")
+        raise FormatError(f"{path}: holds a {type(content).__name__}, no sequence of digit-pose-estimation")
     return content
 
 

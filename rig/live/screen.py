@@ -1,8 +1,11 @@
 """The part of the terminal that is drawn anew: it gives way to a question, which it would erase."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+from rig.live.plain_text import PlainStream
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -14,7 +17,7 @@ _shown: "list[Live]" = []
 @contextmanager
 def shown(display: "Live") -> Iterator[None]:
     """Show a display, and know of it while it is shown."""
-    display.start()
+    _start(display)
     _shown.append(display)
     try:
         yield
@@ -35,4 +38,10 @@ def set_aside() -> Iterator[None]:
     finally:
         for display, transient, overflow in paused:
             display.transient, display.vertical_overflow = transient, overflow
-            display.start()
+            _start(display)
+
+
+def _start(display: "Live") -> None:
+    """Show a display; it takes over both streams and would interpret escape sequences printed there."""
+    display.start()
+    sys.stdout, sys.stderr = PlainStream(sys.stdout), PlainStream(sys.stderr)  # type: ignore[assignment]

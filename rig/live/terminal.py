@@ -10,12 +10,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Self
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from drivers.clock import NS_PER_S
+from rig.live.console import PlainConsole
 from rig.live.feed import Inbox, Message
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
@@ -82,7 +83,7 @@ class TrialView:
     """
 
     def __init__(self, total: int, inbox: Inbox, note: Callable[[LiftRow], str], done: int = 0) -> None:
-        console = Console(stderr=True)
+        console = PlainConsole(stderr=True)
         self._inbox = inbox
         self._note = note
         self._lock = threading.Lock()
@@ -166,7 +167,7 @@ class TrialView:
 class _Refreshed:
     """A part of the terminal that is drawn anew, by a thread of rich."""
 
-    def __init__(self, console: Console, render: Callable[[], Group]) -> None:
+    def __init__(self, console: PlainConsole, render: Callable[[], Group]) -> None:
         self._live = Live(
             console=console, get_renderable=render, refresh_per_second=REFRESH_PER_S, transient=True
         )
@@ -179,7 +180,7 @@ class _Refreshed:
         self._shown.close()
 
     def line(self, text: str) -> None:
-        self._live.console.print(text, highlight=False, markup=False)
+        self._live.console.print(text, highlight=False)
 
 
 class _Plain:

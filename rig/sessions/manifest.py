@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from drivers.errors import SessionError
+from drivers.formats import shown
 from protocols.reaction import ReactionKind
 from rig.config import BenchConfig
 from rig.config.fields import FileName
@@ -181,11 +182,11 @@ def read_manifest(folder: Path) -> AnyManifest:
         raise SessionError(f"{path}: cannot be read ({error}); the session is damaged") from error
     if head.schema_version != SCHEMA_VERSION:
         raise SessionError(
-            f"{path}: schema version {head.schema_version!r}, this version reads {SCHEMA_VERSION}; "
+            f"{path}: schema version {head.schema_version}, this version reads {SCHEMA_VERSION}; "
             "use the version of the rig that wrote it"
         )
     if head.kind not in RESULTS:
-        raise SessionError(f"{path}: a '{head.kind}' session, this version knows {', '.join(RESULTS)}")
+        raise SessionError(f"{path}: a {shown(head.kind)} session, this version knows {', '.join(RESULTS)}")
     try:
         return _MANIFESTS.parsed(text)
     except ValueError as error:
@@ -251,12 +252,12 @@ _OWN = {"schema_version", "tool_version", "status", "started", "completed", "tru
 
 @dataclass(frozen=True)
 class _Head:
-    """What says how the rest is to be read."""
+    """The keys by which the version and the kind of a manifest are known before the rest is read."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore")
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore", strict=True)
 
-    schema_version: object = None
-    kind: object = None
+    schema_version: int
+    kind: str | None = None
 
 
 def _kind(values: Any) -> str:

@@ -1,12 +1,19 @@
 """Command lines in README and docs parse, with their options, as the program itself parses them."""
 
+import re
+import shlex
 from pathlib import Path
 
 import pytest
 
-from support.documentation import PAGES, ROOT, USAGE_ERROR, code_lines, commands, parse, spans
+from support.command_line import rig
+from support.documentation import PAGES, ROOT, USAGE_ERROR, code_lines, commands, parse, script, spans
 
 COMMANDS_PAGE = ROOT / "docs" / "commands.md"
+FIRST_LIFT_PAGE = ROOT / "docs" / "first_lift_simulated.md"
+TRY_IT = script("try_it")
+QUICK = re.compile(r"rig (objects|new|bench (new|udev)|calibrate board|estimators|model list)\b")
+"""Commands of about a second."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
@@ -51,3 +58,34 @@ def test_lines_are_found_in_blocks_and_in_the_text(tmp_path: Path) -> None:
     page.write_text("```sh\nrig trial \\\n    --lifts 1  # once\n```\n\nand `rig label-angle`\n")
     assert code_lines(page) == ["rig trial --lifts 1  # once"]
     assert spans(page) == ["rig label-angle"]
+
+
+def quick_lines(page: Path) -> list[str]:
+    """The quick lines of a page that need no hardware and no file of the reader."""
+    lines = (line for line in TRY_IT.command_lines(long=False) if line.page == page.name)
+    return [line.text for line in lines if QUICK.match(line.text) and not line.why_not]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if quick_lines(p)], ids=lambda page: page.name)
+def test_quick_lines_of_a_page_run_in_an_empty_folder(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in quick_lines(page):
+        done = rig(*shlex.split(line)[1:])
+        assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+def test_pages_with_quick_lines_are_found() -> None:
+    found = {page.name for page in PAGES if quick_lines(page)}
+    assert {"objects.md", "mounting.md", "first_lift_hardware.md", "extending.md"} <= found
+
+
+def test_first_lift_prints_what_its_page_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = FIRST_LIFT_PAGE.read_text(encoding="utf-8")
+    shown = re.findall(r"^```text\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)[0].splitlines()
+    monkeypatch.chdir(tmp_path)
+    done = rig(*shlex.split(code_lines(FIRST_LIFT_PAGE)[0])[1:])
+    printed = (done.stdout + done.stderr).splitlines()
+    assert done.returncode == 0
+    assert [line for line in shown if line not in printed] == []

@@ -96,9 +96,24 @@ def test_damaged_bytes_are_seen_unless_it_has_to_be_quick(tmp_path: Path, one_li
     many = rig("sessions", tmp_path, "--json")
     assert {entry["state"] for entry in json.loads(many.stdout)["sessions"]} == {"complete"}
     assert "note: 21 sessions, whose bytes are not read" in many.stderr
-    assert {entry["state"] for entry in listed(tmp_path, "--check")} == {"broken"}
+    checked = rig("sessions", tmp_path, "--check", "--json")
+    assert {entry["state"] for entry in json.loads(checked.stdout)["sessions"]} == {"broken"}
     recording.unlink()
     assert "recording is missing" in listed(folder, "--quick")[0]["problem"]
+
+
+def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_lift: Path) -> None:
+    for name in ("whole", "broken"):
+        shutil.copytree(one_lift, tmp_path / name)
+    assert rig("sessions", tmp_path, "--check").returncode == 0
+    next((tmp_path / "broken" / "lifts").iterdir()).unlink()
+    for options in (("--check",), ("--check", "--json")):
+        done = rig("sessions", tmp_path, *options)
+        assert done.returncode == 2
+        assert done.stderr.splitlines()[-1].endswith("1 of 2 sessions are broken: each is named above")
+        assert "recording is missing" in done.stdout
+    assert rig("sessions", tmp_path / "whole", "--check").returncode == 0
+    assert rig("sessions", tmp_path).returncode == 0
 
 
 def test_many_are_looked_at_side_by_side_with_the_same_answer(tmp_path: Path) -> None:

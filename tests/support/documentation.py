@@ -1,8 +1,10 @@
 """README and the pages of docs, and the command lines that stand in them."""
 
+import importlib.util
 import re
 import shlex
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import typer
@@ -16,6 +18,16 @@ USAGE_ERROR = typer.BadParameter.__bases__[0]
 
 _FENCE = re.compile(r"^```(?P<language>\w*)$.*?^```$", re.DOTALL | re.MULTILINE)
 _SPAN = re.compile(r"`(rig(?: [^`]+)?)`")
+
+
+def script(name: str) -> ModuleType:
+    """Load a script of docs, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def without_code(page: Path) -> str:

@@ -89,7 +89,6 @@ def _angle_table(report: "CalibrationReport") -> "Table":
 
 
 def _print(report: "CalibrationReport") -> None:
-    from rich.markup import escape
     from rich.table import Table
 
     from rig.cli.fitting import table_console
@@ -100,9 +99,7 @@ def _print(report: "CalibrationReport") -> None:
     )
     for row in report.rows:
         verdict = {None: "", True: "met", False: "MISSED"}[row.met]
-        table.add_row(
-            escape(row.name), "" if row.value is None else f"{row.value:.3g}", escape(row.asked), verdict
-        )
+        table.add_row(row.name, "" if row.value is None else f"{row.value:.3g}", row.asked, verdict)
     console.print(table)
     console.print(_angle_table(report))
     bad = Table(
@@ -116,7 +113,7 @@ def _print(report: "CalibrationReport") -> None:
     )
     for case in report.cases:
         counts = (str(n) if n else "" for n in (case.refused, case.right, case.wrong))
-        bad.add_row(case.case.group, escape(case.case.name), *counts, escape(case.said[:70]))
+        bad.add_row(case.case.group, case.case.name, *counts, case.said[:70])
     console.print(bad)
     total = [sum(getattr(case, kind) for case in report.cases) for kind in ("refused", "right", "wrong")]
     console.print(f"{len(report.cases)} cases: {total[0]} refused, {total[1]} right, {total[2]} wrong")

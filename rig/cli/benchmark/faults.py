@@ -196,7 +196,6 @@ def _plain(result: "FaultResult") -> dict[str, object]:
 
 
 def _print_table(bench: str, results: "list[FaultResult]") -> None:
-    from rich.markup import escape
     from rich.table import Table
 
     from rig.cli.fitting import table_console
@@ -207,5 +206,5 @@ def _print_table(bench: str, results: "list[FaultResult]") -> None:
         times = ["never" if t is None else f"{t:.3f}" for t in (result.detected_s, result.safe_s)]
         after = "done" if result.recovered else "not done"
         verdict = "passed" if result.passed else "FAILED"
-        table.add_row(result.case.name, *times, escape(_short(result)), after, verdict)
+        table.add_row(result.case.name, *times, _short(result), after, verdict)
     table_console().print(table)

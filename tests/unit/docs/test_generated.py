@@ -1,25 +1,13 @@
 """What pages say that the code says too: messages and their cures, figures, files."""
 
-import importlib.util
 import re
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 import yaml
 
 import rig
-from support.documentation import ROOT
-
-
-def script(name: str) -> ModuleType:
-    """Load a script of docs, which is no package."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from support.documentation import ROOT, script
 
 
 def test_the_page_of_messages_names_the_cures_that_the_code_names() -> None:

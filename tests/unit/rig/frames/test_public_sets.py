@@ -137,6 +137,10 @@ def test_code_in_a_pickle_is_not_run(tmp_path: Path) -> None:
             pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": 2 * np.eye(4)[None]}),
             "no rigid motion",
         ),
+        (
+            pickle.dumps({"digit_index": np.uint8(1), "object_index_rel_pose_n5": np.eye(4)}),
+            "has no digit_index",
+        ),
     ],
 )
 def test_what_is_no_sequence_is_refused(tmp_path: Path, content: bytes, says: str) -> None:

@@ -107,8 +107,8 @@ def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> N
         (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
         (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be 1 or -1"),
         (lambda m: m.update(kind="dream"), "a 'dream' session, this version knows trial, record, replay"),
-        (lambda m: m.pop("kind"), "a 'None' session"),
-        (lambda m: m.pop("schema_version"), "schema version None, this version reads 1"),
+        (lambda m: m.pop("kind"), "a None session"),
+        (lambda m: m.pop("schema_version"), "'schema_version' is missing"),
     ],
 )
 def test_a_wrong_manifest_is_named_by_its_key(

@@ -1,0 +1,28 @@
+"""The console of every table, bar and display: it shows text of others plainly and reads no markup in it."""
+
+import sys
+from collections.abc import Iterable
+from typing import IO, Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.text import Text
+
+from rig.live.plain_text import drawn_stream, plain
+
+
+class PlainConsole(Console):
+    """A rich console on which square brackets and `:names:` are text, and control characters are escapes."""
+
+    def __init__(self, *, file: IO[str] | None = None, stderr: bool = False, **options: Any) -> None:
+        stream = file or drawn_stream(sys.stderr if stderr else sys.stdout)
+        super().__init__(file=stream, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text as it is shown, so that it is measured as such."""
+        return super().render_str(plain(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render, with `plain` applied to all but rich's own control sequences."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(plain(segment.text), segment.style)

@@ -1,0 +1,108 @@
+"""A manifest with any JSON value in any of its fields is read, or rejected with a typed error."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter
+
+from drivers.errors import SessionError
+from rig.results.listing import list_session
+from rig.sessions.manifest import (
+    AnyManifest,
+    BenchManifest,
+    RecordManifest,
+    ReplayManifest,
+    TrialManifest,
+    begun,
+    read_manifest,
+)
+from rig.sessions.remarks import Remarks
+from support.command_line import rig
+
+STORED = Path(__file__).parents[3] / "data"
+VALUES: tuple[Any, ...] = (
+    [], ["trial"], [None], [[[]]], {}, {"trial": {}}, None, True, 7, -1.5, 1e300, 10**18,
+    "", "x" * 100_000, "\x1b[31m",
+)  # fmt: skip
+LONGEST_PROBLEM = 1000
+Place = tuple[str | int, ...]
+
+
+def whole(manifest: AnyManifest) -> dict[str, Any]:
+    """Every field of a manifest by its schema, also those that a file leaves out at their default."""
+    if isinstance(manifest, BenchManifest):
+        manifest = replace(manifest, remarks=Remarks("name", "note", ("gel-7",), "operator"))
+    return TypeAdapter(type(manifest)).dump_python(manifest, mode="json")
+
+
+def places(value: Any, place: Place = ()) -> Iterator[Place]:
+    """The places of a JSON value and of all values in it."""
+    yield place
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, each in inner:
+        yield from places(each, (*place, key))
+
+
+def with_value(manifest: Any, place: Place, value: Any) -> Any:
+    """A copy of a manifest with another value in one place."""
+    if not place:
+        return value
+    copy = dict(manifest) if isinstance(manifest, dict) else list(manifest)
+    copy[place[0]] = with_value(manifest[place[0]], place[1:], value)  # type: ignore[index]
+    return copy
+
+
+def replayed() -> ReplayManifest:
+    return ReplayManifest(
+        **{**vars(begun("replay")), "kind": "replay"}, sessions=("first",), estimator="slip", window=2
+    )
+
+
+@pytest.mark.parametrize("kind", [TrialManifest, RecordManifest, ReplayManifest])
+def test_any_value_in_any_field_lists_the_session(tmp_path: Path, kind: type[AnyManifest]) -> None:
+    manifest = (
+        replayed()
+        if kind is ReplayManifest
+        else read_manifest(STORED / f"stored_{kind.__name__[:-8].lower()}")
+    )
+    values = whole(manifest)
+    file = tmp_path / "session.json"
+    file.write_text(json.dumps(values))
+    assert read_manifest(tmp_path)
+    for place in places(values):
+        for value in VALUES:
+            file.write_text(json.dumps(with_value(values, place, value)))
+            entry = list_session(tmp_path)
+            assert len(entry.problem or "") < LONGEST_PROBLEM, (place, value)
+            assert isinstance(entry.object_names, set)
+
+
+@pytest.mark.parametrize("value", [["trial"], {"trial": 1}, None, 7, True])
+@pytest.mark.parametrize("key", ["kind", "schema_version", "started", "config", "status"])
+def test_wrong_type_is_named_by_its_key(tmp_path: Path, key: str, value: Any) -> None:
+    values = json.loads((STORED / "stored_trial" / "session.json").read_text())
+    (tmp_path / "session.json").write_text(json.dumps(values | {key: value}))
+    with pytest.raises(SessionError, match=f"'{key}|a None session|schema version 7"):
+        read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("command", ["sessions", "replay", "report", "compare", "play", "export"])
+def test_commands_report_a_manifest_with_a_list_as_its_kind(tmp_path: Path, command: str) -> None:
+    session = tmp_path / "odd"
+    shutil.copytree(STORED / "stored_trial", session)
+    values = json.loads((session / "session.json").read_text())
+    (session / "session.json").write_text(json.dumps(values | {"kind": ["trial"]}))
+    others = {
+        "compare": (STORED / "stored_trial", "--out", tmp_path / "page.html"),
+        "play": ("--lift", 1, "--out", tmp_path / "lift.webm"),
+        "export": ("--to", "csv", "--out", tmp_path / "exported"),
+        "replay": ("--jobs", 1, "--out", tmp_path / "replayed"),
+    }
+    done = rig(command, session, *others.get(command, ()))
+    assert done.returncode in (0, 2)
+    assert "'kind' Input should be a valid string" in done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""Whole simulated trials of one seed after the other: the errors of their lifts, and confidently wrong answers."""
+"""Simulated trials of one seed after the other: the errors of their lifts, and confidently wrong answers."""
 
 import shutil
 import time

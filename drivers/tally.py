@@ -5,8 +5,10 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Frame
 
-LONGEST_STEP_NS, MOST_STEPS = 2 * NS_PER_S, 20
-"""A frame is not later than its predecessor by more than this, or so many steps; nor earlier by more."""
+LONGEST_STEP_NS, MOST_STEPS = NS_PER_S // 2, 20
+"""A frame is at most this much, or this many steps, later or earlier than the frame before it."""
+AGREEING_NS = 2 * NS_PER_S
+"""Two frames in a row that jumped agree if they are at most this much, or MOST_STEPS steps, apart."""
 
 FROZEN_FRAMES = 20
 """A live sensor has noise: this many identical frames in a row mean that it froze."""
@@ -31,8 +33,8 @@ class StreamTimes:
         if last is None or self._step_ns is None:
             jumped = last is not None and time_ns < last - LONGEST_STEP_NS and self._aside_ns is None
         else:
-            jumped = self._is_far(time_ns, last) and (
-                self._aside_ns is None or self._is_far(time_ns, self._aside_ns)
+            jumped = self._is_far(time_ns, last, LONGEST_STEP_NS) and (
+                self._aside_ns is None or self._is_far(time_ns, self._aside_ns, AGREEING_NS)
             )
         if jumped:
             self._aside_ns = time_ns
@@ -43,8 +45,8 @@ class StreamTimes:
         self._last_ns, self._aside_ns = time_ns, None
         return True
 
-    def _is_far(self, time_ns: int, from_ns: int) -> bool:
-        furthest = max(LONGEST_STEP_NS, MOST_STEPS * (self._step_ns or 0))
+    def _is_far(self, time_ns: int, from_ns: int, at_least_ns: int) -> bool:
+        furthest = max(at_least_ns, MOST_STEPS * (self._step_ns or 0))
         return abs(time_ns - from_ns) > furthest
 
 

@@ -148,7 +148,7 @@ class _Session:
 
     def write(self) -> None:
         """Write the poses beside the pictures, as `--from` reads them."""
-        write_poses(self.raw, self._rows)
+        write_poses(self.raw, self._rows, "tcp")
 
     def _choice(self) -> int:
         if len(self.samples) < FIRST_POSES:
@@ -165,6 +165,7 @@ def pose_row(name: str, pose: Pose) -> str:
     return ",".join([name, *(f"{v:.12g}" for v in (*pose.position_m, *pose.quaternion_xyzw))])
 
 
-def write_poses(folder: Path, rows: list[str]) -> None:
-    """Write poses.csv as `--from` reads it."""
-    write_text(folder / "poses.csv", "\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *rows]) + "\n")
+def write_poses(folder: Path, rows: list[str], child_frame: str) -> None:
+    """Write poses.csv as `--from` reads it. child_frame: "tcp" for base_T_tcp, "flange" for base_T_flange."""
+    lines = ["id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame", *(f"{row},{child_frame}" for row in rows)]
+    write_text(folder / "poses.csv", "\n".join(lines) + "\n")

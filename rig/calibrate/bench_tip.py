@@ -11,7 +11,7 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
-from rig.calibrate.from_tables import tcp_from_folder
+from rig.calibrate.clamped_tip import FLANGE, tip_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
@@ -20,12 +20,14 @@ _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 """The golden angle: any number of directions spread evenly."""
 
 
-def collect_tip(station: Station, count: int) -> CalibrationResult:
-    """Seat the tip in its hole at `count` tilts and solve for where it is in the TCP's frame.
+def collect_tip(station: Station, count: int, accept_change: bool = False) -> CalibrationResult:
+    """Seat the tip in its hole at `count` tilts and solve for its position in the flange's frame.
 
-    Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
+    The result does not depend on the configured TCP: poses are stored as base_T_flange. accept_change: see
+    `tip_from_folder`. Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
     config = station.config
+    flange_T_tcp = config.arm.flange_T_tcp()  # noqa: N806 - frame names keep their case
     raw = station.raw("tcp")
     seated: list[tuple[str, Pose]] = []
 
@@ -41,8 +43,9 @@ def collect_tip(station: Station, count: int) -> CalibrationResult:
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         capture_pivot(bench, tilts(count), operator.nudge, keep, station.left_out)
-    write_poses(raw, [pose_row(name, pose) for name, pose in seated])
-    return tcp_from_folder(raw, config.name).marked(config.simulated)
+    tcp_T_flange = flange_T_tcp.inverse()  # noqa: N806
+    write_poses(raw, [pose_row(name, pose @ tcp_T_flange) for name, pose in seated], FLANGE)
+    return tip_from_folder(raw, config.name, flange_T_tcp, accept_change).marked(config.simulated)
 
 
 def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
@@ -65,7 +68,7 @@ def tilts(count: int) -> list[Rotation]:
 
 
 def _tip(seated: list[tuple[str, Pose]]) -> Vector3 | None:
-    """The tip that these poses determine; None where they do not."""
+    """The tip in the TCP's frame, m, from `base_T_tcp` by id; None if these poses do not determine it."""
     found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
     if found is None:
         return None

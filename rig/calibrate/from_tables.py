@@ -1,4 +1,4 @@
-"""`rig calibrate gripper, tcp, sync`: tables and streams from a folder."""
+"""`rig calibrate gripper, sync`: tables and streams from a folder."""
 
 from pathlib import Path
 
@@ -7,13 +7,12 @@ import numpy as np
 from calibration.fingers.force import fit_force
 from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import time_offset
-from calibration.tool_tip import calibrate_pivot
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.formats import read_csv_rows
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
-from rig.calibrate.sources import number, read_poses, read_stream
+from rig.calibrate.sources import number, read_stream
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
@@ -82,45 +81,6 @@ def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> 
         len(samples) - len(result.rejected),
         result.rejected,
         files,
-        pictures,
-    )
-
-
-def tcp_from_folder(folder: Path, serial: str) -> CalibrationResult:
-    """poses.csv: poses of the flange (or tool) while its tip rests in one hole."""
-    poses, rejected = read_poses(folder / "poses.csv")
-    result = calibrate_pivot(list(poses.items()))
-    value, quality, numbers = {}, {"cone_deg": result.cone_deg, "condition": result.condition}, {}
-    pictures = []
-    if result.tip_m is not None and result.covariance is not None and result.residual_m is not None:
-        sigma = np.sqrt(np.diag(result.covariance))
-        value = {"parent_frame": "flange", "child_frame": "tip", "translation_m": result.tip_m}
-        quality |= {"covariance": result.covariance, "sigma_m": sigma, "held_out_m": result.held_out_m}
-        numbers = {
-            "tip": ", ".join(f"{1e3 * v:.2f}" for v in result.tip_m) + " mm",
-            "one sigma": " / ".join(f"{1e3 * v:.2f}" for v in sigma) + " mm",
-            "largest turn": f"{result.cone_deg:.0f} degrees",
-        }
-        missed = {name: 1e3 * v for name, v in result.residual_m.items()}
-        pictures = [
-            Picture(
-                "Error per pose",
-                "How far each pose puts the tip from the common point.",
-                figures.bars(missed, "mm"),
-            )
-        ]
-    used = 0 if result.residual_m is None else len(result.residual_m)
-    return CalibrationResult(
-        "tcp",
-        {"tool": serial},
-        value,
-        quality,
-        result.assessment,
-        numbers,
-        str(folder),
-        used,
-        [*rejected, *result.rejected],
-        [folder / "poses.csv"],
         pictures,
     )
 

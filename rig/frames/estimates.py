@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.tally import StreamTimes
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
@@ -24,11 +23,10 @@ FULL_AREA = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the estimator said about the frame taken at a time. jumped: not asked, as that time cannot be."""
+    """The estimator's sample for the frame taken at a time."""
 
     time: FrameTime
     sample: SlipSample
-    jumped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +69,12 @@ class EstimateFigures:
 
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    times = StreamTimes()
-    return tuple(_answer(frame, estimator, times.follows(frame.time.time_ns)) for frame in series)
+    return tuple(_answer(frame, estimator) for frame in series)
 
 
-def _answer(frame: TimedFrame, estimator: TactileEstimator, in_time: bool) -> Answer:
-    if frame.image is None or not in_time:
-        return Answer(frame.time, SlipSample(frame.time.time_ns, State.LOST), not in_time)
+def _answer(frame: TimedFrame, estimator: TactileEstimator) -> Answer:
+    if frame.image is None:
+        return Answer(frame.time, SlipSample(frame.time.time_ns, State.LOST))
     return Answer(frame.time, estimator.update(frame.image, frame.time.time_ns))
 
 
@@ -105,7 +102,7 @@ def zeroed(
     unreadable = sum(
         answer.sample.state is State.LOST
         and answer.sample.contact_area_px == 0
-        and not (answer.jumped or answer.sample.fault)
+        and not (answer.sample.jumped or answer.sample.fault)
         for answer in answers
     )
     place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)
@@ -155,7 +152,7 @@ def figures(estimate: Estimate) -> EstimateFigures:
         answered=len(estimate.answers) - sum(refused.values()),
         refused=dict(sorted(refused.items())),
         unreadable=estimate.unreadable,
-        jumped=sum(answer.jumped for answer in estimate.answers),
+        jumped=sum(answer.sample.jumped for answer in estimate.answers),
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
         slip_s=None if slip is None else float(slip),

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.tally import LONGEST_STEP_NS, StreamTimes
 from drivers.types import ArmState, Image
 
 MIN_SIDE_PX, MAX_SIDE_PX = 8, 4096
@@ -37,7 +38,8 @@ class SlipSample:
     rate_deg_s, shift_px (x right, y down, since the reference): None where unknown.
     contact_area_px: contact area in pixels of the given image, 0 without contact.
     stage_s: wall time spent per stage; skipped: names of the stages that were not needed. fault: what was
-    wrong where an estimator that is not the rig's own raised, or told what cannot be; then `lost`.
+    wrong where an estimator that is not the rig's own raised, or told what cannot be; then `lost`. jumped:
+    whether the frame's time is implausible in its stream, so that the frame was not used; then `lost`.
     """
 
     time_ns: int
@@ -51,6 +53,7 @@ class SlipSample:
     stage_s: dict[str, float] = field(default_factory=dict)
     skipped: tuple[str, ...] = ()
     fault: str | None = None
+    jumped: bool = False
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return one standard deviation of the turn between a zero and this, deg; None as sigma_deg.
@@ -96,15 +99,17 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
 
 
-BEGUN_ANEW_NS = 2 * NS_PER_S
+SET_BACK_STEP_NS = NS_PER_S // 30
+"""Assumed time since the last frame when a stream's clock was set back: two frames at 60 Hz."""
 
 
 class FreshFrameEstimator(TactileEstimator):
-    """An estimator that looks at each frame once.
+    """An estimator that looks at each frame once, at a time that only goes forward.
 
-    A frame that is not newer than the one before (repeated, or delivered late) gets the last answer
-    again and counts for nothing; one that is older by seconds is of a stream that has begun anew. shape: of
-    the frames, (H, W, 3); any where None.
+    A frame that is not newer than the one before (repeated, or delivered late) gets the last answer again and
+    counts for nothing. A frame whose time jumps (`drivers.tally.StreamTimes`) is `lost` and changes nothing.
+    If the next frame agrees with it, the stream is followed from there: after a pause, or, if its clock was
+    set back, as if `SET_BACK_STEP_NS` had passed. shape: of the frames, (H, W, 3); any where None.
     """
 
     stages: ClassVar[tuple[str, ...]]
@@ -113,15 +118,22 @@ class FreshFrameEstimator(TactileEstimator):
     def __init__(self, shape: tuple[int, ...] | None = None) -> None:
         self._shape = shape
         self._last: SlipSample | None = None
+        self._times = StreamTimes()
+        self._set_back_ns = 0
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
         check_frame(image, self._shape)
-        # a stream that goes back by more has begun anew, and is followed from there
-        if self._last is not None and 0 <= self._last.time_ns - time_ns < BEGUN_ANEW_NS:
-            return replace(self._last, stage_s={}, skipped=self.stages)
-        self._last = self._estimate(image, time_ns)
-        return self._last
+        if not self._times.follows(time_ns):
+            return SlipSample(time_ns, State.LOST, skipped=self.stages, jumped=True)
+        last = self._last
+        if last is not None and last.time_ns - (time_ns + self._set_back_ns) > LONGEST_STEP_NS:
+            self._set_back_ns = last.time_ns + SET_BACK_STEP_NS - time_ns
+        now_ns = time_ns + self._set_back_ns
+        if last is not None and now_ns <= last.time_ns:
+            return replace(last, time_ns=last.time_ns - self._set_back_ns, stage_s={}, skipped=self.stages)
+        self._last = self._estimate(image, now_ns)
+        return replace(self._last, time_ns=time_ns)
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from a frame that is newer than any before."""

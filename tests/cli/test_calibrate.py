@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from drivers.types import Pose
 from fakes.studio.marker_pictures import MarkerPictures
 from fakes.studio.presses import SimulatedGel
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
@@ -160,15 +162,56 @@ def test_tables_tips_and_clocks(tmp_path: Path) -> None:
     (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
     assert figures("gripper", "--from", tmp_path, "--out", tmp_path / "out")["verdict"] == "good"
     tip, poses = pivot_scene(np.random.default_rng(0), 12)
-    lines = [",".join([n, *(f"{v:.9f}" for v in (*p.position_m, *p.quaternion_xyzw))]) for n, p in poses]
-    (tmp_path / "poses.csv").write_text("\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *lines]))
+    write_tip_poses(tmp_path, poses, "flange")
     found = figures("tcp", "--from", tmp_path, "--out", tmp_path / "out")
     assert found["value"]["translation_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    assert "bench_file_tcp_m" not in found["value"]
     for name, stream in zip(("robot", "camera"), wiggle_scene(np.random.default_rng(0)), strict=True):
         text = [f"{t},{v:.6f}" for t, v in zip(stream.time_ns, stream.values, strict=True)]
         (tmp_path / f"{name}.csv").write_text("\n".join(["time_ns,value", *text]))
     offset = figures("sync", "--from", tmp_path, "--out", tmp_path / "out")
     assert offset["value"]["add_to_stream_s"] == pytest.approx(0.0473, abs=1.5e-3)
+
+
+def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame: str) -> None:
+    """Write poses.csv of a pivoted tip; without the column child_frame if that is empty."""
+    named = f",{child_frame}" if child_frame else ""
+    header = "id,x_m,y_m,z_m,qx,qy,qz,qw" + (",child_frame" if child_frame else "")
+    rows = [pose_row(name, pose) + named for name, pose in poses]
+    (folder / "poses.csv").write_text("\n".join([header, *rows]))
+
+
+def test_tip_poses_of_an_unstated_frame_are_refused_and_those_of_the_tcp_are_converted(
+    tmp_path: Path,
+) -> None:
+    tip, poses = pivot_scene(np.random.default_rng(0), 12)
+    write_tip_poses(tmp_path, poses, "")
+    done = calibrate("tcp", "--from", tmp_path, "--bench", "fake")
+    assert done.returncode == 2
+    assert "add a column child_frame" in done.stderr
+    write_tip_poses(tmp_path, poses, "tcp")
+    done = calibrate("tcp", "--from", tmp_path)
+    assert done.returncode == 2
+    assert "give --bench" in done.stderr
+    command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out", "--accept-change")
+    expected = np.add(tip, (0.0, 0.0, 0.28))
+    assert figures(*command)["value"]["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
+
+
+def test_a_tip_far_from_the_bench_files_tcp_is_refused_unless_accepted(tmp_path: Path) -> None:
+    tip, poses = pivot_scene(np.random.default_rng(0), 12)  # 0.283 m beyond tcp_m
+    write_tip_poses(tmp_path, poses, "tcp")
+    command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out")
+    done = calibrate(*command, "--yes")
+    assert done.returncode == 2
+    assert "the tip is 283 mm from the bench file's tcp_m" in done.stderr
+    found = figures(*command, "--accept-change")
+    assert found["verdict"] == "weak"
+    assert found["value"]["bench_file_tcp_m"] == [0.0, 0.0, 0.28]
+    assert found["value"]["tip_from_tcp_m"] == pytest.approx(tip.tolist(), abs=1e-3)
+    page = Path(found["page"]).read_text()
+    for text in (*found["numbers"].values(), "tcp_m of the bench file"):
+        assert text in page
 
 
 def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Calibrations as protocols on the simulated bench: what they find is what the fakes are made of."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ from calibration.hand_eye.samples import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
 from drivers.errors import DeviceError, InputError
-from drivers.types import Frame
+from drivers.types import ArmState, Frame, Pose
+from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
 from fakes.devices.plan import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.pivot import tip_m
@@ -24,7 +26,7 @@ from rig.calibrate.bench_fingers import collect_openings
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
 from rig.calibrate.bench_tip import collect_tip
-from rig.calibrate.from_tables import tcp_from_folder
+from rig.calibrate.clamped_tip import tip_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
@@ -34,14 +36,47 @@ def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = Tru
     return Station(load_bench(bench), seed, folder, ConsoleOperator(lambda _: False, agreed), lambda _: None)
 
 
-def test_the_tip_is_found_where_it_was_clamped_and_again_from_the_files(tmp_path: Path) -> None:
+def flange_tip_m(seed: int) -> tuple[float, ...]:
+    """Where the simulated tip is on the flange, m."""
+    return tuple(np.add((0.0, 0.0, TOOL_LENGTH_M), tip_m(seed)))
+
+
+def test_calibrated_tip_is_in_the_flange_frame_and_is_solved_again_from_its_samples(tmp_path: Path) -> None:
     found = collect_tip(station(tmp_path, seed=3), 10)
     sigma = np.asarray(found.quality["sigma_m"])
-    off = np.abs(np.subtract(found.value["translation_m"], tip_m(3)))
+    off = np.abs(np.subtract(found.value["translation_m"], flange_tip_m(3)))
     assert (off < 4 * sigma + 5e-5).all()
     assert sigma.max() < 5e-4
-    again = tcp_from_folder(tmp_path / "tcp-samples", "fake")
+    assert found.value["bench_file_tcp_m"] == pytest.approx([0.0, 0.0, TOOL_LENGTH_M])
+    assert found.value["tip_from_tcp_m"] == pytest.approx(list(tip_m(3)), abs=1e-3)
+    again = tip_from_folder(tmp_path / "tcp-samples", "fake")
     assert np.allclose(again.value["translation_m"], found.value["translation_m"], atol=1e-9)
+
+
+@pytest.mark.parametrize(("wrong_m", "verdict"), [(0.03, Verdict.GOOD), (-0.06, Verdict.REFUSED)])
+def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong_m: float, verdict: Verdict
+) -> None:
+    """An arm with a wrong TCP: reported and commanded poses of the tool are beside the real hand."""
+    hand_T_tcp = Pose((0.0, 0.0, wrong_m), (0.0, 0.0, 1.0, 0.0))  # noqa: N806 - also turned about the tool's axis
+    state, move = FakeArm.state, FakeArm.move_linear
+
+    def wrong_state(self: FakeArm) -> ArmState:
+        here = state(self)
+        return replace(here, base_T_tcp=here.base_T_tcp @ hand_T_tcp)
+
+    def wrong_move(self: FakeArm, base_T_tcp: Pose, *how: float) -> object:  # noqa: N803
+        return move(self, base_T_tcp @ hand_T_tcp.inverse(), *how)
+
+    monkeypatch.setattr(FakeArm, "state", wrong_state)
+    monkeypatch.setattr(FakeArm, "move_linear", wrong_move)
+    at = station(tmp_path, seed=3)
+    tool = {"tcp_m": (0.0, 0.0, TOOL_LENGTH_M + wrong_m), "tcp_rotation_vector_rad": (0.0, 0.0, np.pi)}
+    arm = at.config.arm.model_copy(update=tool)
+    at = replace(at, config=at.config.model_copy(update={"arm": arm}))
+    found = collect_tip(at, 10)
+    assert found.value["translation_m"] == pytest.approx(list(flange_tip_m(3)), abs=5e-4)
+    assert found.assessment.verdict is verdict
 
 
 def test_blocks_tell_the_openings_both_ways(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.benchmark.clips.labelled import ClipLabel
+from rig.benchmark.wrong_answers import is_confidently_wrong
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """Within 3 degrees; an error below 2 label sigmas is no evidence of a fault."""
 SMALL_TURN_DEG = 30.0
 USEFUL_SIGMA_DEG = 5.0
-WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 
 
@@ -51,17 +51,20 @@ class JudgedLabel:
         return self.sigma_deg is not None and self.sigma_deg <= USEFUL_SIGMA_DEG
 
     @property
+    def joint_sigma_deg(self) -> float | None:
+        """Sigma of answer and label together; None without an answer or its sigma."""
+        return None if self.sigma_deg is None else float(np.hypot(self.sigma_deg, self.label.sigma_deg))
+
+    @property
     def sigmas_off(self) -> float | None:
         """Error in sigmas of answer and label together; None without an answer or its sigma."""
-        if self.sigma_deg is None:
-            return None
-        return self.error_deg / max(float(np.hypot(self.sigma_deg, self.label.sigma_deg)), 1e-9)
+        sigma = self.joint_sigma_deg
+        return None if sigma is None else self.error_deg / max(sigma, 1e-9)
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether it was answered more than 10 degrees and more than 3 sigma off."""
-        off = self.sigmas_off
-        return off is not None and off > WRONG_SIGMAS and self.error_deg > WRONG_DEG
+        """Whether it is confidently wrong by the sigma of answer and label together."""
+        return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
 
     @property
     def turned(self) -> bool:

@@ -19,6 +19,7 @@ from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
 from rig.benchmark.renderer.shapes import KIND_NAMES
+from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.experiments.process_pool import run_tasks
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
@@ -29,8 +30,6 @@ SCHEMA = 1
 LIFTS = 45
 MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
-WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
-"""An answer further off than both is confidently wrong."""
 TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}
 """The fingertips' signs by name."""
 HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
@@ -162,7 +161,7 @@ def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float])
         np.array([s.time_ns < HOLD_NS for s in fused], bool),
     )
     off = [
-        abs(angle - true) > max(WRONG_DEG, WRONG_SIGMAS * (sigma or 0.0))
+        is_confidently_wrong(angle - true, sigma)
         for angle, sigma, true in zip(angles, sigmas, truth, strict=True)
         if angle is not None
     ]
@@ -178,8 +177,13 @@ def _limits(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
         at_most("worst lift, degrees", overall.worst_deg, MOST_WORST_DEG),
         at_least("share of frames answered", overall.answered, LEAST_ANSWERED),
         between("share of answers within two sigma", overall.within_two_sigma, LEAST_WITHIN, MOST_WITHIN),
-        at_most("lifts with an answer that is confidently wrong", sum(lift.wrong > 0 for lift in lifts), 0),
+        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(overall, lifts), 0),
     )
+
+
+def _wrong_lifts(overall: ContenderScore, lifts: Sequence[DrawnLift]) -> int | None:
+    """Lifts with a confidently wrong answer; None for an estimator without sigma."""
+    return None if overall.within_two_sigma is None else sum(lift.wrong > 0 for lift in lifts)
 
 
 def _row(name: str, kind: str, lifts: Sequence[DrawnLift]) -> tuple[str, ...]:
@@ -193,6 +197,6 @@ def _row(name: str, kind: str, lifts: Sequence[DrawnLift]) -> tuple[str, ...]:
         "-" if score.worst_deg is None else f"{score.worst_deg:.2f}",
         f"{score.answered:.0%}",
         "-" if score.within_two_sigma is None else f"{score.within_two_sigma:.0%}",
-        str(sum(lift.wrong > 0 for lift in lifts)),
+        "-" if (wrong := _wrong_lifts(score, lifts)) is None else str(wrong),
         f"{ms[0]:.1f}, {ms[1]:.1f}",
     )

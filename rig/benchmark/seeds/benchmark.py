@@ -1,4 +1,4 @@
-"""Whole simulated trials of one seed after the other: how far off their lifts are, and which surely so."""
+"""Simulated trials of one seed after the other: the errors of their lifts, and confidently wrong answers."""
 
 import shutil
 import time
@@ -16,6 +16,7 @@ from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.scores import SeriesScore, score_all, score_series
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
@@ -31,11 +32,9 @@ from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.tactile.estimators import choose_estimator
 
-SCHEMA = 1
+SCHEMA = 2
 SEEDS = "seeds.jsonl"
 LIFTS = 5
-WRONG_DEG, SURE_DEG = 10.0, 3.0
-"""An answer that is further off than the first, with a sigma below the second, is confidently wrong."""
 MARE_DEG, WORST_DEG = {"easy": 0.32, "hard": 0.6}, {"easy": 2.2, "hard": 4.0}
 """By the difficulty of the bench."""
 ANSWERED = 0.95
@@ -44,12 +43,15 @@ TURNED_DEG = 5.0
 
 @dataclass(frozen=True, slots=True)
 class SeedLift:
-    """One lift of a trial: its score, how far it turned, and how many frames are confidently wrong."""
+    """One lift of a trial: its score, how far it turned, and how many frames are confidently wrong.
+
+    See `rig.benchmark.wrong_answers`.
+    """
 
     seed: int
     score: SeriesScore
     turned_deg: float
-    wrong: int
+    confidently_wrong: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,10 +158,7 @@ def _scored(session: Path, seed: int, row: FinishedLift) -> SeedLift:
     angles, sigmas = [angle.angle_deg for angle in told], [angle.sigma_deg for angle in told]
     in_b = np.array([angle.time_ns < phases[Phase.HOLD] for angle in told], bool)
     wrong = sum(
-        angle is not None
-        and known is not None
-        and abs(angle - known) > WRONG_DEG
-        and (sigma or 0.0) < SURE_DEG
+        angle is not None and known is not None and is_confidently_wrong(angle - known, sigma)
         for angle, sigma, known in zip(angles, sigmas, true, strict=True)
     )
     return SeedLift(
@@ -177,7 +176,11 @@ def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, .
         at_most("MARE, degrees", overall.mare and overall.mare.mean_deg, MARE_DEG[difficulty]),
         at_most("worst lift, degrees", overall.worst_deg, WORST_DEG[difficulty]),
         at_least("share of frames answered", overall.answered, ANSWERED),
-        at_most("lifts with an answer that is confidently wrong", sum(lift.wrong > 0 for lift in lifts), 0),
+        at_most(
+            "lifts with an answer that is confidently wrong",
+            sum(lift.confidently_wrong > 0 for lift in lifts),
+            0,
+        ),
     )
 
 
@@ -193,7 +196,7 @@ def _row(name: str, lifts: Sequence[SeedLift]) -> tuple[str, ...]:
         "-" if score.worst_deg is None else f"{score.worst_deg:.2f} ({score.worst})",
         f"{score.answered:.1%}",
         "-" if score.within_two_sigma is None else f"{score.within_two_sigma:.0%}",
-        str(sum(lift.wrong > 0 for lift in lifts)),
+        str(sum(lift.confidently_wrong > 0 for lift in lifts)),
     )
 
 

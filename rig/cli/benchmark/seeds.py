@@ -34,7 +34,7 @@ def seeds(
     seed: SeedOption = 0,
     json: JsonOption = False,
 ) -> None:
-    """Carry out SIMULATED trials of several seeds; print how far off they are, and what is surely wrong.
+    """Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.
 
     The estimator is slip, as it answers in the lifts. A trial of 45 lifts takes two minutes on two cores.
     Recordings are removed once they are scored. Exit code 4 when a limit was missed.

@@ -14,6 +14,7 @@ from rig.cli.calibrate.options import (
 )
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
 from rig.cli.dry_run import DryRunOption
+from rig.cli.resuming import given
 from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
@@ -123,6 +124,12 @@ def tcp(
     source: FromOption = None,
     poses: Annotated[int, typer.Option("--poses", min=4, max=60, help="Tilts on a bench.")] = 12,
     serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
+    accept_change: Annotated[
+        bool,
+        typer.Option(
+            "--accept-change", help="Accept a tip over 50 mm from the bench file's tcp_m; --yes does not."
+        ),
+    ] = False,
     bench: BenchOption = "fake",
     seed: SeedOption = 0,
     dry: DryRunOption = False,
@@ -133,13 +140,19 @@ def tcp(
     watch_at: WatchAtOption = None,
     notify: NotifyOption = None,
 ) -> None:
-    """Find the tool's tip by pivoting: the tip in one small hole at many tilts.
+    """Find the point of a tip clamped in the fingers, on the flange, by pivoting in one small hole.
 
     On a bench a pointed tip is in the fingers; the arm tilts it over the hole, and you step it in by
     typing how far it still has to go (x y z in mm, base axes; empty when it sits).
 
+    The tip is not tcp_m, the point between the gels: it stands out of them. The result shows both, and the
+    way from tcp_m to the tip along the tool's axes. A calliper measures the same from the middle of the
+    gels to the point; where it differs, correct tcp_m by the difference. The result does not depend on
+    tcp_m, and is refused if it is more than 50 mm from it.
+
     The folder of --from holds poses.csv, one row for each seated pose: id, x_m, y_m, z_m and qx, qy,
-    qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them). The tip comes out in the frame of these poses.
+    qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them), and child_frame: flange, or tcp for poses of the
+    tool centre point that the --bench file states. With --bench the tip is compared with its tcp_m.
 
     Examples:
       rig calibrate tcp --bench fake
@@ -148,13 +161,16 @@ def tcp(
 
     """
     from rig.calibrate.bench_tip import collect_tip
-    from rig.calibrate.from_tables import tcp_from_folder
+    from rig.calibrate.clamped_tip import tip_from_folder
+    from rig.config import load_bench
 
     if source is not None:
-        file_and_say(tcp_from_folder(recorded(context, source), serial), out, bench, json)
+        tool = load_bench(bench).arm.flange_T_tcp() if given(context, "bench") else None
+        found = tip_from_folder(recorded(context, source), serial, tool, accept_change)
+        file_and_say(found, out, bench, json)
     else:
         with station(context, "tilts", poses) as at:
-            file_and_say(collect_tip(at, poses), out, bench, json)
+            file_and_say(collect_tip(at, poses, accept_change), out, bench, json)
 
 
 def sync(

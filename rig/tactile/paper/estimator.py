@@ -11,6 +11,7 @@ from typing import Protocol
 
 import cv2
 
+from drivers.tally import StreamTimes
 from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
@@ -100,9 +101,12 @@ class PublishedEstimator(TactileEstimator):
         self._finder = finder
         self._method = method
         self._filter = ScriptFilter(window)
+        self._times = StreamTimes()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        if not self._times.follows(time_ns):
+            return SlipSample(time_ns, State.LOST, jumped=True)
         watch = Stopwatch()
         contact = self._finder.find(image)
         watch.lap("contact")

@@ -10,7 +10,7 @@ from rig.tactile.sample import SlipSample, TactileEstimator
 class WindowMean(TactileEstimator):
     """Another estimator's angles, averaged over the last n of them; after a refusal it starts empty.
 
-    A frame that is not newer than the one before counts for nothing.
+    A frame that is not newer than the one before, or whose time jumped, counts for nothing.
     """
 
     def __init__(self, estimator: TactileEstimator, window: int) -> None:
@@ -29,6 +29,8 @@ class WindowMean(TactileEstimator):
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
         sample = self._estimator.update(image, time_ns)
+        if sample.jumped:
+            return sample
         if self._last is not None and sample.time_ns == self._last.time_ns:
             return replace(sample, angle_deg=self._last.angle_deg)
         if sample.angle_deg is None:

@@ -77,8 +77,44 @@ def test_anyone_s_frames_go_on_and_the_frame_is_named(
     ]
     series = FrameSeries("drawn", lambda: iter(frames))
     estimate = zeroed(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
-    assert [answer.jumped for answer in estimate.answers] == [i == 20 for i in range(len(images))]
+    assert [answer.sample.jumped for answer in estimate.answers] == [i == 20 for i in range(len(images))]
     assert estimate.answers[20].sample.state is State.LOST
     assert estimate.angles_deg[-1] == pytest.approx(16.0, abs=1.5)
     found = figures(estimate)
     assert (found.jumped, found.unreadable) == (1, 0)
+
+
+@pytest.mark.parametrize("name", ["slip", "ecc", "ellipse", "pca-published"])
+@pytest.mark.parametrize(("place", "jump_s"), [(10, 3600), (20, -3600), (20, 1), (40, -1), (57, 3600)])
+def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_time(
+    press: Callable[..., Image], blank: Image, name: str, place: int, jump_s: float
+) -> None:
+    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+    images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)]
+    times_ns = [round((5.0 + i / 60) * 1e9) for i in range(len(images))]
+    choice = choose_estimator(name, None)
+    with_jump, without = choice.make(blank, None), choice.make(blank, None)
+    for i, (image, time_ns) in enumerate(zip(images, times_ns, strict=True)):
+        if i == place:
+            sample = with_jump.update(image, time_ns + round(jump_s * 1e9))
+            assert (sample.state, sample.angle_deg, sample.jumped) == (State.LOST, None, True)
+        else:
+            sample, expected = with_jump.update(image, time_ns), without.update(image, time_ns)
+            assert (sample.state, sample.angle_deg) == (expected.state, expected.angle_deg)
+            assert sample.sigma_deg == expected.sigma_deg
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_estimator_recovers_from_a_wrong_time_before_the_frame_rate_is_known(
+    press: Callable[..., Image], blank: Image, place: int
+) -> None:
+    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+    estimator = choose_estimator("slip", None).make(blank, None)
+    samples = []
+    for i, angle in enumerate(angles):
+        time_ns = round(i * 1e9 / 60) + (HOUR_NS if i == place else 0)
+        samples.append(estimator.update(press(angle, seed=i, half_axes=(80.0, 25.0)), time_ns))
+        assert samples[-1].time_ns == time_ns
+    found = [sample.angle_deg for sample in samples[3:]]
+    assert None not in found
+    assert found[-1] - found[0] == pytest.approx(16.0, abs=1.0)

@@ -164,7 +164,7 @@ class GripperState:
         for name in ("time_ns", "position_counts", "current_counts", "fault_code"):
             require_integer(f"the gripper's {name}", getattr(self, name))
         require_number("the gripper's position_counts", self.position_counts, 0)
-        for name in ("activated", "moving", "gripping"):
+        for name in ("activated", "moving", "gripping", "obstructed"):
             require_type(f"the gripper's {name}", getattr(self, name), bool)
 
 

@@ -7,12 +7,13 @@ reached position with the requested one, and every release with a look at the ta
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, FingerMotionError
 from drivers.interfaces import Motion
-from drivers.types import GripperLimits, GripperState, HandState, Holding
+from drivers.types import GripperLimits, GripperState, Holding
 from protocols.pump import Pump
 
 MOTION_TIMEOUT_S = 15.0
@@ -49,7 +50,7 @@ def move_fingers(bench: Bench, counts: int, pump: Pump | None = None) -> Gripper
         bench.gripper.stop()
     fell_short = opens and reached.position_counts > counts
     if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
-        bench.hand.note(HandState(Holding.UNKNOWN, f"the fingers {problem}"))
+        _doubt(bench, f"the fingers {problem}")
     raise FingerMotionError(
         f"gripper: the fingers {problem} (tolerance {tolerance_counts(bench.gripper.limits)} counts): they "
         "are blocked, or the gripper does not carry out its commands; the arm stays where it is. Look what "
@@ -69,12 +70,17 @@ def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
     pump.run_until(lambda: not pump.touched(held) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
     if touched := pump.touched(held):
         where = f"{' and '.join(touched)} still in contact after the fingers opened"
-        bench.hand.note(HandState(Holding.UNKNOWN, where))
+        _doubt(bench, where)
         raise FingerMotionError(
             f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
             "where it is. Look what the fingers hold, free it, then start again"
         )
     return reached
+
+
+def _doubt(bench: Bench, why: str) -> None:
+    """Note that the hand may hold something; where it closed last is kept."""
+    bench.hand.note(replace(bench.hand.state, holding=Holding.UNKNOWN, what=why))
 
 
 def tolerance_counts(limits: GripperLimits) -> int:

@@ -78,10 +78,10 @@ def look_at_hand(bench: Bench) -> HandState:
     elif known.holding is Holding.AROUND:
         if not is_around(bench.arm.state().base_T_tcp, known):
             return HandState(Holding.FREE)
-    elif (
-        gripper.activated and not gripper.gripping and counts <= bench.gripper.limits.min_counts + OPEN_COUNTS
-    ):
-        return HandState(Holding.FREE)  # a gripper that is not activated does not know where its fingers are
+    elif not gripper.gripping and counts <= bench.gripper.limits.min_counts + OPEN_COUNTS:
+        # A gripper that lost its power may not know where its fingers are: not enough to free what was held.
+        if gripper.activated or known.base_T_grasp is None:
+            return HandState(Holding.FREE)
     return known
 
 

@@ -63,6 +63,7 @@ INVALID: dict[Any, dict[str, st.SearchStrategy[Any]]] = {
         "current_counts": INVALID_INTEGER,
         "fault_code": INVALID_INTEGER,
         "gripping": BOOLS,
+        "obstructed": BOOLS,
     },
     HAND: {
         "holding": st.sampled_from([None, "held", True]),

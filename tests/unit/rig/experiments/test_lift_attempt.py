@@ -71,10 +71,10 @@ def test_lift_of_an_arm_without_force_sensor_is_recorded_without_a_wrench(
 ) -> None:
     arm = light_bench.arm.model_copy(update={"force_sensor": False})
     bench = light_bench.model_copy(update={"arm": arm})
-    attempt = attempt_lift(TrialSettings(bench, 0, choose_estimator(estimator)), LiftTask(1, "t1", 1))
+    settings = TrialSettings(bench, 0, choose_estimator(estimator))
+    attempt = attempt_lift(settings, LiftTask(1, "t1", 1), folder=tmp_path)
     assert attempt.row.accepted
-    ((_, recording),) = attempt.files.items()
-    (tmp_path / "lift.mcap").write_bytes(recording)
-    states = list(recorded_arm_states(tmp_path / "lift.mcap"))
+    (recording,) = attempt.files.values()
+    states = list(recorded_arm_states(recording))
     assert states
     assert {state.wrench for state in states} == {None}

@@ -25,7 +25,9 @@ def estimate(
         str | None,
         typer.Option(
             help="Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (made from "
-            "the frames themselves). Default: a session's own; else auto, from nine frames on."
+            "all frames, for contacts that move about). Default: a session's own; else the first frames if "
+            "they are alike and later ones differ, or the image that most frames share; refused if neither "
+            "shows an untouched gel."
         ),
     ] = None,
     timestamps: Annotated[

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 
 from drivers.types import Image
-from rig.frames.series import ENOUGH_FRAMES, FrameSeries, spread_images
+from rig.frames.series import ENOUGH_FRAMES, FrameSeries, evenly_spread
 from rig.tactile.contact.background import auto_background, structure
 from rig.tactile.contact.dots import plain_of
 from rig.tactile.contact.gate import ContactGate
@@ -50,7 +50,7 @@ def background_doubts(spec: str | None, background: Image, series: FrameSeries) 
                 f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
                 "among them, or one is from before; give fewer or an IMAGE"
             ]
-    frames = spread_images(series, COMPARED)
+    frames = evenly_spread(series.images(), COMPARED)
     if len(frames) >= ENOUGH_FRAMES and _shows_contact(background, auto_background(frames)):
         return [
             "the background seems to show a contact, which other frames do not: give an IMAGE without one, "

@@ -12,6 +12,7 @@ from drivers.errors import InputError
 from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.frames.series import (
+    ENOUGH_FRAMES,
     FrameSeries,
     TimedFrame,
     make_background,
@@ -220,7 +221,10 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
         return (TimedFrame(file.name, FrameTime("0", 0), _readable(file)) for file in files)
 
     series = FrameSeries(str(files[0].parent), read)
-    return ImageGroup(tuple(files), *make_background(background, series))
+    if background is None and len(files) < ENOUGH_FRAMES:
+        raise InputError(f"{series.name}: {len(files)} images make no background: give --background IMAGE")
+    # images of a data set are no recording: their order says nothing
+    return ImageGroup(tuple(files), *make_background(background or "auto", series))
 
 
 def _files(path: Path) -> list[Path]:

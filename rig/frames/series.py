@@ -5,7 +5,7 @@ as a gap; the reader of the series decides what to say about it.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,9 +19,10 @@ from drivers.types import Image
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
+from rig.tactile.contact.untouched import untouched_frames
 
 FOLDER_FPS = 60.0
-# Without --background the background is made from the frames; fewer than this say too little.
+# Fewer frames than this are too few to make a background from contacts that move about.
 ENOUGH_FRAMES = 9
 
 
@@ -89,17 +90,19 @@ def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = 
 def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on where it is from.
 
-    spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all
-    frames; None, which is the set's own where it has one, else `auto` where there are nine frames or more.
-    Raises `InputError`.
+    spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all frames, for
+    contacts that move about; None: the set's own if it has one, else the frames that show the untouched gel,
+    see `find_background`. Raises `InputError`.
     """
     first = next(series.images(), None)
     if first is None:
         raise InputError(f"{series.name}: no frame can be read: copy it anew")
     if spec is None and series.empty is not None and (empty := series.empty()) is not None:
         return empty, "background: the set's own"
-    if spec is None or spec == "auto":
-        return _auto(spec, series)
+    if spec is None:
+        return find_background(series.name, series.images(), evenly_spread(series.images()))
+    if spec == "auto":
+        return auto_background(evenly_spread(series.images())), "background: made from all frames (auto)"
     if spec.startswith("first:"):
         return _first(spec, series)
     background = read_image(Path(spec))
@@ -114,13 +117,23 @@ def size_text(shape: tuple[int, ...]) -> str:
     return f"{shape[1]} x {shape[0]} px"
 
 
-def _auto(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
-    frames = spread_images(series, MAX_FRAMES)
-    if spec is None and len(frames) < ENOUGH_FRAMES:
-        raise InputError(f"{series.name}: {len(frames)} frames make no background: give --background IMAGE")
-    note = "background: made from the frames themselves (auto)"
-    hint = "" if spec else "; --background IMAGE or first:N is surer where contacts hardly move"
-    return auto_background(frames), note + hint
+def find_background(name: str, images: Iterable[Image], spread: Sequence[Image]) -> tuple[Image, str]:
+    """Find the frames of the untouched gel; return their mean and a note.
+
+    The first frames if they are alike and later ones differ, otherwise the image that most frames share.
+    images: all frames in order. spread: frames evenly spread over them. Raises `InputError` if neither shows
+    an untouched gel.
+    """
+    frames, first = untouched_frames(images, spread)
+    if frames and first:
+        return mean_background(frames), f"background: mean of the first {len(frames)} frames, which are alike"
+    if frames:
+        share = f"{len(frames)} of {len(spread)} frames, evenly spread"
+        return mean_background(frames), f"background: mean of the {share}, that are most alike"
+    raise InputError(
+        f"{name}: neither the first frames nor the most frequent ones show an untouched gel: give "
+        "--background IMAGE (a frame without contact) or first:N, or auto if contacts move about"
+    )
 
 
 def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
@@ -134,11 +147,11 @@ def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
     return mean_background(images), f"background: mean of the first {count} frames"
 
 
-def spread_images(series: FrameSeries, least: int) -> list[Image]:
-    """Return frames evenly spread over a series of unknown length, `least` to twice as many of a long one."""
+def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Image]:
+    """Return evenly spread images of a series of unknown length, `least` to twice as many of a long one."""
     kept: list[Image] = []
     step = 1
-    for index, image in enumerate(series.images()):
+    for index, image in enumerate(images):
         if index % step == 0:
             kept.append(image)
         if len(kept) > 2 * least:

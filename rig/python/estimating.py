@@ -10,12 +10,11 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.frames.estimates import estimate_series, zeroed
-from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate
 from rig.python.angles import Angles
 from rig.report.curves import Curve, truth_at
 from rig.results.metrics import summarize
-from rig.tactile.contact.background import auto_background
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.window import WindowMean
@@ -53,16 +52,18 @@ def estimate(
 ) -> Angles:
     """Estimate how the contact turns in tactile frames, (H, W, 3) uint8 RGB, in order.
 
-    background: a frame without contact; made from the frames themselves where None. times_s: (N,) when they
-    were taken, else at `fps`. estimator: a name (`rig estimators` lists them), "package.module:Class", or a
-    class of your own. window: mean of the last n angles, the estimator's usual by default. pixel_aspect:
-    width over height of a pixel on the gel where it is known. Angles are image angles, counter-clockwise as
-    seen, from the first frame of stable full contact, as those of `rig estimate`. Raises `InputError` for
-    frames or times that cannot be, `EstimatorError` for an estimator that cannot.
+    background: a frame without contact; None: the mean of the first frames if they are alike and later ones
+    differ, otherwise of the most frequent image. times_s: (N,) when the frames were taken, else at `fps`.
+    estimator: a name (`rig estimators` lists them), "package.module:Class", or a class of your own. window:
+    mean of the last n angles, the estimator's usual by default. pixel_aspect: width over height of a pixel on
+    the gel where it is known. Angles are image angles, counter-clockwise as seen, from the first frame of
+    stable full contact, as those of `rig estimate`. Raises `InputError` for frames or times that cannot be,
+    and if no background is given and no frames show an untouched gel; `EstimatorError` for an estimator that
+    cannot.
     """
     if background is None:
         frames = list(frames)
-        background = auto_background(frames)
+        background, _ = find_background("estimate", frames, evenly_spread(frames))
     series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
     answers = estimate_series(series, _made(estimator, background, window, pixel_aspect))
     if not answers:

@@ -158,11 +158,20 @@ def test_a_clip_without_any_contact_is_named(blank: Image, tmp_path: Path) -> No
     assert "warning: no frame shows a contact" in done.said
 
 
-def test_the_background_is_made_from_the_frames_when_none_is_given(lift: Path) -> None:
-    done = estimate(lift / "frames", "--estimator", "ellipse")
+def test_default_background_is_the_untouched_opening(press: Draw, tmp_path: Path) -> None:
+    untouched = [press(None, seed=100 + i) for i in range(10)]
+    for i, image in enumerate([*untouched, *drawn_frames(press)[2:]]):
+        cv2.imwrite(str(tmp_path / f"f{i}.png"), image[..., ::-1])
+    done = estimate(tmp_path, "--estimator", "ellipse")
     assert done.error is None
-    assert "made from the frames themselves (auto)" in done.said
+    assert "which are alike" in done.said
+    assert [row["state"] for row in done.rows[:10]] == ["no_contact"] * 10
     assert float(done.rows[-1]["angle_deg"]) == pytest.approx(19, abs=3)
+
+
+def test_default_background_is_refused_if_no_frames_show_an_untouched_gel(lift: Path) -> None:
+    done = estimate(lift / "frames")
+    assert "give --background IMAGE" in (done.error or "")
 
 
 def test_json_is_one_object_and_the_table_goes_to_the_file(lift: Path, tmp_path: Path) -> None:

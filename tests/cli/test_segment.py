@@ -65,7 +65,7 @@ def test_every_image_gets_a_mask_of_its_own_size(model: str, frames: Path, tmp_p
 
 def test_a_background_made_from_the_images_is_said(frames: Path, tmp_path: Path) -> None:
     done = rig("segment", frames, "--background", "auto", "--out", tmp_path)
-    assert "made from the frames themselves" in done.stderr
+    assert "made from all frames (auto)" in done.stderr
 
 
 def test_damaged_black_and_saturated_images_are_flagged(frames: Path, tmp_path: Path) -> None:

@@ -33,6 +33,8 @@ SLOPE_PX = 1.0
 """Blur before slopes are measured, in pixels of the reduced copy."""
 DARK = 10.0
 """Grey levels added before a logarithm, so that noise in dark pixels does not dominate."""
+FLAT = 1e-6
+"""Added to slopes, so that a frame of one colour has a logarithm."""
 DECISIVE = 0.03
 """Least difference of the logarithms of two slopes that tells a contact from a gel at rest. On 24 real clips
 the untouched opening has -0.74 to -0.002; clips cut so that they begin in contact have -0.02 to 0.06."""
@@ -53,7 +55,7 @@ class Comparison:
         """Return the slopes (h, w) of the logarithm of a frame's reduced copy."""
         logarithm = cv2.GaussianBlur(np.log(self._reduced(image).astype(np.float32) + DARK), (0, 0), SLOPE_PX)
         right, down = np.gradient(logarithm, axis=1), np.gradient(logarithm, axis=0)
-        return np.asarray(np.hypot(right, down).mean(axis=2), np.float32)
+        return np.asarray(np.hypot(right, down).mean(axis=2) + FLAT, np.float32)
 
     def _reduced(self, image: Image) -> Image:
         return self._light.reduced(self._plain(image))
@@ -116,9 +118,7 @@ def _roughness(alike: Sequence[Image], others: Sequence[Image]) -> float | None:
     Mean logarithm of the ratio; below 0 the others have more edges, as contacts add. None if none differs.
     """
     comparison = Comparison(mean_background(alike))
-    own = comparison.slopes(
-        _middle(alike)
-    )  # of a single frame: a mean has less noise than what it is compared with
+    own = comparison.slopes(_middle(alike))  # of a single frame: a mean has less noise than the others have
     ratios = [
         float(np.log(own[region.mask > 0].mean() / comparison.slopes(image)[region.mask > 0].mean()))
         for image in others

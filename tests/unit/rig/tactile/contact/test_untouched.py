@@ -75,3 +75,10 @@ def test_opening_leaves_out_the_onset_and_is_bounded(
     assert len(still_opening([*rest(20), *turning(3)])) == 15
     assert len(still_opening([*rest(5), *turning(3)])) == LEAST_FRAMES
     assert still_opening(turning(10)) == []
+
+
+def test_frames_of_one_colour_give_a_typed_error() -> None:
+    black, white = np.zeros((320, 240, 3), np.uint8), np.full((320, 240, 3), 255, np.uint8)
+    for frames in ([black] * 20, [white] * 20, [black] * 10 + [white] * 10):
+        with pytest.raises(InputError, match="--background"):
+            found(frames)

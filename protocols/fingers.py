@@ -2,7 +2,7 @@
 
 A gripper that is blocked, that reports success without moving, or that moves too far must never lead to
 an arm that moves with an object in its fingers. So every finger motion ends with a comparison of the
-reached position with the requested one, and every release with a look at the tactile images.
+reached position with the requested one, and every release with a check of the tactile images.
 """
 
 from collections.abc import Callable
@@ -64,11 +64,11 @@ def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
     Raises `FingerMotionError` after `RELEASE_S`; the hand is then unknown: the object may stick to a
     fingertip, or the gripper may report a position that its fingers do not have.
     """
-    held = pump.imprints()
+    contacts = pump.contacts()
     reached = move_fingers(bench, counts, pump)
     end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
-    pump.run_until(lambda: not pump.touched(held) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
-    if touched := pump.touched(held):
+    pump.run_until(lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+    if touched := pump.still_shown(contacts):
         where = f"{' and '.join(touched)} still in contact after the fingers opened"
         _doubt(bench, where)
         raise FingerMotionError(

@@ -1,7 +1,7 @@
 """Motions that end where the hand meets something: wrench and gripper are watched on the way down.
 
-The constructors of the states have rejected NaN and other invalid values (`drivers.types`), so that each
-comparison here means what it says; their error stops the motion.
+The constructors of the states reject NaN and other invalid values (`drivers.types`), so no comparison here
+is false because of NaN; their error stops the motion.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Brings every sensor's frames to the observer: the fingertips' in the order they were captured."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -12,7 +12,7 @@ from drivers.interfaces import FrameSource
 from drivers.tally import FROZEN_FRAMES, FrameTally
 from drivers.types import ArmMode, ArmState, Frame
 from protocols.observer import LiftObserver
-from protocols.release import LEFT_SHARE, Imprint, imprint, share_left
+from protocols.release import Contact, Imprint, imprint
 
 FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
@@ -54,13 +54,16 @@ class Pump:
         """The time up to which all that the fingertips captured has been delivered: not later than now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
-    def imprints(self) -> dict[str, Imprint]:
-        """Return the fine structure of the newest frame of each fingertip, by serial."""
-        return {tip.source.serial: tip.newest_imprint() for tip in self._tips}
+    def contacts(self) -> list[Contact]:
+        """Return the contact that each fingertip shows now, compared with its first frames."""
+        return [
+            Contact(tip.source.serial, tip.untouched_imprint(), tip.newest_imprint()) for tip in self._tips
+        ]
 
-    def touched(self, held: dict[str, Imprint]) -> list[str]:
-        """Return the serials of the fingertips that still show the contact of `held` (earlier `imprints`)."""
-        return [tip.source.serial for tip in self._tips if tip.still_shows(held[tip.source.serial])]
+    def still_shown(self, contacts: Sequence[Contact]) -> list[str]:
+        """Return the serials of the fingertips that still show one of these contacts."""
+        pairs = zip(self._tips, contacts, strict=True)
+        return [contact.serial for tip, contact in pairs if contact.is_in(tip.newest_imprint())]
 
     def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
         """Deliver all frames captured from now on for a while; returns when the last one is delivered.
@@ -168,10 +171,9 @@ class _Stream:
             raise StaleFrameError(f"{self.source.serial}: no frame was delivered yet")
         return imprint(self._taken.image)
 
-    def still_shows(self, held: Imprint) -> bool:
-        """Whether the newest frame still shows a contact, compared with the first frames of this stream."""
-        untouched = np.mean([imprint(frame.image) for frame in self._first], axis=0)
-        return share_left(untouched, held, self.newest_imprint()) > LEFT_SHARE
+    def untouched_imprint(self) -> Imprint:
+        """Return the mean fine structure of the first frames that were delivered."""
+        return np.mean([imprint(frame.image) for frame in self._first], axis=0)
 
     def _accept(self, frame: Frame) -> None:
         self._tally.add(frame)

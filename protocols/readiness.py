@@ -79,7 +79,7 @@ def look_at_hand(bench: Bench) -> HandState:
         if not is_around(bench.arm.state().base_T_tcp, known):
             return HandState(Holding.FREE)
     elif not gripper.gripping and counts <= bench.gripper.limits.min_counts + OPEN_COUNTS:
-        # A gripper that lost its power may not know where its fingers are: not enough to free what was held.
+        # A gripper that lost its power may report wrong positions: not enough to call a held object released.
         if gripper.activated or known.base_T_grasp is None:
             return HandState(Holding.FREE)
     return known

@@ -5,6 +5,8 @@ seconds of drifting light it may report contact on an untouched gel. A release i
 imprint of this contact: the fine structure that came with it has to go when the fingers open.
 """
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 
 Imprint = NDArray[np.float32]
-"""(H, 40, 3) fine structure of a tactile image: its logarithm without what is wider than 5 pixels."""
+"""(H, 40, 3) fine structure of a tactile image: its logarithm without structures wider than 5 pixels."""
 
 WIDTH_PX = 40
 SMOOTH_PX = 5.0
@@ -22,6 +24,19 @@ LEFT_SHARE = 0.6
 """Largest share of its imprint that a released contact may leave. Measured on hard simulated lifts with
 drifting light and gels that keep a print: at most 0.44 after 45 releases, at least 0.76 in 9 lifts whose
 fingers did not open."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contact:
+    """A contact of one fingertip. untouched: mean of frames before it. held: before the fingers opened."""
+
+    serial: str
+    untouched: Imprint
+    held: Imprint
+
+    def is_in(self, now: Imprint) -> bool:
+        """Whether an image still shows this contact."""
+        return share_left(self.untouched, self.held, now) > LEFT_SHARE
 
 
 def imprint(image: Image) -> Imprint:

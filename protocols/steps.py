@@ -7,8 +7,7 @@ from drivers.errors import GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.keep_out import check_way
 from drivers.types import GripperLimits, GripperState, HandState, Holding, Pose
-from protocols.fingers import MOTION_TIMEOUT_S as MOTION_TIMEOUT_S
-from protocols.fingers import move_fingers, release, wait_with
+from protocols.fingers import MOTION_TIMEOUT_S, move_fingers, release, wait_with
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump

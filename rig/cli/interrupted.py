@@ -1,4 +1,4 @@
-"""How commands show what was recorded of an interrupted lift."""
+"""Summary of interrupted lifts, as commands print it."""
 
 from typing import Any
 

@@ -8,9 +8,7 @@ import numpy as np
 from drivers.types import Image
 from rig.frames.series import ENOUGH_FRAMES, FrameSeries, evenly_spread
 from rig.tactile.contact.background import auto_background, structure
-from rig.tactile.contact.dots import plain_of
-from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.untouched import Comparison
 
 # The first frame is held against so many after it; darker than this share of their light is dark.
 AFTER_FIRST = 5
@@ -65,10 +63,9 @@ def _shows_contact(background: Image, made: Image) -> bool:
 
 
 def _odd_ones(background: Image, images: Sequence[Image]) -> list[int]:
-    return [number for number, image in enumerate(images) if _differs(background, image)]
+    comparison = Comparison(background)
+    return [number for number, image in enumerate(images) if comparison.region(image) is not None]
 
 
 def _differs(background: Image, image: Image) -> bool:
-    plain = plain_of(background)
-    light = RelativeDifference(plain(background), work_size(background.shape, 1.0))
-    return ContactGate().find(light.of(light.reduced(plain(image)))) is not None
+    return Comparison(background).region(image) is not None

@@ -63,7 +63,7 @@ class LiftOnPage:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a command has told so far. title: its name. what: its pieces of work are called, as "lifts".
+    """State of a command for the page. title: its name. what: name of its pieces of work, as "lifts".
 
     newest: about the piece finished last. question: that waits for an answer. ended: how the command ended.
     faults: newest first, with the time of day.

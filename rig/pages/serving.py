@@ -30,7 +30,7 @@ RETRY_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a browser asks for. headers: by lower-case name."""
+    """A request of a browser. headers: by lower-case name."""
 
     method: str
     path: str

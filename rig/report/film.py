@@ -44,7 +44,7 @@ class _Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmedLift:
-    """A lift of a session's folder, or what was recorded of an interrupted one."""
+    """A lift of a session's folder, or the recorded part of an interrupted one."""
 
     folder: Path
     manifest: TrialManifest

@@ -102,7 +102,7 @@ class _Message:
 
 
 class Sink(Protocol):
-    """What a recording is written to: a binary stream, or a file that does not keep the caller waiting."""
+    """Destination of a recording: a binary stream, or a file that is written in the background."""
 
     def write(self, data: bytes, /) -> int:
         """Take data and return their size."""

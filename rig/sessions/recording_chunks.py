@@ -85,7 +85,7 @@ def summary_layout(stream: IO[bytes]) -> Layout:
         raise ValueError("it is cut short")
     opcode, _, begin, _, checksum = FOOTER.unpack_from(footer)
     if opcode != Opcode.FOOTER or not len(MAGIC) + DATA_END.size <= begin <= size - tail:
-        raise ValueError("its end says nothing of what it holds")
+        raise ValueError("the end of the file has no summary")
     stream.seek(begin)
     data = stream.read()
     # over all but the checksum itself and what follows

@@ -1,4 +1,4 @@
-"""The frames of a recording that show the untouched gel, found without being told.
+"""The frames of a recording that show the untouched gel.
 
 Most recordings begin with an untouched gel: its frames are alike, later ones differ. Otherwise the image
 that most frames share may be the gel at rest. Either is only used if it is plainer than the frames that
@@ -36,8 +36,9 @@ DARK = 10.0
 FLAT = 1e-6
 """Added to slopes, so that a frame of one colour has a logarithm."""
 DECISIVE = 0.03
-"""Least difference of the logarithms of two slopes that tells a contact from a gel at rest. On 24 real clips
-the untouched opening has -0.74 to -0.002; clips cut so that they begin in contact have -0.02 to 0.06."""
+"""Least difference of the logarithms of two slopes that distinguishes a contact from a gel at rest. On the 24
+clips of rotation_clips the untouched opening has -0.74 to -0.002; clips that are cut so that they begin in
+contact have -0.02 to 0.06."""
 
 
 class Comparison:

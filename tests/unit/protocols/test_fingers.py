@@ -1,4 +1,4 @@
-"""Finger motions are verified: a gripper that does not do what it was told never leads to a moving arm."""
+"""Finger motions are verified: a gripper that disobeys never leads to a moving arm."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""The imprint of a contact: what a release leaves of it, and what it does not depend on."""
+"""The imprint of a contact: how much of it a release leaves, whatever the light does."""
 
 import numpy as np
 import pytest

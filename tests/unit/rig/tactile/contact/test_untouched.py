@@ -1,4 +1,4 @@
-"""Frames of the untouched gel are found in a recording, and a contact is never taken for them."""
+"""Frames of the untouched gel are found in a recording, and frames with contact are not."""
 
 from collections.abc import Callable
 

@@ -1,11 +1,14 @@
-"""`rig benchmark endurance`: an object held still for an hour, in real time, on the bench behind wires.
+"""`rig benchmark endurance`: hold an object still for an hour, in real time, over the wire protocols.
 
-What a long session needs: no frame lost, angles in time, the same angle for the same contact, and memory,
-threads and open files that do not grow.
+A long session must not drop frames, must report angles in time, must report the same angle for the same
+contact, and its memory, threads and open files must not grow. Everything is recorded as in a lift, one file
+per minute.
 """
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,7 +31,9 @@ from rig.bench.source import StandingBench
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.sessions.background_file import BackgroundFile
 from rig.sessions.images import stored
+from rig.sessions.recorder import LiftRecorder
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.touch import TouchDebounce
 from rig.tactile.estimators import choose_estimator
@@ -38,24 +43,32 @@ OBJECT = "t1"
 MINUTE_S = 60.0
 WANDER_DEG, GROWN_MB, ANSWERED = 0.3, 10.0, 0.95
 CHILDREN = b"drivers."
-"""In the command lines of the drivers' own processes."""
+"""Part of the command line of every process that a driver starts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Minute:
-    """What a minute came to.
+    """Measurements of one minute.
 
-    frames, dropped: of all sources. p50_ms, p99_ms: from a tactile frame's capture to its angle, the later
-    fingertip's. wander_deg: largest distance of an angle from the mean of the first minute. answered: share
-    of tactile frames. memory_mb, threads, files: of this program and the drivers' processes, at its end.
+    Attributes:
+        frames, dropped: counts over both fingertips and the camera.
+        jumped: tactile frames at which an estimator detected a jump of the frame times.
+        p50_ms, p99_ms: percentiles of the time from capture to angle, of the slower fingertip.
+        wander_deg: largest difference of an angle from the mean of the first minute.
+        answered: share of tactile frames with an angle.
+        recorded_mb: size of the minute's recording.
+        memory_mb, threads, files: of this program and of the drivers' processes, at the end of the minute.
+
     """
 
     frames: int
     dropped: int
+    jumped: int
     p50_ms: float
     p99_ms: float
     wander_deg: float
     answered: float
+    recorded_mb: float
     memory_mb: float
     threads: int
     files: int
@@ -63,7 +76,7 @@ class Minute:
 
 @dataclass(slots=True)
 class _Tip:
-    """A fingertip: what it showed untouched, then its estimator and the newest minute's angles."""
+    """A fingertip: its frames before the contact, then its estimator and the angles of this minute."""
 
     sign: int
     aspect: float | None
@@ -72,29 +85,76 @@ class _Tip:
     touch: TouchDebounce = field(default_factory=TouchDebounce)
     angles_deg: list[float] = field(default_factory=list)
     late_ns: list[int] = field(default_factory=list)
+    jumped: int = 0
     zero_deg: float | None = None
 
 
-class StillContact(LiftObserver):
-    """Estimates what both fingertips show, as a lift does, and keeps no more than a minute of it."""
+class MinuteRecordings:
+    """Records into one file per minute below a folder, and deletes each file once it is complete.
 
-    def __init__(self, bench: BenchConfig, clock: Clock) -> None:
+    A completed file is flushed to the disk by a background thread, so that the control loop does not wait.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._number = folder, 0
+        self._closer = ThreadPoolExecutor(1)
+        self._closing: Future[None] | None = None
+        self._open()
+
+    def _open(self) -> None:
+        self._number += 1
+        self._file = BackgroundFile([self._folder / f"{self._number:06d}.mcap"])
+        self.recorder = LiftRecorder(self._file)
+
+    def next_file(self) -> int:
+        """Complete the current file, begin the next, and return the size of the completed one in bytes.
+
+        Raises `RecordingError` if this or an earlier file could not be written.
+        """
+        if self._closing is not None:
+            self._closing.result()
+        self.recorder.close()
+        size = self._file.tell()
+        self._closing = self._closer.submit(_flush_and_delete, self._file)
+        self._open()
+        return size
+
+    def close(self) -> None:
+        """Complete and delete the last file."""
+        try:
+            self.next_file()
+        finally:
+            self._closer.shutdown()
+
+
+def _flush_and_delete(file: BackgroundFile) -> None:
+    file.close()
+    file.path.unlink()
+
+
+class StillContact(LiftObserver):
+    """Estimates and records both fingertips as in a lift, and keeps the angles of the current minute only."""
+
+    def __init__(self, bench: BenchConfig, clock: Clock, recordings: MinuteRecordings) -> None:
         aspects = bench.pixel_aspects()
         self._tips = {t.serial: _Tip(t.sign, aspects.get(t.serial)) for t in bench.tactile}
         self._tallies = {serial: FrameTally() for serial in (*self._tips, bench.camera.serial)}
         self._clock, self._choice = clock, choose_estimator()
+        self._recordings = recordings
         self._counted = (0, 0)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """With the grasp the estimators begin."""
+        """Record the phase; create the estimators when the grasp begins."""
+        self._recordings.recorder.phase(phase, time_ns)
         if phase is Phase.GRASP:
             for tip in self._tips.values():
                 tip.estimator = self._choice.make(mean_background(tip.reference), tip.aspect, tip.sign)
                 tip.reference = []
 
     def frame(self, frame: Frame) -> None:
-        """Take a frame."""
-        frame, _ = stored(frame)
+        """Record a frame and estimate its angle."""
+        frame, jpeg = stored(frame)
+        self._recordings.recorder.image(frame, jpeg)
         self._tallies[frame.serial].add(frame)
         tip = self._tips.get(frame.serial)
         if tip is None:
@@ -106,25 +166,33 @@ class StillContact(LiftObserver):
         tip.touch.update(sample.state is not State.NO_CONTACT)
         tip.angles_deg.append(np.nan if sample.angle_deg is None else sample.angle_deg)
         tip.late_ns.append(self._clock.now_ns() - frame.time_ns)
+        tip.jumped += sample.jumped
 
     def arm(self, state: ArmState) -> None:
-        """Nothing is made of it."""
+        """Record the arm's state."""
+        self._recordings.recorder.arm(state)
 
     def gripper(self, state: GripperState) -> None:
-        """Nothing is made of it."""
+        """Record the gripper's state."""
+        self._recordings.recorder.gripper(state)
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip touches."""
+        """Return whether a fingertip has shown contact in its last frames."""
         return self._tips[serial].touch.sure
 
-    def begin_minute(self) -> None:
-        """Forget what came before: a contact that settles turns a little, and is no part of a minute."""
+    def begin_minute(self) -> int:
+        """Begin a minute and a recording; discard earlier angles. Return the recorded size in bytes.
+
+        A contact that has just been closed still turns a little, so angles before the first minute are
+        not used.
+        """
         for tip in self._tips.values():
-            tip.angles_deg, tip.late_ns = [], []
+            tip.angles_deg, tip.late_ns, tip.jumped = [], [], 0
         self._counted = self._count()
+        return self._recordings.next_file()
 
     def minute(self) -> Minute:
-        """Return what came since it began, and begin the next."""
+        """Return the measurements since `begin_minute`, and begin the next minute."""
         tips = list(self._tips.values())
         late_ms = [np.percentile(tip.late_ns, (50, 99)) * 1e3 / NS_PER_S for tip in tips]
         angles = [np.array(tip.angles_deg) for tip in tips]
@@ -133,19 +201,21 @@ class StillContact(LiftObserver):
                 tip.zero_deg = float(np.nanmean(told))
         both = zip(tips, angles, strict=True)
         off = [np.abs(told - tip.zero_deg) for tip, told in both if tip.zero_deg is not None]
-        before = self._counted
-        self.begin_minute()
+        before, jumped, resources = self._counted, sum(tip.jumped for tip in tips), _resources()
+        recorded = self.begin_minute()
         return Minute(
             self._counted[0] - before[0],
             self._counted[1] - before[1],
+            jumped,
             *(float(max(values)) for values in zip(*late_ms, strict=True)),
             wander_deg=float(np.nanmax(np.concatenate(off))) if off else float("nan"),
             answered=float(np.isfinite(np.concatenate(angles)).mean()),
-            **_resources(),
+            recorded_mb=recorded / 1e6,
+            **resources,
         )
 
     def _count(self) -> tuple[int, int]:
-        """Return how many frames came and how many were dropped until now."""
+        """Return how many frames arrived and how many were dropped until now."""
         tallies = self._tallies.values()
         return sum(tally.frames for tally in tallies), sum(tally.dropped for tally in tallies)
 
@@ -156,10 +226,16 @@ def measure_endurance(
     bench: BenchConfig | None = None,
     minute_s: float = MINUTE_S,
 ) -> list[Minute]:
-    """Hold an object that stands on its support for so long, and return what each minute came to.
+    """Hold an object that stands on its support, and return the measurements of each minute.
 
-    bench: the bench behind wires, by default `wire`. minute_s: how long a "minute" is, s. Raises the
-    device's error where one fails.
+    Args:
+        minutes: how many.
+        progress: called after each minute with its number, from 1, and its measurements.
+        bench: a bench whose fakes are reached over the wire protocols, by default `wire`.
+        minute_s: length of a "minute" in s; shorter in tests.
+
+    Raises the device's error if a device fails, `RecordingError` if a recording cannot be written.
+
     """
     told = []
     with _grasping(bench or load_bench("wire")) as (pump, observer):
@@ -173,8 +249,10 @@ def measure_endurance(
 
 @contextmanager
 def _grasping(wanted: BenchConfig) -> Iterator[tuple[Pump, StillContact]]:
-    """Grasp an object as a lift does, and let go of it in the end."""
+    """Grasp an object as a lift does, and release it at the end."""
     with (
+        tempfile.TemporaryDirectory(prefix="endurance-") as folder,
+        closing(MinuteRecordings(Path(folder))) as recordings,
         started_fakes(wanted) as config,
         closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
         benches.for_lift(0, "endurance") as (bench, operator),
@@ -183,7 +261,7 @@ def _grasping(wanted: BenchConfig) -> Iterator[tuple[Pump, StillContact]]:
         settings = TrialSettings(config, 0, choose_estimator())
         plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
         operator.place(plan.object_id, plan.object_name)
-        observer = StillContact(config, bench.clock)
+        observer = StillContact(config, bench.clock, recordings)
         with safe_end(bench):
             pump = _grasped(bench, plan, observer)
             yield pump, observer
@@ -199,11 +277,12 @@ def _grasped(bench: Bench, plan: LiftPlan, observer: StillContact) -> Pump:
 
 
 def judge_endurance(minutes: list[Minute], period_ms: float) -> list[Measured]:
-    """Return the limits. period_ms: between two frames of a fingertip; later no angle may come."""
+    """Compare with the limits. period_ms: time between two frames of a fingertip, the largest latency."""
     first, last = minutes[0], minutes[-1]
     late_ms = max(minute.p99_ms for minute in minutes)
     return [
         at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
+        at_most("frames whose time jumped", sum(minute.jumped for minute in minutes), 0),
         at_most("capture to angle, 99th percentile, ms", late_ms, period_ms),
         at_most("farthest angle from the first minute, deg", _wander(minutes), WANDER_DEG),
         at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
@@ -219,7 +298,7 @@ def _wander(minutes: list[Minute]) -> float | None:
 
 
 def _resources() -> dict[str, float | int]:
-    """Memory, threads and files of this program and of the processes that its drivers started."""
+    """Return memory, threads and open files of this program and of its drivers' processes."""
     processes = [Path(f"/proc/{os.getpid()}"), *_children()]
     page_mb = os.sysconf("SC_PAGE_SIZE") / 2**20
     return {

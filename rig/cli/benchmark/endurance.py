@@ -1,4 +1,4 @@
-"""`rig benchmark endurance`: an object held still for an hour in real time."""
+"""`rig benchmark endurance`: hold an object still for an hour in real time."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,11 +15,12 @@ def endurance(
     hours: Annotated[float, typer.Option("--hours", min=0.01, max=100, help="How long, in real time.")] = 1.0,
     json: JsonOption = False,
 ) -> None:
-    """Hold an object still on the bench behind wires, in real time; print what each minute comes to.
+    """Hold an object still over the wire protocols, in real time, and print the measurements per minute.
 
-    Exit code 4 when a frame was dropped, an angle came later than a frame after its frame's capture
-    (99th percentile of any minute), the angle wandered by more than 0.3 degrees, or memory, threads or
-    open files grew.
+    All frames are recorded as in a lift, into a file per minute of about 0.3 GB in the folder for temporary
+    files (TMPDIR), which is then deleted. Exit code 4 if a frame was dropped or its time jumped, if in any
+    minute the 99th percentile of the time from capture to angle exceeded one frame period, if the angle
+    changed by more than 0.3 degrees, or if memory, threads or open files grew.
 
     Examples:
       rig benchmark endurance
@@ -49,6 +50,7 @@ def endurance(
 def _line(minute: "Minute") -> str:
     return (
         f"{minute.frames} frames, {minute.dropped} dropped; angle after {minute.p50_ms:.1f} ms, 99 % "
-        f"{minute.p99_ms:.1f} ms; at most {minute.wander_deg:.2f} deg off; {minute.memory_mb:.0f} MB, "
-        f"{minute.threads} threads, {minute.files} files"
+        f"{minute.p99_ms:.1f} ms; at most {minute.wander_deg:.2f} deg off; "
+        f"{minute.recorded_mb:.0f} MB recorded; {minute.memory_mb:.0f} MB, {minute.threads} threads, "
+        f"{minute.files} files"
     )

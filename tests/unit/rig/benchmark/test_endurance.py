@@ -1,19 +1,23 @@
-"""What a minute of `rig benchmark endurance` comes to, and its limits."""
+"""Measurements of one minute of `rig benchmark endurance`, their limits, and the minute's recording."""
 
 import math
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.clock import NS_PER_S, SystemClock, to_ns
+from drivers.errors import RecordingError
 from drivers.types import Frame, Image
 from protocols.observer import Phase
-from rig.benchmark.wire.endurance import Minute, StillContact, judge_endurance
+from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
 from rig.config import load_bench
 
 LATE, FAR = "capture to angle, 99th percentile, ms", "farthest angle from the first minute, deg"
-MINUTE = Minute(9000, 0, 5.0, 9.0, 0.1, 1.0, 300.0, 20, 40)
+MINUTE = Minute(9000, 0, 0, 5.0, 9.0, 0.1, 1.0, 280.0, 300.0, 20, 40)
 
 
 def missed(*minutes: Minute) -> list[str]:
@@ -23,6 +27,7 @@ def missed(*minutes: Minute) -> list[str]:
 def test_each_limit_can_be_missed() -> None:
     assert missed(MINUTE, MINUTE) == []
     assert missed(MINUTE, replace(MINUTE, dropped=1)) == ["frames dropped"]
+    assert missed(MINUTE, replace(MINUTE, jumped=1)) == ["frames whose time jumped"]
     assert missed(replace(MINUTE, p99_ms=17.0), MINUTE) == [LATE]
     assert missed(MINUTE, replace(MINUTE, wander_deg=0.31)) == [FAR]
     assert missed(MINUTE, replace(MINUTE, wander_deg=math.nan)) == [FAR]
@@ -36,10 +41,16 @@ def picture(value: int, rng: np.random.Generator) -> Image:
     return np.clip(rng.normal(value, 2.0, (320, 240, 3)), 0, 255).astype(np.uint8)
 
 
-def test_a_minute_counts_what_came_and_keeps_nothing_of_it() -> None:
+@pytest.fixture
+def recordings(tmp_path: Path) -> Iterator[MinuteRecordings]:
+    with closing(MinuteRecordings(tmp_path)) as recordings:
+        yield recordings
+
+
+def test_minute_counts_its_own_frames_only(recordings: MinuteRecordings) -> None:
     bench, rng = load_bench("wire"), np.random.default_rng(0)
     clock = SystemClock()
-    contact = StillContact(bench, clock)
+    contact = StillContact(bench, clock, recordings)
     serials = [tactile.serial for tactile in bench.tactile]
 
     def show(numbers: list[int]) -> None:
@@ -57,15 +68,33 @@ def test_a_minute_counts_what_came_and_keeps_nothing_of_it() -> None:
     show([6, 9])
     second = contact.minute()
     assert (second.frames, second.dropped) == (6, 6)
+    assert second.recorded_mb > 0.05
     assert second.memory_mb > 10.0
     assert min(second.threads, second.files) >= 1
     assert not contact.touching(serials[0])
 
 
-def test_wandering_is_from_the_first_minute() -> None:
-    """And not from what came before it, while the contact settled."""
+def test_recordings_are_deleted_when_complete(tmp_path: Path) -> None:
+    image = np.zeros((2, 2, 3), np.uint8)
+    with closing(MinuteRecordings(tmp_path)) as recordings:
+        for minute in range(3):
+            recordings.recorder.image(Frame(image, minute, minute, "T1"), b"jpeg")
+            assert recordings.next_file() > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_recording_ends_the_measurement(tmp_path: Path) -> None:
+    (tmp_path / "a_file").touch()
+    recordings = MinuteRecordings(tmp_path / "a_file")
+    frame = Frame(np.zeros((2, 2, 3), np.uint8), 0, 0, "T1")
+    with pytest.raises(RecordingError, match=r"000001\.mcap"):
+        recordings.recorder.image(frame, b"x" * 200_000)
+
+
+def test_wander_is_measured_from_the_first_minute(recordings: MinuteRecordings) -> None:
+    """Angles from before the first minute, while the contact settles, do not count."""
     bench = load_bench("wire")
-    contact = StillContact(bench, SystemClock())
+    contact = StillContact(bench, SystemClock(), recordings)
     for tip in contact._tips.values():
         tip.angles_deg, tip.late_ns = [0.0, 3.0], [1_000_000]
     contact.begin_minute()

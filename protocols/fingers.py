@@ -50,7 +50,7 @@ def move_fingers(bench: Bench, counts: int, pump: Pump | None = None) -> Gripper
         bench.gripper.stop()
     fell_short = opens and reached.position_counts > counts
     if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
-        _doubt(bench, f"the fingers {problem}")
+        doubt_hand(bench, f"the fingers {problem}")
     raise FingerMotionError(
         f"gripper: the fingers {problem} (tolerance {tolerance_counts(bench.gripper.limits)} counts): they "
         "are blocked, or the gripper does not carry out its commands; the arm stays where it is. Look what "
@@ -70,7 +70,7 @@ def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
     pump.run_until(lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
     if touched := pump.still_shown(contacts):
         where = f"{' and '.join(touched)} still in contact after the fingers opened"
-        _doubt(bench, where)
+        doubt_hand(bench, where)
         raise FingerMotionError(
             f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
             "where it is. Look what the fingers hold, free it, then start again"
@@ -78,8 +78,8 @@ def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
     return reached
 
 
-def _doubt(bench: Bench, why: str) -> None:
-    """Note that the hand may hold something; where it closed last is kept."""
+def doubt_hand(bench: Bench, why: str) -> None:
+    """Store that the hand may hold something, and keep where it closed last."""
     bench.hand.note(replace(bench.hand.state, holding=Holding.UNKNOWN, what=why))
 
 

@@ -1,5 +1,6 @@
 """Brings every sensor's frames to the observer: the fingertips' in the order they were captured."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -20,6 +21,8 @@ JITTER = 0.1
 CATCH_UP_S = 3.0
 PICTURE_S = 0.004
 """The time left until a fingertip may capture a frame in which a picture of the camera is begun."""
+NEWEST_FRAMES = 3
+"""Frames per fingertip whose median gives the strength of a contact, so that a single bad frame does not."""
 UNTOUCHED_FRAMES = 8
 """Frames after the start that show the gels untouched: the fingers need longer to close their margin."""
 PATIENCE_S = 0.04
@@ -59,6 +62,10 @@ class Pump:
         return [
             Contact(tip.source.serial, tip.untouched_imprint(), tip.newest_imprint()) for tip in self._tips
         ]
+
+    def contact_strength(self) -> float:
+        """Return how strongly both gels are deformed now, compared with their first frames, as a norm."""
+        return float(np.sqrt(sum(tip.contact_energy() for tip in self._tips)))
 
     def still_shown(self, contacts: Sequence[Contact]) -> list[str]:
         """Return the serials of the fingertips that still show one of these contacts."""
@@ -125,7 +132,7 @@ class _Stream:
         self._last: Frame | None = None
         self._tally = FrameTally()
         self._first: list[Frame] = []
-        self._taken: Frame | None = None
+        self._newest: deque[Frame] = deque(maxlen=NEWEST_FRAMES)
 
     @property
     def next_ns(self) -> int:
@@ -160,16 +167,21 @@ class _Stream:
         frame, self.waiting = self.waiting, None
         if frame is None:
             raise StaleFrameError(f"{self.source.serial}: no frame waits to be taken")
-        self._taken = frame
+        self._newest.append(frame)
         if len(self._first) < UNTOUCHED_FRAMES:
             self._first.append(frame)
         return frame
 
     def newest_imprint(self) -> Imprint:
         """Return the fine structure of the newest frame that was delivered. Raises `StaleFrameError`."""
-        if self._taken is None:
+        if not self._newest:
             raise StaleFrameError(f"{self.source.serial}: no frame was delivered yet")
-        return imprint(self._taken.image)
+        return imprint(self._newest[-1].image)
+
+    def contact_energy(self) -> float:
+        """Return the energy of the newest frames' imprint relative to the untouched gel: their median."""
+        untouched = self.untouched_imprint()
+        return float(np.median([np.sum((imprint(f.image) - untouched) ** 2) for f in self._newest]))
 
     def untouched_imprint(self) -> Imprint:
         """Return the mean fine structure of the first frames that were delivered."""

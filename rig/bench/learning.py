@@ -1,16 +1,19 @@
-"""Simulated benches for learning, whose world may be asked for what is true: never for a measurement.
+"""Simulated benches for training, which give access to the true state of the world: never for a measurement.
 
-The camera is blind, as the truth is asked of the world, and so are the fingertips where the wrist
-alone is learnt from.
+The camera delivers noise, because the truth comes from the world. If a network is trained on the wrist's
+wrench alone, the fingertips deliver a sketch of a gel, drawn much faster than a real one.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from drivers.bench import Bench, Fingertip
 from drivers.clock import Clock
+from drivers.errors import DeviceError
 from drivers.interfaces import Camera, TactileSensor
 from drivers.types import Image
 from fakes.clock import SimulatedClock
@@ -23,14 +26,22 @@ from rig.bench.assembly import simulated_arm, simulated_bench_plan
 from rig.config import BenchConfig
 
 NO_FAULTS = FaultScript()
+MOST_BRIGHTER, HALF_FORCE_N = 140.0, 4.0
+"""Brightness of a sketched contact in grey levels at a very large force, and the force that gives half of it:
+free choices, such that a contact is visible at 0.2 N and still grows at 20 N."""
+Draw = Callable[[int, np.random.Generator], Image]
 
 
 @dataclass(frozen=True, slots=True)
 class LearningBench:
-    """A simulated bench, and what is true of it.
+    """A simulated bench with access to its true state.
 
-    place: lays an object, by its id, on its mark. force_n: with which the fingers press at a time in
-    ns. turn_deg: of the object in the hand at a time in ns, counter-clockwise as the camera sees it.
+    Attributes:
+        place: puts an object, given its id, on its mark.
+        force_n: true force of the fingers at a time in ns.
+        turn_deg: true rotation of the object in the hand at a time in ns, counter-clockwise as the camera
+            sees it.
+
     """
 
     bench: Bench
@@ -42,13 +53,14 @@ class LearningBench:
 def build_learning_bench(
     config: BenchConfig, seed: int, sight_hz: float | None, faults: FaultScript = NO_FAULTS
 ) -> LearningBench:
-    """Make a bench on a world of its own. sight_hz: rate of the fingertips; None: they are blind."""
+    """Build a bench on a new world. sight_hz: rate of rendered tactile frames; None: sketched frames."""
     plan = simulated_bench_plan(config)
     world, clock = World(plan.layout, seed), SimulatedClock()
     tips = []
     for digit in plan.digits:
         if sight_hz is None:
-            sensor: TactileSensor = _Blind(digit.serial, digit.rate_hz, world, clock, faults)
+            draw = partial(sketch, world)
+            sensor: TactileSensor = _Cheap(digit.serial, digit.rate_hz, draw, clock, faults, world.seed)
         else:
             sensor = replace(digit, rate_hz=sight_hz).make(world, clock, faults)
         tips.append(Fingertip(sensor, f"finger {digit.number}", digit.side))
@@ -59,7 +71,7 @@ def build_learning_bench(
         arm=simulated_arm(config, world, clock, faults),
         gripper=FakeGripper(world, clock, faults),
         fingertips=tuple(tips),
-        camera=_Blind(plan.camera.serial, plan.camera.rate_hz, world, clock, faults),
+        camera=_Cheap(plan.camera.serial, plan.camera.rate_hz, _noise, clock, faults, world.seed),
         base_T_camera=plan.camera.base_T_camera,
         base_T_table=world.layout.base_T_table,
         base_T_home=world.layout.home,
@@ -77,15 +89,26 @@ def build_learning_bench(
     )
 
 
-class _Blind(FakeSource, TactileSensor, Camera):
-    """Frames of noise on a schedule, so that the protocol goes on."""
+class _Cheap(FakeSource, TactileSensor, Camera):
+    """Small frames on a schedule, so that the protocol runs without rendering."""
 
-    def __init__(self, serial: str, rate_hz: float, world: World, clock: Clock, faults: FaultScript) -> None:
-        super().__init__((serial,), Shutter(rate_hz, 0.002), _noise, clock, faults, world.seed)
+    def __init__(
+        self, serial: str, rate_hz: float, draw: Draw, clock: Clock, faults: FaultScript, seed: int
+    ) -> None:
+        super().__init__((serial,), Shutter(rate_hz, 0.002), draw, clock, faults, seed)
 
     def set_light(self, red: float, green: float, blue: float) -> None:
-        """There is none."""
+        """Do nothing: there are no LEDs."""
 
 
 def _noise(time_ns: int, rng: np.random.Generator) -> Image:
     return rng.integers(0, 256, (8, 8, 3), np.uint8)
+
+
+def sketch(world: World, time_ns: int, rng: np.random.Generator) -> Image:
+    """Draw a noisy gel of 32 x 32 pixels with a bar that becomes brighter with the force of the fingers."""
+    image = rng.integers(90, 110, (32, 32, 3), np.uint8)
+    with suppress(DeviceError):  # a frame from before the world's memory shows no contact
+        force_n = world.state_at(time_ns).force_n
+        image[10:14, 4:28] += np.uint8(MOST_BRIGHTER * force_n / (force_n + HALF_FORCE_N))
+    return image

@@ -1,16 +1,14 @@
 """A lift on a simulated bench that nobody draws, and a person who presses Ctrl-C when something is so."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-import numpy as np
 import pytest
 
 from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, OperatorStopError
-from drivers.types import ArmState, Frame, GripperState, HandState, Holding, Image, Pose
+from drivers.types import ArmState, Frame, GripperState, HandState, Holding, Pose
 from fakes.clock import SimulatedClock
 from fakes.faults import FaultScript
 from protocols.observer import Phase
@@ -119,15 +117,6 @@ class LiftOf:
             raise self.interruptions.pop(0)[1]
 
 
-def drawn(lifts: list[LiftOf], time_ns: int, rng: np.random.Generator) -> Image:
-    """A gel of 32 x 32 pixels with a bright bar where something is pressed on it."""
-    image = rng.integers(90, 110, (32, 32, 3), np.uint8)
-    with suppress(DeviceError):  # a frame that is too old for the world's memory is one before the grasp
-        if lifts and lifts[-1].made.force_n(time_ns) > 0.0:
-            image[10:14, 4:28] += 100
-    return image
-
-
 @pytest.fixture
 def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
     """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`."""
@@ -144,7 +133,6 @@ def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
             lifts[0].see()
 
     monkeypatch.setattr(SimulatedClock, "sleep_until", sleep_until)
-    monkeypatch.setattr("rig.bench.learning._noise", lambda time_ns, rng: drawn(lifts, time_ns, rng))
 
     def make(object_id: str = "t1") -> LiftOf:
         config = load_bench("fake")

@@ -10,6 +10,7 @@ from drivers.types import HandState, Holding
 from protocols.fingers import REACHED_M, move_fingers, tolerance_counts
 from protocols.observer import Phase
 from protocols.readiness import make_ready
+from protocols.slip_trial import run_lift
 from protocols.steps import MARGIN_M
 from rig.bench.operators import ConsoleOperator
 
@@ -84,6 +85,21 @@ def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
     expected = Holding.UNKNOWN if kind == "false_success" else Holding.HELD
     assert lift.bench.hand.state.holding is expected
     assert "still holding" in note or "not known" in note
+
+
+def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf) -> None:
+    lift = lift_of()
+    note = lift.bench.hand.note
+
+    def note_and_break(state: HandState) -> None:
+        note(state)
+        if state.holding is Holding.HELD:
+            lift.break_gripper("false_success")
+
+    lift.bench.hand.note = note_and_break
+    with pytest.raises(FingerMotionError, match="the contact as it was"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert lift.height_m == pytest.approx(0.0, abs=1e-4)
 
 
 def test_gripper_that_opens_too_far_ends_the_lift_with_an_unknown_hand(lift_of: LiftOf) -> None:

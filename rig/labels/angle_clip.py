@@ -64,7 +64,9 @@ def choose_frames(
         f"a contact is seen in frames {touching[0]} to {touching[-1]}" if touching else "no contact is seen"
     )
     asked = why if reference is None else "as asked"
-    note = f"{seen}; reference: frame {frames[0]} ({asked}); {len(frames)} frames to label, up to {frames[-1]}"
+    note = (
+        f"{seen}; reference: frame {frames[0]} ({asked}); {len(frames)} frames to label, up to {frames[-1]}"
+    )
     return FrameChoice(frames[0], frames), note
 
 

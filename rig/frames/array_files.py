@@ -74,6 +74,6 @@ def _shape(stream: IO[bytes], size: int) -> tuple[int, int, int]:
         raise ValueError(
             "its frames are not stored one after another" if fortran else "its frames are too large"
         )
-    if math.prod(shape) > size:
+    if math.prod(shape) > size - stream.tell():
         raise ValueError("it is cut short")
     return shape[:3]

@@ -31,7 +31,8 @@ def lift_chart(
     """Draw a lift."""
     with drawing(height_px, width_px, arranged=False) as figure:
         draw_lift(figure, lift)
-        return Chart(lift.name, svg(figure, f"{lift.name}: estimated and marker angle over time"), caption)
+        what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"
+        return Chart(lift.name, svg(figure, f"{lift.name}: {what} over time"), caption)
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:

@@ -5,22 +5,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import InputError
 from rig.cli import common
 from rig.cli.common import JsonOption
-from rig.cli.places import folder_place
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
-    from rig.frames.estimation import Estimation, SeriesEstimate
+    from rig.frames.estimation import EstimatedSeries, Estimation, SeriesEstimate
 
 
 def estimate(
     frames: Annotated[
         Path,
         typer.Argument(
-            help="Folder of images (sorted by name), image, video file or session folder; a trial of "
-            "TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
+            help="Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
+            "(.npy or .npz: T, H, W, 3, uint8, RGB), recording of a lift (.mcap) or session folder; a trial "
+            "of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
         ),
     ],
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="Of a recording or session: serial of one fingertip. Default: all fingertips."),
+    ] = None,
     background: Annotated[
         str | None,
         typer.Option(
@@ -78,21 +84,31 @@ def estimate(
     out: Annotated[
         Path | None, typer.Option(help="CSV file, or folder for a session. Default: the table on stdout.")
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            help="Also an HTML page: the curve with its sigma band and states, and frames with the contact.",
+            callback=file_place,
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Estimate how the contact turns in tactile images: a row per frame.
 
     Columns: t_s; angle_deg and sigma_deg, from the zero; state; rate_deg_s; shift_x_px and shift_y_px, how
-    far the contact has moved since the zero, right and down; slip, 1 from the slip alarm on. Angles are image
-    angles, counter-clockwise positive as seen; a session's are the object's. A field is empty where the
-    estimator refuses or does not tell it. With --json and no --out the rows are in the JSON.
+    far the contact has moved since the zero, right and down; slip, 1 from the slip alarm on; for a recording
+    also sensor. Angles are image angles, counter-clockwise positive as seen; those of a recording or session
+    are the object's. A field is empty where the estimator refuses or does not tell it. With --json and no
+    --out the rows are in the JSON.
 
     The alarm is armed by the lift: what turns while fingers still close is no slip. Where the lift's time is
     not known, a contact that has stopped growing stands for it, and one that was gone for half a second
     is a new grasp.
 
     Examples:
-      rig estimate lift.avi --background first:10 --out lift.csv
+      rig estimate lift.avi --background first:10 --out lift.csv --page lift.html
+
+      rig estimate sessions/2026-11-21T093000_trial/lifts/001.mcap --sensor D20273
 
       rig estimate lift.avi --background first:10 --lift-from 2.4
 
@@ -104,60 +120,86 @@ def estimate(
 
     """
     from rig.frames.estimation import Estimation
+    from rig.sessions.layout import is_recording
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
     choice = choose_estimator(estimator, window)
     run = Estimation(choice, background, reference_time, lift_from, pixel_aspect)
+    of_rig = is_session(frames) or is_recording(frames)
+    if of_rig and (timestamps is not None or fps is not None or run.lift is not None):
+        raise InputError(f"{frames} has its own times: leave --timestamps, --fps and --lift-from out")
+    folder_place(out if is_session(frames) else out and out.parent)  # it is made where it is not there
     if is_session(frames):
-        folder_place(out)
-        _session(frames, run, timestamps, fps, out, json)
+        _session(frames, run, sensor, out, page, json)
+    elif is_recording(frames):
+        _recording(frames, run, sensor, out, page, json)
+    elif sensor is not None:
+        raise InputError(f"{frames} is a clip of one sensor: leave --sensor out")
     else:
-        folder_place(out and out.parent)  # it is made where it is not there
-        _series(frames, run, timestamps, fps, out, json)
+        _series(frames, run, timestamps, fps, out, page, json)
 
 
 def _series(
-    path: Path, run: "Estimation", timestamps: Path | None, fps: float | None, out: Path | None, json: bool
+    path: Path,
+    run: "Estimation",
+    timestamps: Path | None,
+    fps: float | None,
+    out: Path | None,
+    page: Path | None,
+    json: bool,
 ) -> None:
     """Estimate frames that are no session."""
-    from rig.frames.estimates import rows, table
+    from rig.frames.estimates import rows
+    from rig.frames.estimation import EstimatedSeries
     from rig.frames.series import read_frames
 
     series = read_frames(path, timestamps, fps)
     for note in series.notes:
         common.say(note)
     done = run.of_series(series)
-    if out is not None:
-        _write(out, table(done.estimate))
-    elif not json:
-        print(table(done.estimate), end="")
     figures = _report(str(path), done, run)
-    if json:
-        samples = {"samples": rows(done.estimate)} if out is None else {"out": str(out)}
-        common.emit_json({**figures, **samples})
+    _deliver(rows(done.estimate), figures, out, json)
+    _page(page, [EstimatedSeries(path.name, series, done)], path, run)
+
+
+def _recording(
+    path: Path, run: "Estimation", sensor: str | None, out: Path | None, page: Path | None, json: bool
+) -> None:
+    """Estimate the fingertips of one recording into one table."""
+    from rig.frames.estimates import rows
+    from rig.frames.estimation import EstimatedSeries
+    from rig.frames.of_session import of_sensor, recording_frames
+    from rig.sessions.recording_file import recording_values
+
+    shown, samples, figures = [], [], []
+    for tip in of_sensor(recording_frames(path), sensor):
+        done = run.of_sensor(tip)
+        shown.append(EstimatedSeries(tip.serial, tip.frames, done, tip.sign))
+        samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
+        report = _report(f"{path}, {tip.serial}", done, run)
+        figures.append({"serial": tip.serial, "sign": tip.sign, **report})
+    _deliver(samples, {"recording": str(path), "sensors": figures}, out, json)
+    _page(page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
 
 
 def _session(
-    path: Path, run: "Estimation", timestamps: Path | None, fps: float | None, out: Path | None, json: bool
+    path: Path, run: "Estimation", sensor: str | None, out: Path | None, page: Path | None, json: bool
 ) -> None:
     """Estimate each lift and sensor of a session into a file of its own."""
-    from drivers.errors import InputError
-    from rig.frames.estimates import table
-    from rig.frames.of_session import session_frames
+    from rig.frames.estimates import rows, table
+    from rig.frames.of_session import of_sensor, session_frames
 
-    if timestamps is not None or fps is not None or run.lift is not None:
-        raise InputError(
-            f"{path} is a session, which has its own times: leave --timestamps, --fps and --lift-from out"
-        )
+    if page is not None:
+        raise InputError(f"--page {page}: the page of a session is its report: rig report {path}")
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
     tips, problems = session_frames(path)
-    for tip in tips:
+    for tip in of_sensor(tips, sensor):
         done = run.of_sensor(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
-        _write(file, table(done.estimate))
+        _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if json:
@@ -165,9 +207,38 @@ def _session(
     common.report_broken(problems)
 
 
-def _write(file: Path, text: str) -> None:
-    from drivers.errors import InputError
+def _deliver(
+    samples: list[dict[str, object]], figures: dict[str, object], out: Path | None, json: bool
+) -> None:
+    """Write the table to its file or to stdout; with JSON and no file the rows are in the JSON."""
+    from rig.frames.estimates import table
 
+    if out is not None:
+        _write(out, table(samples))
+    elif not json:
+        print(table(samples), end="")
+    if json:
+        common.emit_json({**figures, **({"samples": samples} if out is None else {"out": str(out)})})
+
+
+def _page(
+    page: Path | None,
+    shown: "list[EstimatedSeries]",
+    source: Path,
+    run: "Estimation",
+    simulated: bool = False,
+) -> None:
+    if page is None:
+        return
+    from rig.report.own_frames import estimate_page
+    from rig.report.write import write_page
+
+    about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.done.background for one in shown))}."
+    write_page(page, estimate_page(shown, source.name, about, simulated))
+    common.say(f"page: {page}")
+
+
+def _write(file: Path, text: str) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")

@@ -24,7 +24,11 @@ def label_angle(
     ] = None,
     reference: Annotated[
         int | None,
-        typer.Option("--reference", min=0, help="Frame whose angle is 0. Default: the first with a contact."),
+        typer.Option(
+            "--reference",
+            min=0,
+            help="Frame whose angle is 0. Default: the first of stable full contact, as in rig estimate.",
+        ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a labels.csv that was not drawn here.")
@@ -34,10 +38,10 @@ def label_angle(
 ) -> None:
     """Label by hand how far an object has turned: two clicks per frame make a line, in two passes.
 
-    A page on this computer shows each frame enlarged, its difference from the frame without contact, and a
-    grid. It writes labels.csv into the clip's folder, as rig benchmark clips reads it; the sigma is from
-    how far the two passes agree. Every click is kept at once in label_lines.json: stop with Ctrl-C when you
-    like, the same command goes on. Ten frames take about ten minutes.
+    A page on this computer shows each frame enlarged; on request its difference from the frame without
+    contact, and a grid. It writes labels.csv into the clip's folder, as rig benchmark clips reads it; the
+    sigma is from how far the two passes agree. Every click is kept at once in label_lines.json: stop with
+    Ctrl-C when you like, the same command goes on. Ten frames take about ten minutes.
 
     Examples:
       rig label-angle clips/pen_2

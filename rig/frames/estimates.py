@@ -15,7 +15,6 @@ from rig.frames.times import FrameTime
 from rig.tactile.contact.steadiness import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
-COLUMNS = ("t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "shift_x_px", "shift_y_px", "slip")
 # The zero is the first frame of stable full contact: the contact's area stays, over it and the next frames,
 # as while an estimator lets it settle, and has reached this share of what it is from there on.
 FULL_AREA = 0.8
@@ -129,12 +128,12 @@ def rows(estimate: Estimate) -> list[dict[str, object]]:
     return [_row(estimate, place) for place in range(len(estimate.answers))]
 
 
-def table(estimate: Estimate) -> str:
-    """Return the rows as CSV text, empty fields where refused or not told."""
+def table(rows: Sequence[dict[str, object]]) -> str:
+    """Return rows as CSV text, fields empty where refused or not told. rows: at least one."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([row[column] for column in COLUMNS] for row in rows(estimate))
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return text.getvalue()
 
 

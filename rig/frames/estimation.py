@@ -17,11 +17,12 @@ from rig.tactile.foreign import faults_of
 class SeriesEstimate:
     """One series' estimate.
 
-    background: where it is from. doubts: what is amiss with frames or background. angles_from: what of the
-    frames the angles come from.
+    untouched: the background, (H, W, 3) uint8 RGB; background: where it is from. doubts: what is amiss with
+    frames or background. angles_from: what of the frames the angles come from.
     """
 
     estimate: Estimate
+    untouched: Image
     background: str
     doubts: tuple[str, ...]
     angles_from: str
@@ -46,6 +47,16 @@ class SeriesEstimate:
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; where one should, the background shows the same contact")
         return more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatedSeries:
+    """Frames and their estimate. name: of the clip or the sensor. sign: of the image angle in its angles."""
+
+    name: str
+    frames: FrameSeries
+    done: SeriesEstimate
+    sign: int = 1
 
 
 class Estimation:
@@ -82,7 +93,7 @@ class Estimation:
         background, note = make_background(self._background, series)
         doubts = [*background_doubts(self._background, background, series), *frame_doubts(series)]
         estimate = self._estimate(series, background, self._aspect, 1, None)
-        return SeriesEstimate(estimate, note, tuple(doubts), self.choice.sees(background))
+        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
     def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
         """Estimate a session's frames, with what it knows of their sensor. Raises `InputError`."""
@@ -93,12 +104,14 @@ class Estimation:
             doubts = background_doubts(self._background, background, tip.frames)
         estimate = self._estimate(tip.frames, background, self._aspect or tip.aspect, tip.sign, tip.lift_ns)
         doubts += frame_doubts(tip.frames)
-        return SeriesEstimate(estimate, note, tuple(doubts), self.choice.sees(background))
+        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
     def _estimate(
         self, series: FrameSeries, background: Image, aspect: float | None, sign: int, lift_ns: int | None
     ) -> Estimate:
         answers = estimate_series(series, self.choice.make(background, aspect))
+        if not answers:
+            raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
         return zeroed(answers, self._reference, self._published, 1 if self._published else sign, lift_ns)
 

@@ -1,16 +1,19 @@
-"""The tactile frames of a session, lift by lift and sensor by sensor, as anyone's frames."""
+"""The tactile frames of a session or of one recording, sensor by sensor, as anyone's frames."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.errors import InputError
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
-from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.recorder import seconds_text
+from rig.sessions.recording_file import recording_values
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.contact.background import mean_background
 
@@ -36,7 +39,11 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
 
     Raises `SessionError` where none can be.
     """
-    manifest = read_manifest_of(folder, TrialManifest, "it has no lifts; give its images")
+    manifest = read_manifest_of(
+        folder,
+        TrialManifest,
+        "it has no lifts, and its images are no clip: each is of another sensor or pose",
+    )
     usable, aspects = read_usable_lifts(folder, checked=True), manifest.config.pixel_aspects()
     series = [
         _series(folder / row.recording, serial, sign, aspects.get(serial))
@@ -46,10 +53,43 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
     return series, usable.problems
 
 
+def recording_frames(recording: Path) -> list[SessionSeries]:
+    """Return the fingertips of one recording, which need not lie in its session any more.
+
+    Pixel aspects are known from the session alone. Raises `SessionError`, or `InputError` for a file that is
+    not a recording of a lift.
+    """
+    session = recording.absolute().parent.parent
+    if is_session(session):
+        manifest = read_manifest_of(session, TrialManifest, "it has no lifts")
+        signs, aspects = dict(manifest.signs), manifest.config.pixel_aspects()
+    else:
+        text = recording_values(recording).get("signs", "")
+        signs, aspects = {name: int(sign) for name, sign in _SIGNS.findall(text)}, {}
+    if not signs:
+        raise InputError(f"{recording}: does not name its fingertips: give a recording of rig trial")
+    return [_series(recording, serial, sign, aspects.get(serial)) for serial, sign in signs.items()]
+
+
+_SIGNS = re.compile(r"(?:^|, )(.+?) on finger \w+ ([+-]1)(?=, |$)")
+"""Serial and sign of each fingertip, as `rig.experiments.lift_attempt` writes them into a recording."""
+
+
+def of_sensor(tips: Sequence[SessionSeries], serial: str | None) -> Sequence[SessionSeries]:
+    """Return one sensor's series, all without a serial. Raises `InputError` for one that is not there."""
+    found = [tip for tip in tips if serial in (None, tip.serial)]
+    if not found:
+        there = ", ".join(dict.fromkeys(tip.serial for tip in tips))
+        raise InputError(f"--sensor {serial}: there is no such fingertip: give one of {there}")
+    return found
+
+
 def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:
     phases = phase_times(recording)
-    grasp_ns = phases[Phase.GRASP]
+    grasp_ns = phases.get(Phase.GRASP, 0)
     reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
+    if not reference:
+        raise InputError(f"{recording}: no frames of {serial} before the grasp: give another recording")
 
     def read() -> Iterator[TimedFrame]:
         for frame in recorded_frames(recording, serial):
@@ -59,4 +99,4 @@ def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> Se
 
     frames = FrameSeries(str(recording), read)
     background = mean_background(reference)
-    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, phases[Phase.LIFT])
+    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, phases.get(Phase.LIFT))

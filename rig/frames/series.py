@@ -1,4 +1,4 @@
-"""Anyone's tactile frames: a folder of images, a single image or a video.
+"""Anyone's tactile frames: a folder of images, a single image, a video or an array.
 
 Frames are read one at a time, in order, each with its time. A frame that cannot be read is kept
 as a gap; the reader of the series decides what to say about it.
@@ -16,12 +16,15 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
+from rig.frames.array_files import ARRAY_SUFFIXES, array_frames, array_shape
+from rig.frames.clips import VIDEO_ENDINGS, require_clip
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
 from rig.tactile.contact.untouched import untouched_frames
 
 FOLDER_FPS = 60.0
+RATE_ASSUMED = f"times: {FOLDER_FPS:g} frames per second assumed, as neither a rate nor a table is given"
 # Fewer frames than this are too few to make a background from contacts that move about.
 ENOUGH_FRAMES = 9
 
@@ -67,23 +70,24 @@ class FrameSeries:
 
 
 def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = None) -> FrameSeries:
-    """Open a folder of images (sorted by name, numbers by value), an image or a video file.
+    """Open a clip of one sensor: a folder of images (sorted by name, numbers by value), an image, a video.
 
-    Also a trial of TactileTracking, and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`;
-    the index finger by default), see `rig.frames.public_sets`.
+    Also an array (`rig.frames.array_files`), a trial of TactileTracking, and a finger of a sequence of
+    digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see `rig.frames.public_sets`.
     timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz; by default a
-    video's own and 60 for images. Raises `InputError` where there is nothing to read.
+    video's own and 60 for images. Raises `InputError` for anything else.
     """
     if timestamps is not None and fps is not None:
         raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
     if (bag := bag_of(path)) is not None:
         return _bag_series(*bag, timestamps, fps)
-    if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder: check the path")
     if is_trial(path):
         return _trial_series(path, timestamps, fps)
+    require_clip(path)
     if path.is_dir() or path.suffix.lower() in SUFFIXES:
         return _image_series(path, timestamps, fps)
+    if path.suffix.lower() in ARRAY_SUFFIXES:
+        return _array_series(path, timestamps, fps)
     return _video_series(path, timestamps, fps)
 
 
@@ -164,11 +168,13 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it anew")
+    if not path.is_dir() and (pages := cv2.imcount(str(path))) > 1:
+        raise InputError(
+            f"{path}: holds {pages} pictures, of which one would be read: give a folder of images"
+        )
     times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
-    notes = (
-        (f"times: {FOLDER_FPS:g} frames per second assumed; see --fps and --timestamps",) if assumed else ()
-    )
+    notes = (RATE_ASSUMED,) if assumed else ()
 
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
@@ -183,7 +189,9 @@ def _image_files(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
     files = [f for f in inside if f.suffix.lower() in SUFFIXES and not f.name.startswith(".")]
     if not files:
-        raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): check the path")
+        others = [f for f in inside if f.suffix.lower() in {".mcap", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}]
+        cure = f"give one of its files, as {min(others)}" if others else "check the path"
+        raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): {cure}")
     return sorted(files, key=_natural)
 
 
@@ -206,6 +214,19 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     return FrameSeries(str(path), read, notes)
 
 
+def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
+    count, height, width = array_shape(path)
+    names = [str(number) for number in range(count)]
+    times = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
+
+    def read() -> Iterator[TimedFrame]:
+        return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
+
+    note = f"{path}: {count} frames of {width} x {height} px, taken as RGB"
+    notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
+    return FrameSeries(str(path), read, notes)
+
+
 def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     series = _video_series(folder / TRIAL_VIDEO, timestamps, fps)
     note = "background: made of what lies outside contact_masks.npy; what was always touched is filled in"
@@ -224,7 +245,7 @@ def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | N
         frames = read_bag(path, finger).frames()
         return (TimedFrame(name, time, image) for name, time, image in zip(names, times, frames, strict=True))
 
-    note = f"finger {finger}; times: {FOLDER_FPS:g} frames per second assumed, the set tells none; see --fps"
+    note = f"finger {finger}; {RATE_ASSUMED}"
     notes = (note,) if timestamps is None and fps is None else ()
     return FrameSeries(f"{path}:{finger}", read, notes, bag.background)
 

@@ -90,7 +90,7 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, 
         )
     estimate = Estimation(choose_estimator(None, None)).of_sensor(tip)
     turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
-    manifest = read_manifest_of(folder, TrialManifest, "it has no lifts; give its images")
+    manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
     mark = "SIMULATED, " if manifest.simulated else ""
     return stages_picture(turn, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}"), turn
 

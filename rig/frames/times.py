@@ -33,7 +33,7 @@ class _Row:
 def times_at_rate(count: int, fps: float) -> list[FrameTime]:
     """Return times of `count` frames from 0 on at a rate in Hz. Raises `InputError` for a bad rate."""
     if not 0 < fps <= MAX_FPS:
-        raise InputError(f"--fps {fps:g} is no frame rate: give one above 0 and up to {MAX_FPS:g}")
+        raise InputError(f"{fps:g} Hz is no frame rate: give one above 0 and up to {MAX_FPS:g}")
     return [FrameTime(f"{i / fps:.6f}", round(i / fps * NS_PER_S)) for i in range(count)]
 
 

@@ -1,6 +1,5 @@
 """A clip to be labelled: which of its frames, and how each differs from the frame without contact."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -8,10 +7,10 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.types import Image
+from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.series import FrameSeries
-from rig.tactile.contact.dots import plain_of
-from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import RelativeDifference
+from rig.tactile.estimators import choose_estimator
 
 # A relative difference of this size is drawn black or white.
 DIFFERENCE_RANGE = 0.25
@@ -45,15 +44,16 @@ def choose_frames(
 ) -> tuple[FrameChoice, str]:
     """Choose frames evenly from the reference on to the last contact; return them and a note on why those.
 
-    By default the first frame with a contact is the reference. Frames in between count whether or not a
-    contact is seen in them, as labels judge that too. Raises `InputError` for a reference that is no frame.
+    The default reference is the zero of `rig estimate`: the first frame of stable full contact. Frames in
+    between count whether or not a contact is seen in them, as labels judge that too. Raises `InputError` for
+    a reference that is no frame.
     """
-    readable, touching = _looked_at(series, background)
+    readable, touching, zero, why = _looked_at(series, background)
     if reference is not None and reference not in readable:
         raise InputError(
             f"{series.name}: --reference {reference} is no frame that can be read: choose another"
         )
-    first = touching[0] if reference is None and touching else reference or 0
+    first = zero if reference is None else reference
     last = touching[-1] if touching and touching[-1] > first else readable[-1]
     between = [number for number in readable if first <= number <= last]
     if len(between) < 2:
@@ -63,9 +63,11 @@ def choose_frames(
     seen = (
         f"a contact is seen in frames {touching[0]} to {touching[-1]}" if touching else "no contact is seen"
     )
-    return FrameChoice(
-        frames[0], frames
-    ), f"{seen}; {len(frames)} frames to label, {frames[0]} to {frames[-1]}"
+    asked = why if reference is None else "as asked"
+    note = (
+        f"{seen}; reference: frame {frames[0]} ({asked}); {len(frames)} frames to label, up to {frames[-1]}"
+    )
+    return FrameChoice(frames[0], frames), note
 
 
 def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:
@@ -84,15 +86,12 @@ def difference(image: Image, background: Image) -> Image:
     return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
 
 
-def _looked_at(series: FrameSeries, background: Image) -> tuple[list[int], Sequence[int]]:
-    """Return the frames that can be read, and those that show a contact."""
-    plain = plain_of(background)
-    light = RelativeDifference(plain(background), work_size(background.shape, 1.0))
-    gate = ContactGate()
-    readable, touching = [], []
-    for number, frame in enumerate(series):
-        if frame.image is not None:
-            readable.append(number)
-            if gate.find(light.of(light.reduced(plain(frame.image)))) is not None:
-                touching.append(number)
-    return readable, touching
+def _looked_at(series: FrameSeries, background: Image) -> tuple[list[int], list[int], int, str]:
+    """Return the frames that can be read, those that show a contact, the zero's frame, and why it is that."""
+    readable = [number for number, frame in enumerate(series) if frame.image is not None]
+    answers = estimate_series(series, choose_estimator(None, None).make(background, None))
+    touching = [number for number, answer in enumerate(answers) if answer.sample.contact_area_px > 0]
+    found = zeroed(answers, None)
+    if found.zero is None:
+        return readable, touching, (touching or readable)[0], "no frame was answered"
+    return readable, touching, [answer.time for answer in answers].index(found.zero), found.zero_note

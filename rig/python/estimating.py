@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,7 @@ from rig.results.metrics import summarize
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.window import WindowMean
-from rig.tactile.sample import TactileEstimator
+from rig.tactile.sample import TactileEstimator, check_frame
 
 RATE_HZ = 60.0
 
@@ -61,8 +62,16 @@ def estimate(
     and if no background is given and no frames show an untouched gel; `EstimatorError` for an estimator that
     cannot.
     """
+    if isinstance(frames, (str, Path)):
+        raise InputError(
+            f"estimate: {frames} is a path: give frames as arrays, or read files with rig estimate {frames}"
+        )
     if background is None:
         frames = list(frames)
+        if not frames:
+            raise InputError("estimate: there are no frames")
+        for image in frames:
+            check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
     series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
     answers = estimate_series(series, _made(estimator, background, window, pixel_aspect))

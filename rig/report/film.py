@@ -1,6 +1,6 @@
-"""A film of one lift: both fingertips, the camera and the growing angle curve side by side."""
+"""A film of a lift, or of anyone's frames: fingertips, camera and the growing angle curve side by side."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import SessionError
+from drivers.errors import InputError, SessionError
 from drivers.types import Image
 from protocols.reaction import ReactionKind
+from rig.frames.estimation import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
-from rig.report.film_file import Film, require_film_name, save_film
+from rig.report.film_file import Film, film_place, save_film
 from rig.report.lift_chart import shown_range
+from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
 from rig.report.unfinished import UnfinishedLift
-from rig.results.metrics import Floats
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 
@@ -28,18 +29,23 @@ HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
 CURVE_WIDTH_PX = 560
 DEFAULT_FPS = 30.0
 LEGEND_PX = 30
+MOST_PICTURES = 100_000
 _TEXT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
-    """What is filmed. tips: fingertips with their frames' times; camera: small pictures with theirs."""
+    """What is filmed. tips: fingertips with their frames; camera: its frames, None if there is no camera."""
 
     title: str
     curves: LiftCurves
-    tips: tuple[tuple[TipFrames, Floats], ...]
-    camera: tuple[list[Image], Floats]
+    tips: tuple[tuple[TipFrames, "_ImageAt"], ...]
+    camera: "_ImageAt | None"
     panel: CurvePanel
+
+
+_ImageAt = Callable[[float], Image | None]
+"""Returns the newest image at a time, s, None if there is none at all. Times must not go back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,20 +58,22 @@ class FilmedLift:
 
 
 def write_film(
-    lifts: Sequence[FilmedLift],
+    filmed: Sequence[FilmedLift | EstimatedSeries],
     out: Path,
     fps: float = DEFAULT_FPS,
     speed: float = 1.0,
     width_px: int | None = None,
 ) -> Film:
-    """Render a lift, or several one below the other, from the moment their arms rise.
+    """Render a lift, or several one below the other, from phase A on; or anyone's frames, all of them.
 
     fps: of the film; speed: 1 as it happened, 0.25 four times slower; width_px: of the film, as drawn
-    without it. Raises `InputError` for an ending that no codec is known
-    for, `SessionError` for a recording that cannot be read, `RecordingError` when the film cannot be written.
+    without it. An .mp4 becomes a .webm where OpenCV has no H.264, see `film_place`. Raises `InputError` for
+    an ending that no codec is known for, `SessionError` for a recording that cannot be read,
+    `RecordingError` when the film cannot be written.
     """
-    require_film_name(out)
-    pictures = _pictures([_read(each) for each in lifts], speed / fps)
+    out = film_place(out)
+    scenes = [_read(each) if isinstance(each, FilmedLift) else _own_frames(each) for each in filmed]
+    pictures = _pictures(scenes, speed / fps)
     return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
 
 
@@ -78,25 +86,49 @@ def _read(filmed: FilmedLift) -> _Scene:
     tips = []
     for serial, sign in manifest.signs.items():
         tip = read_tip(path, lift.curves, zero_ns, serial, sign)
-        tips.append((tip, np.array([(f.time_ns - zero_ns) / NS_PER_S for f in tip.frames])))
-    camera: list[Image] = []
-    times: list[float] = []
-    for serial in (s for s in manifest.serials if s not in manifest.signs):
-        for frame in recorded_frames(path, serial, gaps=[]):
-            camera.append(_scaled(frame.image))
-            times.append((frame.time_ns - zero_ns) / NS_PER_S)
+        tips.append((tip, _newest(((f.time_ns - zero_ns) / NS_PER_S, f.image) for f in tip.frames)))
+    camera = (
+        ((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image))
+        for serial in manifest.serials
+        if serial not in manifest.signs
+        for frame in recorded_frames(path, serial, gaps=[])
+    )
     mark = "SIMULATED, " if manifest.simulated else ""
     panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
-    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), (camera, np.array(times)), panel)
+    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), _newest(camera), panel)
+
+
+def _own_frames(series: EstimatedSeries) -> _Scene:
+    curves = estimate_curves(series)
+    frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
+    panel = draw_panel(curves, CURVE_WIDTH_PX, HEIGHT_PX)
+    return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None, panel)
+
+
+def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
+    """Return what finds the newest of some frames at a time, reading them one by one. frames: s and image."""
+    ahead = iter(frames)
+    shown = following = next(ahead, None)
+
+    def newest(time_s: float) -> Image | None:
+        nonlocal shown, following
+        while following is not None and following[0] <= time_s:
+            shown, following = following, next(ahead, None)
+        return None if shown is None else shown[1]
+
+    return newest
 
 
 def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
     starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
+    if max(ends) - min(starts) > MOST_PICTURES * step_s:
+        raise InputError(f"the film would have more than {MOST_PICTURES} pictures: give a higher --speed")
     for time_s in np.arange(min(starts), max(ends), step_s):
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
-        yield _even(np.concatenate([*(_widened(row, width) for row in rows), _legend(width)]))
+        legend = _legend(width, any(scene.curves.phases_s for scene in scenes))
+        yield _even(np.concatenate([*(_widened(row, width) for row in rows), legend]))
 
 
 def _widened(picture: Image, width: int) -> Image:
@@ -115,13 +147,13 @@ def _of_width(picture: Image, width_px: int | None) -> Image:
 
 def _picture(scene: _Scene, time_s: float) -> Image:
     panels = []
-    for tip, times in scene.tips:
-        image = tip.frames[_at(times, time_s)].image
-        panels.append(
-            _labelled(_scaled(drawn(image, tip, *angles_at(scene.curves, tip.serial, time_s))), tip.serial)
-        )
-    images, times = scene.camera
-    panels.append(_labelled(images[_at(times, time_s)], "camera") if images else _empty("no camera frames"))
+    for tip, image_at in scene.tips:
+        image, angles = image_at(time_s), angles_at(scene.curves, tip.serial, time_s)
+        picture = _empty("no frames") if image is None else _scaled(drawn(image, tip, *angles))
+        panels.append(_labelled(picture, tip.serial))
+    if scene.camera is not None:
+        view = scene.camera(time_s)
+        panels.append(_empty("no camera frames") if view is None else _labelled(view, "camera"))
     panels.append(scene.panel.until(time_s))
     gap = np.full((HEIGHT_PX, GAP_PX, 3), rgb(PAPER.light), np.uint8)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
@@ -133,32 +165,31 @@ def _band(scene: _Scene, time_s: float, width: int) -> Image:
     band = np.full((BAND_PX, width, 3), rgb(PAPER.light), np.uint8)
     begun = [(t, name) for name, t in scene.curves.phases_s.items() if t <= time_s]
     phase = max(begun)[1] if begun else ""
-    angles = caption(time_s, *angles_at(scene.curves, "", time_s)).replace("°", " deg")
-    text = f"{scene.title}   phase {phase}   {angles}"
+    estimate, truth = angles_at(scene.curves, "", time_s)
+    angles = caption(time_s, estimate, truth if scene.curves.phases_s else None)
+    stage = f"   phase {phase}" if scene.curves.phases_s else ""
+    text = f"{scene.title}{stage}   {angles.replace('°', ' deg')}"
     cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, 0.6, rgb(INK.light), 1, cv2.LINE_AA)
     return band
 
 
+_OF_A_LIFT = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the arm lifts"))
+
+
 @cache
-def _legend(width: int) -> Image:
-    """What the colours and lines mean, (LEGEND_PX, width, 3) uint8."""
+def _legend(width: int, of_a_lift: bool) -> Image:
+    """What the colours and lines mean, (LEGEND_PX, width, 3) uint8. of_a_lift: with markers and phases."""
     band = np.full((LEGEND_PX, width, 3), rgb(PAPER.light), np.uint8)
     middle, x = LEGEND_PX // 2, 10
     for colour, thick, text in (
         (ESTIMATE, 2, "estimated angle, thin axis"),
-        (TRUTH, 5, "marker angle, thick axis"),
-        (PHASE, 12, "phase B: the arm lifts"),
+        *(_OF_A_LIFT if of_a_lift else ()),
         (MUTED, 1, "white in the fingertips: outline of the contact"),
     ):
         cv2.line(band, (x, middle), (x + 26, middle), rgb(colour.light), thick, cv2.LINE_AA)
         cv2.putText(band, text, (x + 34, middle + 5), _TEXT, 0.5, rgb(INK.light), 1, cv2.LINE_AA)
         x += 34 + cv2.getTextSize(text, _TEXT, 0.5, 1)[0][0] + 28
     return band
-
-
-def _at(times: Floats, time_s: float) -> int:
-    """Which frame is the newest at a time."""
-    return max(int(np.searchsorted(times, time_s, side="right")) - 1, 0)
 
 
 def _scaled(image: Image) -> Image:

@@ -2,9 +2,11 @@
 
 import os
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain, islice
 from pathlib import Path
 
@@ -13,8 +15,10 @@ import cv2
 from drivers.errors import InputError, RecordingError
 from drivers.types import Image
 
-CODECS = {".webm": "VP80", ".mp4": "mp4v", ".avi": "MJPG", ".webp": "WEBP"}
-"""Codecs that every build of OpenCV writes, by the file's ending. Browsers play the first and the last."""
+H264 = "avc1"
+"""Many builds of OpenCV, those on PyPI among them, come without an encoder for it."""
+CODECS = {".webm": "VP80", ".mp4": H264, ".avi": "MJPG", ".webp": "WEBP"}
+"""Codecs by the file's ending. Browsers play all but .avi; every build of OpenCV writes all but .mp4."""
 ANIMATED = ".webp"
 """An animated picture, which pages show like any picture; it is encoded as a whole, in memory."""
 MOST_ANIMATED, _WEBP_QUALITY = 400, 60
@@ -30,12 +34,26 @@ class Film:
     size_px: tuple[int, int]
 
 
-def require_film_name(out: Path) -> None:
-    """Raise `InputError` for an ending that no codec is known for, or a folder that is not there."""
+def film_place(out: Path) -> Path:
+    """Return where a film goes: where asked, but as .webm for an .mp4 if OpenCV has no H.264.
+
+    Raises `InputError` for an ending that no codec is known for, or a folder that is not there.
+    """
     if out.suffix.lower() not in CODECS:
         raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
+    return out if out.suffix.lower() != ".mp4" or has_h264() else out.with_suffix(".webm")
+
+
+@cache
+def has_h264() -> bool:
+    """Whether the installed OpenCV writes H.264."""
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        writer = cv2.VideoWriter(f"{folder}/a.mp4", cv2.VideoWriter.fourcc(*H264), 25.0, (64, 64))
+        opened = writer.isOpened()
+        writer.release()
+    return opened
 
 
 def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:

@@ -17,6 +17,8 @@ HEIGHT_PX = 230
 _LEAST_SPAN_DEG = 2.0
 """A lift that held still is not drawn as if its noise were a turn."""
 _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX, _STATE_PX = 50.0, 18.0, 8.0, 36.0, 8.0
+_SHORTEST_S = 0.01
+"""A curve of one frame is drawn over at least this."""
 _SHADED, _PLAIN = "B", ("A", "C")
 _AFTER_S = 0.15
 _MOST_BEFORE = (5.0, 95.0)
@@ -29,7 +31,8 @@ def lift_chart(
     """Draw a lift."""
     with drawing(height_px, width_px, arranged=False) as figure:
         draw_lift(figure, lift)
-        return Chart(lift.name, svg(figure, f"{lift.name}: estimated and marker angle over time"), caption)
+        what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"
+        return Chart(lift.name, svg(figure, f"{lift.name}: {what} over time"), caption)
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
@@ -86,7 +89,8 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
     """From where to where a lift is drawn, s: all of A to the end of C."""
     if not lift.phases_s:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
-        return float(times.min(initial=0.0)), float(times.max(initial=0.0))
+        start = float(times.min()) if times.size else 0.0
+        return start, max(float(times.max(initial=start)), start + _SHORTEST_S)
     begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
     curves = (lift.truth, lift.estimate, *lift.tips.values())
     ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)  # of an interrupted lift
@@ -170,8 +174,8 @@ def _onsets(axes: Axes, lift: LiftCurves, until_s: float) -> None:
             axes.axvline(onset, color=colour.light, linewidth=1.2, linestyle=style, zorder=1)
 
 
-def key(states: bool = True) -> list[dict[str, str]]:
-    """The signs that all lift pictures share, for one legend on the page."""
+def key(states: bool = True, truth: bool = True) -> list[dict[str, str]]:
+    """The signs that all lift pictures share, for one legend on the page. truth: and phases, of a trial."""
     lines = [
         {"kind": "line", "colour": ESTIMATE.css, "text": f"estimated angle, with its {SIGMAS:g} sigma band"},
         {"kind": "dash", "colour": TRUTH.css, "text": "marker angle"},
@@ -191,4 +195,6 @@ def key(states: bool = True) -> list[dict[str, str]]:
         {"kind": "fill", "colour": colour.css, "text": name.replace("_", " ")}
         for name, colour in STATES.items()
     ]
+    if not truth:
+        lines = [lines[0], lines[-1]]
     return [*lines, *claims] if states else lines

@@ -119,8 +119,10 @@ def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
     return Notice("bad", f"{len(lifts)} of {of} recordings are damaged in part: {named}.", advice)
 
 
-def find_lift(folder: Path, manifest: TrialManifest, wanted: str) -> Lift:
+def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift:
     """Find an accepted lift by its number in the session ("3"), or by object and lift ("t1/3", "wrench/3").
+
+    wanted: None for the first lift.
 
     Gaps of its recording are passed over. Raises `SessionError` for a recording that cannot be read,
     `InputError` with the lifts there are for one that is not there.
@@ -128,14 +130,16 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str) -> Lift:
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     lifts = sorted(finished(rows), key=lambda row: row.number)
     for row in lifts:
-        if wanted.strip() in {str(row.number), f"{row.object}/{row.lift}", f"{row.name}/{row.lift}"}:
+        names = {str(row.number), f"{row.object}/{row.lift}", f"{row.name}/{row.lift}"}
+        if wanted is None or wanted.strip() in names:
             try:
                 return _read_lift(folder, row, manifest)
             except UNREADABLE as error:
                 raise SessionError(f"{folder / row.recording}: cannot be read ({_why(error)})") from error
     there = joined([f"{row.number} ({row.object}/{row.lift} {row.name})" for row in lifts], 6)
     why = "".join(f"; {problem.what}" for problem in problems)
-    raise InputError(f"{folder}: no finished lift '{wanted}'; there are {there or 'none'}{why}")
+    which = "" if wanted is None else f" '{wanted}'"
+    raise InputError(f"{folder}: no finished lift{which}; there are {there or 'none'}{why}")
 
 
 def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[Notice]]:

@@ -4,7 +4,7 @@ Gaps of a recording are passed over: `rig.report.session` names them, once for e
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -53,7 +53,7 @@ class TipFrames:
     sign: int
     finder: ContactFinder
     axis_deg: float | None
-    frames: tuple[Frame, ...]
+    frames: tuple[Frame, ...] = ()
 
 
 def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> list[Still]:
@@ -121,11 +121,15 @@ def read_tip(
     if not reference or not frames:
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
     finder = ContactFinder(mean_background(reference))
-    at_zero = _nearest(frames, zero_ns)
-    contact = finder.find(at_zero.image)
-    axis = ellipse_axis(contact.contour) if contact.mask is not None else None
     chosen = frames if wanted_ns is None else [_nearest(frames, t) for t in wanted_ns]
-    return TipFrames(serial, sign, finder, None if axis is None else axis.angle_deg, tuple(chosen))
+    return replace(tip_at_zero(serial, sign, finder, _nearest(frames, zero_ns).image), frames=tuple(chosen))
+
+
+def tip_at_zero(serial: str, sign: int, finder: ContactFinder, zero: Image | None) -> TipFrames:
+    """Return what is drawn into frames. zero: frame at the zero, (H, W, 3) uint8 RGB, or None."""
+    contact = None if zero is None else finder.find(zero)
+    axis = None if contact is None or contact.mask is None else ellipse_axis(contact.contour)
+    return TipFrames(serial, sign, finder, None if axis is None else axis.angle_deg)
 
 
 def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -> Image:
@@ -148,9 +152,10 @@ def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, floa
     return _value_at(lift.tips.get(serial, lift.estimate), time_s), float(truth)
 
 
-def caption(time_s: float, estimate_deg: float, truth_deg: float) -> str:
-    """Say when, and both angles."""
-    return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(estimate_deg)}, marker {angle_text(truth_deg)}"
+def caption(time_s: float, estimate_deg: float, truth_deg: float | None = None) -> str:
+    """Say when, and both angles. truth_deg: None if there is no ground truth at all."""
+    marker = "" if truth_deg is None else f", marker {angle_text(truth_deg)}"
+    return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(estimate_deg)}{marker}"
 
 
 def rgb(hex_colour: str) -> tuple[int, int, int]:

@@ -13,6 +13,8 @@ LOCK = ".lock"
 RECORDINGS = "lifts"
 UNFINISHED = ".unfinished"
 """In the name of a recording whose lift is under way or was interrupted."""
+MAGIC = b"\x89MCAP0\r\n"
+"""First bytes of a recording."""
 REFERENCES = "reference"
 """Each fingertip's frame without contact, in a recording."""
 TRUE_MASKS = "truth/masks"
@@ -33,6 +35,17 @@ def unfinished_name(stem: str, number: int) -> str:
 def is_unfinished(recording: Path) -> bool:
     """Whether a recording has the name of an unfinished one."""
     return UNFINISHED in recording.stem
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is a recording, by its ending or by its first bytes."""
+    if path.suffix.lower() == ".mcap":
+        return path.is_file()
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:  # a folder, or a file whose reader says what is wrong with it
+        return False
 
 
 def reference_file(serial: str) -> str:

@@ -21,12 +21,12 @@ from mcap.stream_reader import StreamReader
 
 from drivers.clock import NS_PER_S
 from rig.sessions.about import CLOCK_OFFSET
+from rig.sessions.layout import MAGIC
 
 MOST_CHUNK = 64_000_000
 """Bytes of an unpacked chunk; the recorder's hold an eighth of a megabyte, and a picture."""
 MOST_RATIO = 20
 """How much larger a recording may be unpacked; its pictures are packed already."""
-MAGIC = b"\x89MCAP0\r\n"
 LAST_NS = 2**63 - 1
 RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 FOOTER, DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")

@@ -44,7 +44,7 @@ def test_every_command_stands_on_the_page_of_commands() -> None:
         "rig estimat x",
         "rig bench new",
         "rig label-angle",
-        "rig play a --lift 1",
+        "rig play --lift 1",
         "rig nope",
     ],
 )

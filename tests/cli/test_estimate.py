@@ -285,3 +285,60 @@ def test_a_real_clip_runs_through(real_data: Path) -> None:
     figures = json.loads(done.out)
     assert figures["frames"] == len(figures["samples"]) == 68
     assert figures["answered"] + sum(figures["refused"].values()) == 68
+
+
+def test_recording_gives_one_table_of_its_fingertips(one_lift: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "copied.mcap"
+    copied.write_bytes((one_lift / "lifts" / "001.mcap").read_bytes())
+    page = tmp_path / "lift.html"
+    done = estimate(copied, "--page", page)
+    assert done.error is None
+    by_sensor = {
+        serial: [row for row in done.rows if row["sensor"] == serial] for serial in ("SIM-D0001", "SIM-D0002")
+    }
+    assert sum(map(len, by_sensor.values())) == len(done.rows)
+    ends = [float([row for row in rows if row["angle_deg"]][-1]["angle_deg"]) for rows in by_sensor.values()]
+    assert ends[0] == pytest.approx(ends[1], abs=5.0), "both tell the object's angle"
+    text = page.read_text()
+    assert "SIMULATED" in text
+    assert all(serial in text for serial in by_sensor)
+
+
+def test_one_sensor_of_a_recording_is_as_in_its_session(one_lift: Path, tmp_path: Path) -> None:
+    recording, serial = one_lift / "lifts" / "001.mcap", "SIM-D0002"
+    same = ("--sensor", serial, "--estimator", "ellipse")
+    assert estimate(recording, *same, "--out", tmp_path / "one.csv").error is None
+    assert estimate(one_lift, *same, "--out", tmp_path / "all").error is None
+    assert [path.name for path in (tmp_path / "all").iterdir()] == [f"001_{serial}.csv"]
+    of_session = (tmp_path / "all" / f"001_{serial}.csv").read_text().splitlines()
+    with_sensor = (tmp_path / "one.csv").read_text().splitlines()
+    assert [line.removesuffix(f",{serial}") for line in with_sensor[1:]] == of_session[1:]
+
+
+def test_options_that_do_not_fit_a_recording_or_a_clip_are_refused(one_lift: Path, lift: Path) -> None:
+    recording = one_lift / "lifts" / "001.mcap"
+    assert "give one of SIM-D0001, SIM-D0002" in (estimate(recording, "--sensor", "D9").error or "")
+    assert "has its own times" in (estimate(recording, "--fps", 60).error or "")
+    assert "leave --sensor out" in (estimate(lift / "frames", "--sensor", "D1").error or "")
+    page = ("--page", "page.html", "--out", "x")
+    assert f"rig report {one_lift}" in (estimate(one_lift, *page).error or "")
+
+
+def test_page_of_own_frames_shows_curve_states_and_frames(lift: Path, tmp_path: Path) -> None:
+    page = tmp_path / "lift.html"
+    done = estimate(lift / "frames", "--background", lift / "bare.png", "--page", page, "--json")
+    assert done.error is None
+    text = page.read_text()
+    assert "estimated angle, with its 2 sigma band" in text
+    assert "marker" not in text
+    assert text.count("data:image/jpeg;base64,") == 6
+    assert "<td>90%</td>" in text
+    assert "2 no_contact" in text
+    assert "SIMULATED" not in text
+
+
+def test_page_of_frames_without_an_answer_is_made_all_the_same(blank: Image, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "one.png"), blank[..., ::-1])
+    done = estimate(tmp_path / "one.png", "--background", "first:1", "--page", tmp_path / "one.html")
+    assert done.error is None
+    assert "refused" in (tmp_path / "one.html").read_text()

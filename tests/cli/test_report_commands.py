@@ -3,14 +3,20 @@
 import json
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rig.report.picture import SIZE_PX
+from support.angle_clips import write_clip
 from support.browser import NEEDS_CHROMIUM
 from support.command_line import rig
+
+Draw = Callable[..., NDArray[np.uint8]]
 
 
 @pytest.fixture(scope="module")
@@ -118,10 +124,52 @@ def test_comparisons_that_cannot_be_are_refused(trial: Path, tmp_path: Path) -> 
 
 
 def test_a_lift_is_played_and_another_is_not_there(trial: Path, tmp_path: Path) -> None:
-    film = tmp_path / "lift.mp4"
+    film = tmp_path / "lift.webm"
     done = rig("play", str(trial), "--lift", "toothbrush/1", "--speed", "4", "--out", str(film), "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["frames"] > 20
     assert film.stat().st_size > 10_000
     said(rig("play", str(trial), "--lift", "9", "--out", str(film)), 2, "no finished lift '9'")
     said(rig("report", str(tmp_path / "nothing")), 2, "no such session")
+
+
+def test_first_lift_is_played_into_a_default_file(
+    trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = rig("play", trial, "--speed", "4")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "trial_001.webm"
+    assert [path.name for path in tmp_path.iterdir()] == ["trial_001.webm"]
+
+
+def test_mp4_without_an_encoder_becomes_webm_and_it_is_said(
+    trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.report.film_file.has_h264", lambda: False)
+    done = rig("play", trial, "--speed", "8", "--out", tmp_path / "lift.mp4")
+    assert done.returncode == 0, done.stderr
+    assert "no H.264 encoder for .mp4" in done.stderr
+    assert done.stdout.strip() == str(tmp_path / "lift.webm")
+    assert [path.name for path in tmp_path.iterdir()] == ["lift.webm"]
+
+
+def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = write_clip(tmp_path / "pen", press, press(None))
+    monkeypatch.chdir(tmp_path)
+    same = ("--background", clip / "background.png", "--rate", 5)
+    done = rig("play", clip / "frames", *same, "--json")
+    assert done.returncode == 0, done.stderr
+    film = json.loads(done.stdout)
+    assert film["film"] == "frames_film.webm"
+    assert film["frames"] == pytest.approx(13 / 5 * 30, abs=2)
+    video = cv2.VideoCapture("frames_film.webm")
+    first, last = video.read()[1].astype(int), None
+    while (read := video.read())[0]:
+        last = read[1]
+    assert last is not None
+    assert abs(first[:300, :200] - last[:300, :200]).mean() > 2.0
+    said(
+        rig("play", "frames_film.webm", "--out", "frames_film.webm", "--background", "auto"), 2, "is made of"
+    )
+    said(rig("play", clip / "frames", *same, "--lift", 1), 2, "leave --lift and --beside out")

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from rig.config.load import parse_bench
 from rig.config.object_text import with_position
 from rig.config.objects import new_object_text, parse_object
 from rig.config.write import bench_text
+from rig.frames.array_files import array_frames
 from rig.frames.times import times_from_table
 from rig.labels.proposals import read_label
 from rig.labels.shapes import labelme_mask
@@ -28,7 +30,7 @@ from rig.results.table import read_results
 from rig.sessions.reading import recorded_frames, show_again
 from rig.sessions.recording_file import check_recording
 from rig.tactile.contact.network import load_network
-from support.fuzz import answered, changed, fuzzed
+from support.fuzz import BYTES, answered, changed, fuzzed
 from support.onnx_files import identity_model
 
 STORED = Path(__file__).parents[2] / "data"
@@ -96,6 +98,27 @@ def test_messages_in_recordings(place: Path, topic: str, data: bytes, time_ns: i
     path.write_bytes(stream.getvalue())
     answered(lambda: show_again(path, NOBODY))
     answered(lambda: list(recorded_frames(path, "D1")))
+
+
+def array_file(save: Callable[..., None]) -> bytes:
+    stream = io.BytesIO()
+    save(stream, np.zeros((3, 9, 8, 3), np.uint8))
+    return stream.getvalue()
+
+
+@fuzzed()
+@given(
+    st.one_of(
+        *(
+            st.tuples(st.just(ending), changed([array_file(save)], (*BYTES, *JSON)))
+            for ending, save in ((".npy", np.save), (".npz", np.savez), (".npz", np.savez_compressed))
+        )
+    )
+)
+def test_arrays_of_frames(place: Path, drawn: tuple[str, bytes]) -> None:
+    path = place / f"clip{drawn[0]}"
+    path.write_bytes(drawn[1])
+    answered(lambda: list(array_frames(path)))
 
 
 MANIFESTS = [(STORED / name / "session.json").read_bytes() for name in ("stored_trial", "stored_record")]

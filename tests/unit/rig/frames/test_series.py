@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +11,10 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.images import read_image
+from drivers.types import Frame
 from rig.frames.series import make_background, read_frames
+from rig.sessions.images import stored
+from rig.sessions.recorder import LiftRecorder
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -172,3 +176,97 @@ def test_long_recordings_are_sampled_evenly(tmp_path: Path) -> None:
     frames = [grey(40 if i < 100 else 120, (16, 16)) for i in range(300)]
     made, _ = make_background("auto", read_frames(video(tmp_path / "long.avi", frames)))
     assert abs(int(made[8, 8, 0]) - 120) < 6
+
+
+@pytest.mark.parametrize("ending", [".npy", ".npz"])
+def test_array_of_frames_is_read_as_rgb(tmp_path: Path, ending: str) -> None:
+    frames = np.stack([grey(20 * i) for i in range(4)])
+    frames[..., 0] = 200
+    path = tmp_path / f"clip{ending}"
+    np.save(path, frames) if ending == ".npy" else np.savez_compressed(path, frames)
+    series = read_frames(path, fps=10.0)
+    assert np.array_equal(np.stack(list(series.images())), frames)
+    assert [frame.time.text for frame in series][-1] == "0.300000"
+    assert series.notes == (f"{path}: 4 frames of 24 x 32 px, taken as RGB",)
+    assert "60 frames per second assumed" in read_frames(path).notes[1]
+
+
+@pytest.mark.parametrize(
+    ("array", "why"),
+    [
+        (np.zeros((4, 32, 24, 3), np.float32), "it is float32 of shape"),
+        (np.zeros((4, 32, 24), np.uint8), "uint8 of shape (4, 32, 24)"),
+        (np.zeros((4, 3, 32, 24), np.uint8), "uint8 of shape (4, 3, 32, 24)"),
+        (np.asfortranarray(np.zeros((4, 32, 24, 3), np.uint8)), "not stored one after another"),
+        (np.array([{}], object), "it is object"),
+    ],
+)
+def test_other_arrays_are_rejected_with_the_cure(tmp_path: Path, array: NDArray[Any], why: str) -> None:
+    np.save(tmp_path / "clip.npy", array)
+    with pytest.raises(InputError, match=r"save one array \(T, H, W, 3\) of uint8, RGB") as error:
+        read_frames(tmp_path / "clip.npy")
+    assert why in str(error.value)
+
+
+def test_archive_of_two_arrays_and_array_cut_short_are_rejected(tmp_path: Path) -> None:
+    frames = np.zeros((4, 32, 24, 3), np.uint8)
+    np.savez(tmp_path / "two.npz", left=frames, right=frames)
+    with pytest.raises(InputError, match="it holds 2 arrays, not one"):
+        read_frames(tmp_path / "two.npz")
+    np.save(tmp_path / "cut.npy", frames)
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "cut.npy").read_bytes()[:-100])
+    with pytest.raises(InputError, match="it is cut short"):
+        read_frames(tmp_path / "cut.npy")
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """A recording of three cameras, as OpenCV takes it for a video of JPEG pictures."""
+    path = tmp_path / "001.mcap"
+    with path.open("wb") as stream:
+        recorder = LiftRecorder(stream)
+        recorder.phase("reference", 0)
+        for number in range(9):
+            for serial in ("T1", "T2", "CAM"):
+                recorder.image(*stored(Frame(grey(20 * number), number, number, serial)))
+        recorder.close()
+    return path
+
+
+def test_recording_is_never_given_to_opencv(recording: Path) -> None:
+    renamed = recording.rename(recording.with_name("clip.avi"))
+    with pytest.raises(InputError, match=r"is a recording of several sensors.*use rig estimate"):
+        read_frames(renamed)
+
+
+@pytest.mark.parametrize("ending", [".bag", ".bin", ""])
+def test_file_that_is_no_video_is_rejected_though_opencv_finds_pictures(recording: Path, ending: str) -> None:
+    other = recording.with_name(f"other{ending}")
+    other.write_bytes(b"bag" + recording.read_bytes()[3:])
+    capture = cv2.VideoCapture(str(other))
+    assert capture.grab(), "OpenCV takes it for a video"
+    with pytest.raises(InputError, match=r"neither images nor a video .* give a folder of images"):
+        read_frames(other)
+
+
+def test_devices_streams_stacks_and_folders_of_clips_are_rejected_with_a_cure(
+    tmp_path: Path, recording: Path
+) -> None:
+    for endless in ("/dev/null", "http://127.0.0.1:8080/stream", "rtsp://sensor/1"):
+        with pytest.raises(InputError, match="has no end: record a clip of it"):
+            read_frames(Path(endless))
+    with pytest.raises(InputError, match=r"give one of its files, as .*001\.mcap"):
+        read_frames(recording.parent)
+    assert cv2.imwritemulti(str(tmp_path / "stack.tif"), [grey(1), grey(2)])
+    with pytest.raises(InputError, match="holds 2 pictures, of which one would be read"):
+        read_frames(tmp_path / "stack.tif")
+
+
+def test_images_of_a_recording_session_are_no_clip(folder: Path) -> None:
+    images = folder / "t1_wrench" / "image_label"
+    images.mkdir(parents=True)
+    write(images / "p01_01_T1.png", grey(1))
+    assert len(list(read_frames(images))) == 1
+    (folder / "poses.jsonl").write_text("")
+    with pytest.raises(InputError, match="of several sensors and poses, no clip"):
+        read_frames(images)

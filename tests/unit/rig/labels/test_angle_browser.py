@@ -121,3 +121,10 @@ def test_a_command_that_has_ended_is_told(browser: Browser, server: AngleServer)
     browser.value("window.fetch = () => Promise.reject(new TypeError('gone'))")
     assert "the command has ended" in click_at(browser, *true_ends(2)[0])
     assert browser.value("ends().length") == 0, "what is not kept is not shown"
+
+
+def test_grid_is_off_until_asked_for(browser: Browser, server: AngleServer) -> None:
+    opened(browser, server)
+    assert browser.value("[grid, at('grid').getAttribute('aria-pressed')]") == [False, "false"]
+    browser.value("at('grid').click()")
+    assert browser.value("[grid, at('grid').getAttribute('aria-pressed')]") == [True, "true"]

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from drivers.errors import InputError, RigError
 from drivers.images import read_image
 from rig.benchmark.clips.labelled import read_clips
+from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
 from rig.labels.angle_clicks import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, difference, load_clip
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.serving import Request
+from rig.tactile.estimators import choose_estimator
 from support.angle_clips import TURN_DEG, ask, draw_all, true_ends, write_clip
 
 Image = NDArray[np.uint8]
@@ -81,6 +83,20 @@ def test_frames_are_chosen_evenly_from_the_first_contact_on(clip: Path) -> None:
     assert opened(clip).choice == FrameChoice(2, (2, 6, 9, 13))
     assert opened(clip, 100).choice.frames == tuple(range(2, 14))
     assert opened(clip, 3, reference=7).choice == FrameChoice(7, (7, 10, 13))
+
+
+def test_proposes_first_stable_contact_as_reference_like_rig_estimate(
+    clip: Path, press: Draw, blank: Image
+) -> None:
+    for number, share in ((2, 0.5), (3, 0.8)):
+        growing = press(15.0, (85 * share, 25 * share), seed=number)
+        cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), growing[..., ::-1])
+    series = read_frames(clip / "frames")
+    choice, note = choose_frames(series, blank, 3)
+    assert choice == FrameChoice(4, (4, 8, 13))
+    assert "reference: frame 4 (first frame of stable full contact)" in note
+    estimated = Estimation(choose_estimator(None, None), "first:2").of_series(series).figures
+    assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 
 
 def test_without_a_contact_all_frames_are_offered(clip: Path) -> None:

@@ -1,6 +1,7 @@
 """Arrays in, arrays out: an estimator over anyone's frames, scores, calibrations."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +39,22 @@ def test_a_bar_that_turns_is_followed() -> None:
     assert told.states[:2] == ("no_contact", "no_contact")
     assert told.angle_deg[-1] == pytest.approx(19.0, abs=3.0)
     assert np.isfinite(told.sigma_deg[-1])
+
+
+@pytest.mark.parametrize(
+    ("frames", "why"),
+    [
+        ("lifts/001.mcap", "is a path: give frames as arrays"),
+        ([], "there are no frames"),
+        ([np.zeros((32, 24), np.uint8)], r"shape \(32, 24\): give \(H, W, 3\)"),
+        (np.zeros((3, 32, 24, 3), np.float32), "give uint8 RGB"),
+        ([np.zeros((32, 24, 3), np.uint8), np.zeros((24, 24, 3), np.uint8)], "use one size"),
+        ([1, 2], "give uint8 RGB"),
+    ],
+)
+def test_what_is_no_clip_of_one_sensor_is_an_input_error(frames: Any, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        rig.estimate(frames)
 
 
 def test_frames_may_come_one_by_one_and_a_class_may_be_ones_own() -> None:

@@ -71,7 +71,9 @@ def compare(
     page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
-        emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
+        emit_json(
+            {"report": str(page), "verdict": verdict(found) if found.judged else None, **_figures(found)}
+        )
     else:
         _print(found)
         print(page)

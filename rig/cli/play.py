@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
@@ -81,7 +82,7 @@ def play(
         shown.append(FilmedLift(beside, other, same))
     film = write_film(shown, out, fps, speed, width)
     width, height = film.size_px
-    say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")
+    say(f"{chosen.name}: {counted(film.frames, 'frame')} of {width} x {height}, {film.codec}")
     if film.codec == "mp4v":
         say(f"note: browsers do not play MPEG-4 in .mp4; --out {out.with_suffix('.webm')} plays there")
     if json:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.types import Image
 from rig.frames.series import FrameSeries
 from rig.tactile.contact.dots import plain_of
@@ -65,7 +65,7 @@ def choose_frames(
     )
     return FrameChoice(
         frames[0], frames
-    ), f"{seen}; {len(frames)} frames to label, {frames[0]} to {frames[-1]}"
+    ), f"{seen}; {counted(len(frames), 'frame')} to label, {frames[0]} to {frames[-1]}"
 
 
 def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:

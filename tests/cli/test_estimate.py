@@ -124,7 +124,8 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert max(y) - min(y) < 1.0
     assert (done.rows[4]["shift_x_px"], done.rows[4]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
     assert [done.rows[0][name] for name in ("rate_deg_s", "shift_x_px", "slip")] == ["", "", "0"]
-    assert "; slip at 0.1" in done.said
+    assert re.search(r"zero: first frame of stable full contact, 0\.\d+ s after the first frame", done.said)
+    assert re.search(r"; slip 0\.1\d+ s after the first frame", done.said)
 
 
 def test_an_estimator_that_tells_no_rate_raises_no_alarm(lift: Path) -> None:

@@ -52,11 +52,15 @@ def readme_section(result: ClipsResult) -> str:
     labels, of = sum(len(run.labels) for run in clips), machine()
     head = f"{len(clips)} clips, {labels} labels, {of['processor']}, {of['cores']} cores, one thread. "
     head += "Errors in degrees."
-    return "\n".join([head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)])
+    return "\n".join(
+        [head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)]
+    ).rstrip()
 
 
 def verdict(limits: Sequence[Measured]) -> str:
-    """Say which limits were missed."""
+    """Say which limits were missed; "" without limits."""
+    if not limits:
+        return ""
     missed = [f"{limit.name} {_value(limit)}, asked {limit.asked}" for limit in limits if not limit.met]
     return f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."
 

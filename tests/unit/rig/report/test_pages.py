@@ -112,6 +112,20 @@ def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, tri
     assert f"{mean:.2f} ±" in page.text
 
 
+def test_tile_without_interval_has_no_gap_before_the_punctuation(page: Page) -> None:
+    assert "MARE in B (the paper, on its real bench: 1.85°)" in page.text
+    assert "MARE in B ;" not in page.text
+
+
+def test_range_of_one_turn_is_one_number(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (-16.1,))
+    table = object_table(summarize_trial(read_finished_lifts(folder)))
+    assert dict(zip(table.columns, table.rows[0], strict=True))["true turn, °"] == "-16"
+    text = page_of(folder).text
+    assert "1 lifts" not in text
+    assert "1 objects" not in text
+
+
 def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
     rows = read_finished_lifts(trial)
     table = object_table(summarize_trial(rows))

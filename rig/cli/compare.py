@@ -71,9 +71,8 @@ def compare(
     page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
-        emit_json(
-            {"report": str(page), "verdict": verdict(found) if found.judged else None, **_figures(found)}
-        )
+        said = verdict(found) if found.judged else None
+        emit_json({"report": str(page), "verdict": said, **_figures(found)})
     else:
         _print(found)
         print(page)

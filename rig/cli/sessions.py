@@ -96,7 +96,9 @@ def sessions(
         emit_json({**listed, "wear": page} if page else listed)
     broken = sum(entry.state == "broken" for entry in entries)
     if check and broken:
-        raise SessionError(f"{folder}: {broken} of {counted(len(entries), 'session')} broken, as named above")
+        raise SessionError(
+            f"{folder}: {broken} of {counted(len(entries), 'session')} broken: each is named above"
+        )
 
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":

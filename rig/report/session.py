@@ -151,7 +151,7 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
     if not damaged:
         return rows, []
     where = joined([f"line {line.number}: {line.problem}" for line in damaged])
-    what = f"{path.name}: damaged: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} ({where})."
+    what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
     advice = (
         "They are left out of every figure. Copy the file again from the rig's disk, or remove those lines."
     )

@@ -193,7 +193,7 @@ def test_an_unreadable_frame_is_lost_and_the_rest_answered(lift: Path, tmp_path:
     assert (done.rows[12]["state"], done.rows[12]["angle_deg"]) == ("lost", "")
     assert done.rows[13]["state"] in ("tracking", "rekeyed")
     assert done.rows[13]["angle_deg"]
-    assert "warning: 1 frames could not be read" in done.said
+    assert "warning: 1 frame could not be read" in done.said
 
 
 def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:

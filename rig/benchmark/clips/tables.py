@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from drivers.errors import counted
 from rig.benchmark.clips.benchmark import ClipsResult
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.estimators.benchmark import machine
@@ -50,8 +51,8 @@ def readme_section(result: ClipsResult) -> str:
     """Return the README's section in Markdown, without its markers."""
     table, clips = overall_table(result), result.estimators[0].runs
     labels, of = sum(len(run.labels) for run in clips), machine()
-    head = f"{len(clips)} clips, {labels} labels, {of['processor']}, {of['cores']} cores, one thread. "
-    head += "Errors in degrees."
+    head = f"{counted(len(clips), 'clip')}, {counted(labels, 'label')}, "
+    head += f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees."
     return "\n".join(
         [head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)]
     ).rstrip()

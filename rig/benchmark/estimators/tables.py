@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drivers.errors import counted
 from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.stress import NAMES, StressRow
@@ -36,7 +37,9 @@ class BenchmarkTable:
 def estimator_table(result: BenchmarkResult, windows: bool = False) -> BenchmarkTable:
     """One row per estimator with its usual window and the paper's best, or with every window."""
     keys = list(result.scores) if windows else _usual(result)
-    title = f"{_simulated(result)}rotational error in degrees over {result.lifts} lifts, and run time"
+    title = (
+        f"{_simulated(result)}rotational error in degrees over {counted(result.lifts, 'lift')}, and run time"
+    )
     return BenchmarkTable(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
 
 
@@ -111,8 +114,8 @@ def readme_section(result: BenchmarkResult) -> str:
     of = machine()
     return "\n".join(
         [
-            f"{_simulated(result)}{result.lifts} lifts, seed {result.settings.seed}, {of['processor']}, "
-            f"{of['cores']} cores, one thread. Errors in degrees, {HEADING}.",
+            f"{_simulated(result)}{counted(result.lifts, 'lift')}, seed {result.settings.seed}, "
+            f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}.",
             "",
             markdown_table(README_COLUMNS, rows),
             "",

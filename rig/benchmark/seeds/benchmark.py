@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from protocols.grasps import TRIAL_OBJECTS
 from protocols.observer import Phase
 from rig.benchmark.estimators.benchmark import machine
@@ -97,7 +97,9 @@ def run_seeds(
     folder.mkdir(parents=True, exist_ok=True)
     told = {trial.seed: trial.lifts for trial in read_rows(folder / SEEDS, TRIAL)}
     if told and not resume:
-        raise InputError(f"{folder}: holds {len(told)} trials; go on with --resume, or give another folder")
+        raise InputError(
+            f"{folder}: holds {counted(len(told), 'trial')}; go on with --resume, or give another folder"
+        )
     each = len(objects) * lifts
     for place, seed in enumerate(seeds):
         if seed in told:

@@ -2,6 +2,7 @@
 
 import json
 
+from drivers.errors import counted
 from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.trials.benchmark import NETWORKS, OURS, PLAIN_SESSION, TrialsResult
@@ -106,7 +107,7 @@ def systems(result: TrialsResult) -> list[str]:
 
 def head(result: TrialsResult) -> str:
     """Say what was measured on."""
-    return f"SIMULATED, {result.lifts} lifts, one fingertip, phase B"
+    return f"SIMULATED, {counted(result.lifts, 'lift')}, one fingertip, phase B"
 
 
 def _three(result: TrialsResult, network: str, method: str) -> tuple[str, ...]:

@@ -191,7 +191,7 @@ def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) 
     lines = (folder / "lifts.jsonl").read_text().splitlines()
     (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n" + "null\n")
     found = page_of(folder)
-    assert "lifts.jsonl: 2 of 3 lines are damaged (line 1: Invalid JSON" in found.text
+    assert "lifts.jsonl: 2 of 3 lines damaged (line 1: Invalid JSON" in found.text
     assert "line 3: Input should be an object, found None" in found.text
     assert any("wrench, lift 2" in name for name in found.figures)
 
@@ -218,7 +218,7 @@ def test_a_session_without_a_finished_lift_says_so(drawn_trial: Any, tmp_path: P
     folder = drawn_trial(tmp_path / "s", (12.0,), status="running")
     (folder / "lifts.jsonl").unlink()
     found = page_of(folder)
-    assert "Unfinished: 0 of 1 lifts" in found.text
+    assert "Unfinished: 0 of 1 lift accepted" in found.text
     assert "--resume" in found.text
 
 

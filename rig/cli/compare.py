@@ -100,10 +100,12 @@ def _print(found: "Comparison") -> None:
     from rig.cli.printing import console_table
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
+    from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
     console = table_console()
+    title = f"{found.names[1]} less {found.names[0]}, with the {INTERVAL}, from {FEWEST_LIFTS} lifts on"
     for table in (figure_table(found), object_table(found)):
-        console.print(console_table(table.columns, table.rows))
+        console.print(console_table(table.columns, table.rows, title=title))
     console.print(verdict(found))
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:

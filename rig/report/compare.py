@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.errors import InputError, counted
+from drivers.errors import InputError
 from rig.report.session import lift_name, object_label
 from rig.results.metrics import FEWEST_LIFTS, Floats, mean_interval, over_lifts
 from rig.sessions.records import ErrorSummary, FinishedLift
@@ -185,10 +185,9 @@ def verdict(comparison: Comparison) -> str:
     if found is None:
         return "No verdict: no lift has an error on both sides."
     first, second = comparison.names
-    if found.low is None or found.high is None:
-        have = counted(found.lifts, "lift")
-        return f"No verdict: {have} with an error on both sides, at least {FEWEST_LIFTS} are needed."
     over = over_lifts(found.lifts, found.missing)
+    if found.low is None or found.high is None:
+        return f"No verdict {over}: at least {FEWEST_LIFTS} with an error on both sides are needed."
     if found.winner is None:
         more = "more" if found.difference >= 0.0 else "less"
         return (

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from drivers.errors import InputError
 from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.labelled import ClipLabel, read_clips
-from rig.benchmark.clips.limits import PROJECT, ClipLimits
+from rig.benchmark.clips.limits import PROJECT
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.readme import markers
 from rig.cli.main import app
@@ -74,7 +74,7 @@ def test_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
 
 
 def test_what_is_known_is_measured(clips: Path) -> None:
-    result = run_clips(clips, [choose_estimator("slip"), choose_estimator("pca")], ClipLimits())
+    result = run_clips(clips, [choose_estimator("slip"), choose_estimator("pca")], PROJECT)
     slip, pca = result.estimators
     assert slip.overall.within_3 == slip.overall.answered == slip.overall.useful == 1.0
     assert slip.overall.mean_deg < 1.0

@@ -48,8 +48,8 @@ def test_fewer_than_five_lifts_have_no_verdict(lifts: int) -> None:
     old, new = ([row(i, error + 0.01 * i) for i in range(lifts)] for error in (1.0, 0.2))
     found = compare_lifts(NAMES, old, new)
     assert {(p.low, p.high, p.winner) for p in found.overall} == {(None, None, None)}
-    assert verdict(found).startswith("No verdict: ")
-    assert "at least 5 are needed" in verdict(found)
+    assert verdict(found).startswith(f"No verdict over {lifts} lift")
+    assert "at least 5 with an error" in verdict(found)
     assert found.judged is False
     assert '<li class="note"><b>No verdict' in compare_page(found, simulated=False, about="two")
 

@@ -97,7 +97,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
     inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s) & _measured(t1, t2, search_s)
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
-        text = f"the streams overlap by {len(t2)} samples (search +-{search_s:g} s): record longer"
+        text = f"the streams overlap by {len(t2)} samples (search ±{search_s:g} s): record longer"
         return TimeOffset(Assessment((text,)), used=len(t2))
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))

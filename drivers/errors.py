@@ -91,3 +91,8 @@ class CalibrationError(InputError):
 
 class OperatorStopError(RigError):
     """The operator stopped the run; the rig has been brought to a safe state."""
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless it is one: "1 lift", "3 lifts"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

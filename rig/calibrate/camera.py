@@ -91,8 +91,8 @@ def _view_rms_px(result: CameraFit) -> dict[str, float]:
 def _numbers(result: CameraFit, projected: figures.Array) -> dict[str, str]:
     matrix, sigma = result.fit.camera.matrix, result.sigma
     return {
-        "focal length": f"{matrix[0, 0]:.2f} +- {sigma[0]:.2f}, {matrix[1, 1]:.2f} +- {sigma[1]:.2f} px",
-        "principal point": f"{matrix[0, 2]:.2f} +- {sigma[2]:.2f}, {matrix[1, 2]:.2f} +- {sigma[3]:.2f} px",
+        "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
+        "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
         "distortion": ", ".join(f"{v:.5g}" for v in result.fit.camera.distortion),
         "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
         "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f})",

@@ -101,7 +101,7 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
             "drift_ppm": result.drift_ppm,
         }
         numbers = {
-            "to add to the stream": f"{1e3 * result.offset_s:.3f} +- {1e3 * result.sigma_s:.3f} ms",
+            "to add to the stream": f"{1e3 * result.offset_s:.3f} ± {1e3 * result.sigma_s:.3f} ms",
             "motion explained": f"{result.explained:.1%}",
         }
         zero = one.time_ns[0]

@@ -176,8 +176,8 @@ def _numbers(result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | 
     numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
     if scale is not None:
         sx, sy = scale.sigma
-        numbers["scale along x, y"] = f"{across:.5f} +- {sx:.5f}, {along:.5f} +- {sy:.5f} mm per px"
-        numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} +- {scale.aspect_sigma:.4f}"
+        numbers["scale along x, y"] = f"{across:.5f} ± {sx:.5f}, {along:.5f} ± {sy:.5f} mm per px"
+        numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
     for radius, error in result.radius_error().items():
         numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
     return numbers | {

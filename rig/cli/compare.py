@@ -71,7 +71,8 @@ def compare(
     page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
     if json:
-        emit_json({"report": str(page), "verdict": verdict(found), **_figures(found)})
+        said = verdict(found) if found.judged else None
+        emit_json({"report": str(page), "verdict": said, **_figures(found)})
     else:
         _print(found)
         print(page)
@@ -99,10 +100,12 @@ def _print(found: "Comparison") -> None:
     from rig.cli.printing import console_table
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
+    from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
     console = table_console()
+    title = f"{found.names[1]} less {found.names[0]}, with the {INTERVAL}, from {FEWEST_LIFTS} lifts on"
     for table in (figure_table(found), object_table(found)):
-        console.print(console_table(table.columns, table.rows))
+        console.print(console_table(table.columns, table.rows, title=title))
     console.print(verdict(found))
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:

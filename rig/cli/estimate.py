@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from rig.cli import common
 from rig.cli.common import JsonOption
 from rig.cli.places import file_place, folder_place
@@ -254,12 +254,15 @@ def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, o
     for warning in warnings:
         common.say(f"warning: {warning}")
     refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
-    zero = "" if done.estimate.zero is None else f"{done.estimate.zero.text} s, "
-    slip = "" if found.slip_s is None else f"; slip at {found.slip_s:g} s"
+    start = float(done.estimate.answers[0].time.text)
+    zero, slip = (
+        "" if t is None else f"{text}{t - start:.3f} s after the first frame"
+        for text, t in ((", ", found.reference_time_s), ("; slip ", found.slip_s))
+    )
     common.say(done.background)
     common.say(
-        f"{what}: {run.choice.name}, {found.frames} frames, {found.answered} answered, "
-        f"refused: {refused}; angles from {done.angles_from}; zero at {zero}{found.reference}{slip}; "
+        f"{what}: {run.choice.name}, {counted(found.frames, 'frame')}, {found.answered} answered, "
+        f"refused: {refused}; angles from {done.angles_from}; zero: {found.reference}{zero}{slip}; "
         f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
     )
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}

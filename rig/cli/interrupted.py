@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from drivers.errors import counted
 from rig.experiments.interrupted import InterruptedLift
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
 
@@ -12,7 +13,7 @@ def interrupted_text(lift: InterruptedLift) -> str:
     damaged = f"; damaged: {'; '.join(lift.gaps)}" if lift.gaps else ""
     return (
         f"unfinished, not counted: {lift.recording}: {lift.name}, {lift.seconds:.1f} s, "
-        f"{lift.frames} frames, phases {', '.join(lift.phases_ns)}; "
+        f"{counted(lift.frames, 'frame')}, phases {', '.join(lift.phases_ns)}; "
         f"at its end {', '.join(angles)}{damaged}"
     )
 

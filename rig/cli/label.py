@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import folder_place
 from rig.cli.segment import BackgroundOption, ImagesArgument, MarginOption
@@ -64,7 +65,7 @@ def label(
     proposed = sum(file.proposed for file in files)
     export_coco(files, masks, out / COCO, f"contact labels; {proposed} of {len(files)} proposed just now")
     say(
-        f"{proposed} labels proposed, {len(files) - proposed} kept as found, in {out}; "
+        f"{counted(proposed, 'label')} proposed, {len(files) - proposed} kept as found, in {out}; "
         f"masks and {COCO} are of all of them"
     )
     if json:

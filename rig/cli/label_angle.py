@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, emit_json, say
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def label_angle(
             _open(way)
         while (labels := server.labels_written(timeout_s=0.2)) is None:
             pass
-    say(f"{labels} labels written to {clip / LABELS}")
+    say(f"{counted(labels, 'label')} written to {clip / LABELS}")
     if json:
         emit_json({"out": str(clip / LABELS), "labels": labels, "frames": len(to_label.frames)})
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
@@ -111,7 +112,7 @@ def play(
         raise InputError(f"{place}: is what the film is made of: choose another --out")
     film = write_film(shown, place, fps, speed, width)
     width, height = film.size_px
-    say(f"{name}: {film.frames} frames of {width} x {height}, {film.codec}")
+    say(f"{name}: {counted(film.frames, 'frame')} of {width} x {height}, {film.codec}")
     if place != asked:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     if json:

@@ -10,11 +10,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.table import Table
 from rich.text import Text
 
+from drivers.errors import counted
 from rig.cli.fitting import table_console
 from rig.live.console import PlainConsole
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
-from rig.results.metrics import Mare
+from rig.results.metrics import HEADING, mare_text
+from rig.results.refusals import ADVICE, main_refusal
 from rig.results.summary import ObjectSummary, ReactingSummary, TrialSummary
 from rig.results.table import TableLift
 from rig.sessions.records import FailedLift, FinishedLift, LiftRow
@@ -114,13 +116,23 @@ def lift_note(row: LiftRow | TableLift) -> str:
         return f"{head}: {row.fault}"
     turn = row.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
-    parts.append("no answer" if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
+    parts.append(_without_error(row) if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
     if isinstance(row, FinishedLift):
         if row.reactions:
-            parts.append(f"{len(row.reactions)} reactions")
+            parts.append(counted(len(row.reactions), "reaction"))
         amiss = (row.marker_distance, row.estimator_faults)
         parts += [f"WARNING: {what}" for what in amiss if what]
     return f"{head}, {', '.join(parts)}"
+
+
+def _without_error(row: FinishedLift | TableLift) -> str:
+    """Say why a lift has no error. A results table does not hold the states of the frames."""
+    if row.answered:
+        return "no error: the angle of the markers is missing wherever the estimator answered"
+    if isinstance(row, TableLift):
+        return "no answer"
+    why = main_refusal([row.states])
+    return f"no answer, most frames are '{why}': {ADVICE[why]}"
 
 
 def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr: bool = False) -> None:
@@ -128,7 +140,7 @@ def trial_table(summary: TrialSummary, simulated: str, wall_s: float, to_stderr:
     console = table_console(to_stderr)
     console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
     console.print(
-        f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 +- 0.96; "
+        f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 ± 0.96; "
         f"refused frames held {mare_text(summary.mare_held)}"
     )
     console.print(turn_distribution(summary))
@@ -152,7 +164,7 @@ def console_table(
 def object_table(summary: TrialSummary, simulated: str, react: str = "none") -> Table:
     """Return the paper's table per object. react: what was done about slip."""
     reacting = "" if react == "none" else f"; reaction to slip: {react}"
-    title = f"{simulated}rotational error per object, degrees: mean +- std [95 % interval]{reacting}"
+    title = f"{simulated}rotational error per object, degrees: {HEADING}{reacting}"
     table = Table(title=title)
     for heading in ("object", "lifts", "outcomes", "true turn", "phase B", "phases B and C", "answered"):
         table.add_column(heading, justify="left" if heading in ("object", "outcomes") else "right")
@@ -172,8 +184,9 @@ def reaction_text(reacting: ReactingSummary) -> str:
     grip = f", grip added {median(added):g} counts in the middle, {max(added)} at most" if added else ""
     turn = f", end turn {median(reacting.turns_deg):.1f} deg in the middle" if reacting.turns_deg else ""
     return (
-        f"reaction to slip '{reacting.kind}': {reacting.caught} of {reacting.lifts} lifts caught, "
-        f"{reacting.reactions} reactions, {reacting.early} of them to less than half a degree{grip}{turn}; "
+        f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "
+        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them to less than half a degree"
+        f"{grip}{turn}; "
         "these lifts turn less, so their MARE stands apart from that of lifts without reaction"
     )
 
@@ -194,19 +207,17 @@ def turn_distribution(summary: TrialSummary) -> str:
 
 def summary_json(summary: TrialSummary) -> dict[str, object]:
     """Return the trial's figures under the contract's names."""
-
-    def mean(value: Mare | None) -> float | None:
-        return None if value is None else value.mean_deg
-
     reacting = summary.reacting
     reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
     return {
         **reacted,
         "lifts_accepted": summary.lifts_accepted,
-        "mare_deg": mean(summary.mare),
-        "mare_std_deg": summary.mare.std_deg if summary.mare else None,
-        "mare_b_deg": mean(summary.mare_b),
-        "mare_held_deg": mean(summary.mare_held),
+        "lifts_refused": summary.lifts_accepted - (summary.mare.lifts if summary.mare else 0),
+        "mare_deg": summary.mare and summary.mare.mean_deg,
+        "mare_std_deg": summary.mare and summary.mare.std_deg,
+        "mare_interval_deg": summary.mare and summary.mare.ends_deg,
+        "mare_b_deg": summary.mare_b and summary.mare_b.mean_deg,
+        "mare_held_deg": summary.mare_held and summary.mare_held.mean_deg,
         "answered": summary.answered,
         "bench_s": round(summary.bench_s, 3),
     }
@@ -214,13 +225,7 @@ def summary_json(summary: TrialSummary) -> dict[str, object]:
 
 def _object_cells(row: ObjectSummary) -> list[str]:
     outcomes = ", ".join(f"{count} {name}" for name, count in row.outcomes.items())
-    low, high = row.turn_deg
     return [
-        f"{row.object_id} {row.name}", str(row.lifts), outcomes, f"{low:+.0f} to {high:+.0f}",
+        f"{row.object_id} {row.name}", str(row.lifts), outcomes, row.turn_text,
         mare_text(row.mare_b), mare_text(row.mare), f"{row.answered:.1%}",
     ]  # fmt: skip
-
-
-def mare_text(value: Mare | None) -> str:
-    """Write a mean over lifts with its spread and its 95 % interval, degrees."""
-    return "no answer" if value is None else value.text

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import (
     BenchOption,
     JsonOption,
@@ -153,8 +154,9 @@ def record(
         "wall_s": round(time.perf_counter() - began, 2),
     }
     say(
-        f"{simulated}{figures['images_accepted']} images in {figures['poses_accepted']} poses, "
-        f"{figures['images_rejected']} frames without contact rejected, {figures['wall_s']:.1f} s"
+        f"{simulated}{counted(figures['images_accepted'], 'image')} in "
+        f"{counted(figures['poses_accepted'], 'pose')}, "
+        f"{counted(figures['images_rejected'], 'frame')} without contact rejected, {figures['wall_s']:.1f} s"
     )
     page = report_after(folder, no_report)
     if json:
@@ -167,4 +169,4 @@ def _note(row: "PoseRow") -> str:
     where = f"{row.position} at {row.orientation_deg:+.0f} deg"
     if not row.accepted:
         return f"{where}: {row.fault}"
-    return f"{where}: {len(row.images)} images, {row.rejected_frames} frames rejected"
+    return f"{where}: {counted(len(row.images), 'image')}, {counted(row.rejected_frames, 'frame')} rejected"

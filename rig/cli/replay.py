@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, ResumeStoredOption, emit_json, report_broken, say, trial_jobs
 from rig.cli.places import folder_place
 
@@ -104,7 +105,7 @@ def _replay_one(
     if result.rows:
         trial_table(result.summary, simulated, wall_s, to_stderr=json)
     if result.identical is not None:
-        say(f"{result.identical} of {len(result.rows)} lifts give exactly the stored results")
+        say(f"{result.identical} of {counted(len(result.rows), 'lift')} exactly as stored")
     for lift in result.interrupted:
         say(interrupted_text(lift))
     if json:
@@ -149,7 +150,7 @@ def _replay_many(
         )
     wall_s = round(time.perf_counter() - began, 2)
     print_results(rows, by="session", to_stderr=json)
-    say(f"{folder}/results.csv: {len(rows)} lines, {wall_s:.1f} s")
+    say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
     if json:
         emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
     report_broken([row.problem for row in rows if row.problem])
@@ -161,11 +162,11 @@ def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
     sessions = {task.folder for task in plan.tasks}
     simulated = "SIMULATED " if any(task.settings.bench.simulated for task in plan.tasks) else ""
     say(
-        f"{simulated}{len(plan.tasks)} lifts of {len(sessions)} sessions, "
+        f"{simulated}{counted(len(plan.tasks), 'lift')} of {counted(len(sessions), 'session')}, "
         f"estimator {estimator or 'of each session'}"
     )
     notes = [note for folder in sorted(sessions) if (note := truth_note(folder))]
     if notes:
-        say(f"{len(notes)} of {len(sessions)} sessions: {notes[0]}")
+        say(f"{len(notes)} of {counted(len(sessions), 'session')}: {notes[0]}")
     for path, why in (*plan.left_out, *plan.broken):
         say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import JsonOption, emit_json
 
 if TYPE_CHECKING:
@@ -59,11 +60,11 @@ def print_results(rows: "list[ReplayRow]", by: str, to_stderr: bool) -> None:
         console.print(_session_table(good))
     estimators = ", ".join(sorted({str(row.estimator) for row in good})) or "none"
     asked = [row.identical for row in good if row.identical is not None]
-    same = f"; {sum(asked)} of {len(asked)} lifts exactly as stored" if asked else ""
+    same = f"; {sum(asked)} of {counted(len(asked), 'lift')} exactly as stored" if asked else ""
     console.print(f"estimator {estimators}{same}", highlight=False)
     failed = [row.estimator_fault for row in good if row.estimator_fault]
     if failed:
-        text = f"WARNING: in {len(failed)} lifts {failed[0]}"
+        text = f"WARNING: in {counted(len(failed), 'lift')} {failed[0]}"
         console.print(text, highlight=False, soft_wrap=True)
     for row in rows:
         if row.problem:
@@ -124,10 +125,10 @@ def row_note(row: "ReplayRow") -> str:
 def _session_table(rows: "list[ReplayRow]") -> "Table":
     from rich.table import Table
 
-    from rig.cli.printing import mare_text
+    from rig.results.metrics import HEADING, mare_text
     from rig.results.table import summarize_table
 
-    table = Table(title=f"{_mark(rows)}MARE per session, degrees: mean +- std [95 % interval]")
+    table = Table(title=f"{_mark(rows)}MARE per session, degrees: {HEADING}")
     for heading in ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered"):
         table.add_column(
             heading, justify="left" if heading in ("session", "estimator", "reaction") else "right"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
-from drivers.errors import DeviceError, OperatorStopError, RecordingError
+from drivers.errors import DeviceError, OperatorStopError, RecordingError, counted
 from rig.cli.common import say
 from rig.cli.report import report_after
 
@@ -69,7 +69,7 @@ def say_done(folder: Path, wanted: int) -> int:
     from rig.sessions.rows import read_lifts
 
     done = sum(row.accepted for row in read_lifts(folder)) if _holds_results(folder) else 0
-    say(f"continuing {folder}: {done} of {wanted} lifts are done")
+    say(f"continuing {folder}: {done} of {counted(wanted, 'lift')} done")
     return done
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivers.errors import SessionError
+from drivers.errors import SessionError, counted
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
 
@@ -96,7 +96,9 @@ def sessions(
         emit_json({**listed, "wear": page} if page else listed)
     broken = sum(entry.state == "broken" for entry in entries)
     if check and broken:
-        raise SessionError(f"{folder}: {broken} of {len(entries)} sessions are broken: each is named above")
+        raise SessionError(
+            f"{folder}: {broken} of {counted(len(entries), 'session')} broken: each is named above"
+        )
 
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
@@ -151,7 +153,7 @@ def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
 def _table(folder: Path, entries: "list[SessionEntry]") -> Any:
     from rich.table import Table
 
-    from rig.cli.printing import mare_text
+    from rig.results.metrics import mare_text
 
     table = Table(title=f"sessions in {folder}; MARE over phases B and C, degrees")
     said = {
@@ -217,7 +219,9 @@ def _as_json(entry: "SessionEntry") -> dict[str, object]:
         "operator": entry.remarks.operator,
         "done": entry.done,
         "wanted": entry.wanted,
-        "mare_deg": entry.mare.mean_deg if entry.mare else None,
+        "mare_deg": entry.mare and entry.mare.mean_deg,
+        "mare_interval_deg": entry.mare and entry.mare.ends_deg,
+        "lifts_refused": entry.mare and entry.mare.refused,
         "size_bytes": entry.size_bytes,
         "state": entry.state.value,
         "problem": entry.problem,

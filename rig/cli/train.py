@@ -154,14 +154,14 @@ def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
 
     table = Table("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
-    table.title = f"Test {simulated} that training never saw, mean +- standard deviation"
+    table.title = f"Test {simulated} that training never saw, mean ± standard deviation"
     for card in cards:
         test, files = card["test"], card["files"]
         table.add_row(
             card["title"],
             card["fold"]["name"],
-            f"{test['dice']:.3f} +- {test['dice_std']:.3f}",
-            f"{test['iou']:.3f} +- {test['iou_std']:.3f}",
+            f"{test['dice']:.3f} ± {test['dice_std']:.3f}",
+            f"{test['iou']:.3f} ± {test['iou_std']:.3f}",
             f"{card['ms_per_frame']:.2f}",
             f"{files['int8']['dice']:.3f}",
             card["settings"],

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from pathlib import PurePosixPath
 
+from drivers.errors import counted
 from rig.export.images import ContactImage, contact_images
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.labels.coco import LabelledImage, coco_document
@@ -47,4 +48,4 @@ def _keep(request: ExportRequest, image: ContactImage, name: str) -> None:
 
 def _said(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:
     mark = simulated_mark(request.manifest)
-    return tuple(f"{mark}{count} images, {note}" for note, count in sorted(notes.items()))
+    return tuple(f"{mark}{counted(count, 'image')}, {note}" for note, count in sorted(notes.items()))

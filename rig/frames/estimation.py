@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.types import Image
 from rig.frames.doubts import background_doubts, frame_doubts
 from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
@@ -39,10 +39,10 @@ class SeriesEstimate:
         if faults := faults_of(answer.sample for answer in self.estimate.answers):
             more.append(str(faults))
         if found.unreadable:
-            more.append(f"{found.unreadable} frames could not be read; their rows say 'lost'")
+            more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
         if found.jumped:
             more.append(
-                f"the times of {found.jumped} frames jump from those around them; their rows say 'lost'"
+                f"{counted(found.jumped, 'frame')} with a time far from those around it: 'lost' in the table"
             )
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; where one should, the background shows the same contact")

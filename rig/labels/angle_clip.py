@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.types import Image
 from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.series import FrameSeries
@@ -65,7 +65,8 @@ def choose_frames(
     )
     asked = why if reference is None else "as asked"
     note = (
-        f"{seen}; reference: frame {frames[0]} ({asked}); {len(frames)} frames to label, up to {frames[-1]}"
+        f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
+        f"up to {frames[-1]}"
     )
     return FrameChoice(frames[0], frames), note
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.python.angles import Angles, Floats, data_frame
@@ -197,7 +197,9 @@ class Session:
 
     def __repr__(self) -> str:
         mark = "SIMULATED " if self.simulated else ""
-        return f"<{mark}Session {self._folder}: {len(self.lifts)} lifts, estimator {self.estimator}>"
+        return (
+            f"<{mark}Session {self._folder}: {counted(len(self.lifts), 'lift')}, estimator {self.estimator}>"
+        )
 
     def __len__(self) -> int:
         return len(self.lifts)

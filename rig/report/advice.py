@@ -6,15 +6,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from drivers.errors import counted
+from protocols.reaction import ReactionKind
 from rig.report.calibrations import calibration_notices
 from rig.report.coverage import sigma_notices
 from rig.report.curves import truth_at
 from rig.report.parts import Notice, joined
 from rig.report.session import Lift, Trial, curves_of, lift_name
+from rig.results.metrics import FEWEST_LIFTS
+from rig.results.refusals import ADVICE, main_refusal
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 
-FEW_LIFTS = 5
-"""The paper lifts each object five times."""
 LEAST_ANSWERED = 0.95
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
 BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
@@ -40,7 +42,7 @@ def _unfinished(trial: Trial) -> list[Notice]:
     advice = (
         f"Go on with the same command and --resume --out {trial.folder}; what is below counts only these."
     )
-    what = f"Unfinished: {len(trial.lifts)} of {trial.manifest.wanted} lifts are accepted."
+    what = f"Unfinished: {len(trial.lifts)} of {counted(trial.manifest.wanted, 'lift')} accepted."
     return [Notice("bad", what, advice)]
 
 
@@ -51,7 +53,7 @@ def _faults(trial: Trial) -> list[Notice]:
     often, times = Counter(row.fault for row in failed).most_common(1)[0]
     names = joined([lift_name(row) for row in failed])
     advice = f"They were repeated and count in no figure. The most frequent ({times}): {often}"
-    return [Notice("warn", f"{len(failed)} attempts ended in a rig fault: {names}.", advice)]
+    return [Notice("warn", f"{counted(len(failed), 'attempt')} ended in a rig fault: {names}.", advice)]
 
 
 def _fallen(trial: Trial) -> list[Notice]:
@@ -64,19 +66,21 @@ def _fallen(trial: Trial) -> list[Notice]:
 
 def _few_lifts(trial: Trial) -> list[Notice]:
     counts = Counter(lift.row.name for lift in trial.lifts)
-    few = [f"{name} ({count})" for name, count in counts.items() if count < FEW_LIFTS]
+    few = [f"{name} ({count})" for name, count in counts.items() if count < FEWEST_LIFTS]
     if not few:
         return []
-    advice = f"The intervals are wide or missing, and one lift can decide. Take --lifts {FEW_LIFTS} or more."
+    advice = f"Their mean has no interval, and one lift can decide. Take --lifts {FEWEST_LIFTS} or more."
     return [Notice("warn", f"Few lifts of {joined(few)}.", advice)]
 
 
 def _small_turns(trial: Trial) -> list[Notice]:
+    if trial.manifest.react is not ReactionKind.NONE:  # small turns are what a reaction is for
+        return []
     turns = [abs(t) for lift in trial.lifts if (t := lift.row.final_truth_deg) is not None]
     big = sum(turn >= BIG_TURN_DEG for turn in turns)
     if not turns or big >= FEW_BIG_TURNS * len(turns):
         return []
-    what = f"Only {big} of {len(turns)} lifts turned by {BIG_TURN_DEG:g} degrees or more."
+    what = f"Only {big} of {counted(len(turns), 'lift')} turned by {BIG_TURN_DEG:g} degrees or more."
     return [Notice("warn", what, "Small errors of small turns say little: grip lighter or lift higher.")]
 
 
@@ -84,24 +88,13 @@ def _refused(trial: Trial) -> list[Notice]:
     bad = [lift for lift in trial.lifts if lift.row.answered < LEAST_ANSWERED]
     if not bad:
         return []
-    states: Counter[str] = Counter()
-    for lift in bad:
-        states.update({s: n for s, n in lift.row.states.items() if s in _REFUSALS})
-    why = states.most_common(1)[0][0] if states else "lost"
+    why = main_refusal(lift.row.states for lift in bad)
     worst = min(bad, key=lambda lift: lift.row.answered)
     what = (
-        f"{len(bad)} lifts have angles for less than {LEAST_ANSWERED:.0%} of their frames, least "
+        f"Angles for less than {LEAST_ANSWERED:.0%} of the frames in {counted(len(bad), 'lift')}, least in "
         f"{worst.name} with {worst.row.answered:.0%}; most often '{why}'."
     )
-    return [Notice("warn", what, _REFUSALS.get(why, "See the states under each lift."))]
-
-
-_REFUSALS = {
-    "unobservable": "Such a contact looks the same however it turns: grasp it elsewhere or at an edge.",
-    "lost": "The picture changed more than a turn can: look at the frames for stray light, a new contact or "
-    "a finger that moved.",
-    "no_contact": "The fingertip felt nothing: grip firmer, or see whether the object slid out.",
-}
+    return [Notice("warn", what, ADVICE[why])]
 
 
 def _sigma(trial: Trial) -> list[Notice]:
@@ -122,7 +115,7 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
         return []
     share, worst = max(missing, key=lambda pair: pair[0])
     what = (
-        f"The markers were lost for more than {MOST_UNSEEN:.0%} of {len(missing)} lifts, most in "
+        f"The markers were lost for more than {MOST_UNSEEN:.0%} of {counted(len(missing), 'lift')}, most in "
         f"{worst.name} ({share:.0%})."
     )
     advice = "No error is counted there. See that hand and object hide no marker, and that the light is even."
@@ -134,7 +127,8 @@ def _marker_distance(trial: Trial) -> list[Notice]:
     if not found:
         return []
     worst, off = max(found, key=lambda pair: abs(pair[1].seen_m / pair[1].placed_m - 1.0))
-    what = f"Size and place of the markers do not agree in {len(found)} lifts; most in {worst.name}: {off}."
+    where = f"{counted(len(found), 'lift')}; most in {worst.name}"
+    what = f"Size and place of the markers do not agree in {where}: {off}."
     advice = (
         "See marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or run "
         "rig calibrate camera and hand-eye; and see that objects are put in their place."
@@ -147,7 +141,7 @@ def _estimator_faults(trial: Trial) -> list[Notice]:
     if not found:
         return []
     worst, faults = max(found, key=lambda pair: pair[1].frames)
-    what = f"The estimator itself failed in {len(found)} lifts, most in {worst.name}: {faults}."
+    what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.name}: {faults}."
     advice = "The frames are kept: mend the estimator's code, then rig replay with --estimator."
     return [Notice("bad", what, advice)]
 

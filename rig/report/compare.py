@@ -1,13 +1,13 @@
 """Two ways to measure the same lifts, lift by lift: which is better, by how much, and where."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.errors import InputError
 from rig.report.session import lift_name, object_label
-from rig.results.metrics import Floats, bootstrap_interval
+from rig.results.metrics import FEWEST_LIFTS, Floats, mean_interval, over_lifts
 from rig.sessions.records import ErrorSummary, FinishedLift
 
 
@@ -38,12 +38,13 @@ class Paired:
     """One figure over the lifts that both sides have.
 
     first, second: means of the sides. difference: mean of second - first, with its 95 % interval
-    (bootstrap over lifts; None below two). wins: lifts in which the first is better, the second,
-    neither. lifts: how many pairs have the figure.
+    (`mean_interval`; None below `FEWEST_LIFTS`). wins: lifts in which the first is better, the second,
+    neither. lifts: how many pairs have the figure. missing: pairs without it, on either side.
     """
 
     figure: Figure
     lifts: int
+    missing: int
     first: float
     second: float
     difference: float
@@ -73,6 +74,16 @@ class Comparison:
     objects: dict[str, Paired]
     pairs: tuple[Pair, ...]
     alone: tuple[tuple[str, ...], tuple[str, ...]]
+
+    @property
+    def judged(self) -> bool:
+        """Whether there are enough lifts for a verdict."""
+        return self.error is not None and self.error.low is not None
+
+    @property
+    def error(self) -> Paired | None:
+        """The mean error over B and C, by which the verdict is given; None if no pair has one."""
+        return next((p for p in self.overall if p.figure is ERROR), None)
 
 
 def _mean(error: ErrorSummary | None) -> float | None:
@@ -146,37 +157,47 @@ def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
     return values[:, 0], values[:, 1]
 
 
-def paired(figure: Figure, pairs: Iterable[Pair]) -> Paired | None:
+def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
     """Compare one figure; None where no pair has it."""
     first, second = differences(figure, pairs)
     if not first.size:
         return None
     away = second - first
-    low, high = bootstrap_interval(away)
+    low, high = mean_interval(away)
     better = away > 0.0 if figure.smaller else away < 0.0
     wins = int(better.sum()), int(((away != 0.0) & ~better).sum()), int((away == 0.0).sum())
     return Paired(
-        figure, first.size, float(first.mean()), float(second.mean()), float(away.mean()), low, high, wins
+        figure=figure,
+        lifts=first.size,
+        missing=len(pairs) - first.size,
+        first=float(first.mean()),
+        second=float(second.mean()),
+        difference=float(away.mean()),
+        low=low,
+        high=high,
+        wins=wins,
     )
 
 
 def verdict(comparison: Comparison) -> str:
-    """Say in a sentence who wins, by the mean error over B and C."""
-    found = next((p for p in comparison.overall if p.figure is ERROR), None)
+    """Say in a sentence who wins by the mean error over B and C, or why there is no verdict."""
+    found = comparison.error
     if found is None:
-        return "No lift has an error on both sides: nothing can be said."
+        return "No verdict: no lift has an error on both sides."
     first, second = comparison.names
+    over = over_lifts(found.lifts, found.missing)
+    if found.low is None or found.high is None:
+        return f"No verdict {over}: at least {FEWEST_LIFTS} with an error on both sides are needed."
     if found.winner is None:
-        size = "" if found.low is None else f", 95 % interval {found.low:+.2f} to {found.high:+.2f}"
         more = "more" if found.difference >= 0.0 else "less"
         return (
-            f"No difference is shown: {second} errs by {abs(found.difference):.2f}° {more} than {first} over "
-            f"{found.lifts} lifts{size}."
+            f"No difference is shown: {second} errs by {abs(found.difference):.2f}° {more} than {first} "
+            f"{over}, 95 % interval {found.low:+.2f} to {found.high:+.2f}."
         )
-    ends = sorted(abs(end) for end in (found.low or 0.0, found.high or 0.0))
+    ends = sorted(abs(end) for end in (found.low, found.high))
     return (
         f"{comparison.names[found.winner]} is better by {abs(found.difference):.2f}° "
-        f"[{ends[0]:.2f}, {ends[1]:.2f}] over {found.lifts} lifts."
+        f"[{ends[0]:.2f}, {ends[1]:.2f}] {over}."
     )
 
 

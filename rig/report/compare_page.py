@@ -14,6 +14,7 @@ from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.parts import Chart, Table
 from rig.report.session import object_label
 from rig.report.text import made_text
+from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
 _ROW_PX = 30
 _JITTER = 0.22
@@ -33,6 +34,9 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         simulated=simulated,
         about=about,
         verdict=verdict(comparison),
+        won=comparison.error is not None and comparison.error.winner is not None,
+        interval=INTERVAL,
+        fewest=FEWEST_LIFTS,
         chart=difference_chart(comparison),
         figures=figure_table(comparison),
         objects=object_table(comparison),
@@ -47,7 +51,7 @@ def difference_chart(comparison: Comparison) -> Chart:
     """Difference of the mean error in B and C: a dot per lift, a bar per object with its interval."""
     first, second = (shorten(name) for name in comparison.names)
     rows = list(comparison.objects.items())
-    total = next((p for p in comparison.overall if p.figure is ERROR), None)
+    total = comparison.error
     with drawing(90 + _ROW_PX * (len(rows) + 1), 430) as figure:
         axes = figure.subplots()
         axes.axvline(0.0, color=INK.light, linewidth=1.0)
@@ -68,7 +72,7 @@ def difference_chart(comparison: Comparison) -> Chart:
         ):
             axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
         title = "Who is closer to the markers, and where"
-        caption = "A dot per lift; the bar is the mean of the differences with its 95 % interval."
+        caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
         return Chart(title, svg(figure, f"{title}: {first} and {second}"), caption)
 
 
@@ -110,10 +114,11 @@ def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
     digits = 3 if p.figure.unit in ("s", "") else 2
     unit = f" {p.figure.unit}" if p.figure.unit not in ("", "°") else p.figure.unit
     interval = "" if p.low is None else f" [{p.low:+.{digits}f}, {p.high:+.{digits}f}]"
+    lifts = f"{p.lifts} of {p.lifts + p.missing}" if p.missing else str(p.lifts)
     winner = "-" if p.winner is None else comparison.names[p.winner]
     wins = ["-", "-"] if p.figure.smaller is None else [str(p.wins[0]), str(p.wins[1])]
     sides = [f"{p.first:.{digits}f}{unit}", f"{p.second:.{digits}f}{unit}"]
-    return [name, *sides, f"{p.difference:+.{digits}f}{interval}", str(p.lifts), *wins, winner]
+    return [name, *sides, f"{p.difference:+.{digits}f}{interval}", lifts, *wins, winner]
 
 
 def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:

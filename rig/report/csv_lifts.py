@@ -77,6 +77,7 @@ def read_table(path: Path) -> CsvLift:
         raise InputError(
             f"{path}: line {line}: the times do not increase; sort the rows and drop repeated ones"
         )
+    time_s = time_s - time_s[0]  # tables may hold the time of day
     unknown = np.full(time_s.shape, np.nan)
     truth = Curve(time_s, columns["truth"], unknown)
     phases, onset_s = detected_phases(truth)
@@ -88,7 +89,7 @@ def read_table(path: Path) -> CsvLift:
         phases_s=phases,
         onset_truth_s=onset_s,
         onset_estimate_s=_onset_s(estimate),
-        time_label="time, s",
+        time_label="time since the first row, s",
     )
     errors = np.abs(signed_errors(curves))
     return CsvLift(

@@ -4,14 +4,14 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from drivers.errors import counted
 from rig.pages.page import render
-from rig.report.advice import FEW_LIFTS
 from rig.report.coverage import sigma_notices
 from rig.report.csv_lifts import CsvLift, Tables
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, Table
-from rig.report.text import angle_text, interval_text, made_text, mare_short, mare_text
+from rig.report.text import angle_text, made_text, mare_tile
 from rig.report.trial_charts import (
     boxes,
     coverage_chart,
@@ -19,13 +19,12 @@ from rig.report.trial_charts import (
     error_against_rate,
     finals_chart,
 )
-from rig.results.metrics import Mare, mare
+from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Mare, mare_of, mare_text
 
 
 def curves_page(tables: Tables) -> str:
     """Return the report of such lifts as one HTML page."""
-    errors = [lift.errors for lift in tables.lifts if lift.errors]
-    value = mare([e.mean_deg for e in errors], [e.std_deg for e in errors])
+    value = mare_of(lift.errors for lift in tables.lifts)
     return render(
         "rig.report",
         "curves.html",
@@ -35,6 +34,8 @@ def curves_page(tables: Tables) -> str:
         charts=_charts(tables),
         lifts=[lift_chart(lift.curves, _caption(lift)) for lift in tables.lifts],
         key=key(states=False),
+        interval=INTERVAL,
+        title=f"Rotation of {counted(len(tables.lifts), 'lift')}",
         made=made_text(datetime.now(UTC)),
     )
 
@@ -63,8 +64,8 @@ def _charts(tables: Tables) -> list[Chart]:
 
 def _tiles(tables: Tables, value: Mare | None) -> list[tuple[str, str]]:
     return [
-        (str(len(tables.lifts)), "lifts"),
-        (mare_short(value), f"MARE over all frames {interval_text(value)}"),
+        (str(len(tables.lifts)), "lift" if len(tables.lifts) == 1 else "lifts"),
+        mare_tile(value, "MARE over all frames"),
         (f"{np.mean([_answered(lift) for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
     ]
 
@@ -85,8 +86,8 @@ def _table(tables: Tables, value: Mare | None) -> Table:
     ]
     rows.append(["all", mare_text(value), "", "", "", "", "", ""])
     columns = (
-        "lift", "mean error, °", "largest, °", "final estimate", "final reference", "onset, s", "answered",
-        "duration, s",
+        "lift", "mean error, °", "largest, °", "final estimate", "final reference",
+        "onset after the first row, s", "answered", "duration, s",
     )  # fmt: skip
     return Table(columns, rows, total=True)
 
@@ -95,9 +96,9 @@ def _notices(tables: Tables) -> list[Notice]:
     notices = [
         Notice("warn", "A file was left out.", note.removeprefix("left out: ")) for note in tables.notes
     ]
-    if len(tables.lifts) < FEW_LIFTS:
-        advice = "The interval over lifts is wide or missing, and one lift can decide."
-        notices.append(Notice("warn", f"Only {len(tables.lifts)} lifts.", advice))
+    if len(tables.lifts) < FEWEST_LIFTS:
+        advice = f"Below {FEWEST_LIFTS} lifts the mean has no interval, and one lift can decide."
+        notices.append(Notice("warn", f"Only {counted(len(tables.lifts), 'lift')}.", advice))
     silent = [lift.curves.name for lift in tables.lifts if lift.errors is None]
     if silent:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."

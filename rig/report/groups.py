@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.report.curves import signed_errors
 from rig.report.parts import Chart
@@ -44,7 +44,7 @@ def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart
     named = [lift for lift in lifts if surface(lift, own)]
     groups = errors_by(named, lambda lift: surface(lift, own))
     counts = Counter(surface(lift, own) for lift in named)
-    groups = {f"{s} ({counts[s]} lifts)": groups[s] for s in SURFACES if s in groups}
+    groups = {f"{s} ({counted(counts[s], 'lift')})": groups[s] for s in SURFACES if s in groups}
     if len(groups) < 2:
         return None
     caption = (

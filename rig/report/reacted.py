@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from protocols.reaction import ReactionKind
 from rig.report.lift_chart import lift_chart
 from rig.report.parts import Chart, Table
@@ -86,7 +86,8 @@ def _chart(lift: Lift) -> Chart | None:
         return lift_chart(lift.curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
     first = row.reactions[0].command_s
     told = (
-        f"{len(row.reactions)} reactions, the first {first:.2f} s into the lift, {_added(row)} counts added"
+        f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
+        f"{counted(_added(row), 'count')} added"
     )
     return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {told}")
 

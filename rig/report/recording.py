@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import counted
 from drivers.images import load_image
 from drivers.types import Image
 from rig.report.parts import Notice, joined
@@ -73,7 +74,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
             elif reference is not None and reference.shape == image.shape:
                 taken.append(_taken(row, about, image, reference))
     if missing:
-        what = f"{len(missing)} images cannot be read: {joined(missing)}."
+        what = f"{counted(len(missing), 'image')} cannot be read: {joined(missing)}."
         problems.append(Notice("bad", what, "They are missing below: copy them again from the rig's disk."))
     return Recording(folder, manifest, rows, taken, problems)
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.images import encode_jpeg
 from drivers.types import Image
 from protocols.grasps import find_grasp_file, grasp_poses
@@ -111,7 +111,9 @@ def _notices(recording: Recording, gaps: Sequence[str], now: datetime) -> list[N
     if recording.manifest.status != "complete":
         advice = f"Go on with rig record --resume --out {recording.folder}."
         done = sum(row.accepted for row in recording.rows)
-        found.append(Notice("bad", f"Unfinished: {done} of {recording.manifest.poses} poses.", advice))
+        found.append(
+            Notice("bad", f"Unfinished: {done} of {counted(recording.manifest.poses, 'pose')}.", advice)
+        )
     if not _whole(recording):
         there = _all_poses(recording)
         all_of_them = f": --poses {there} is all of them" if there else ""
@@ -160,7 +162,7 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
     return [
         {
             "title": f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°",
-            "caption": f"{len(taken)} images of {_sensors(taken)}, grips of {_grips(taken)}",
+            "caption": f"{counted(len(taken), 'image')} of {_sensors(taken)}, grips of {_grips(taken)}",
             "jpeg": encode_jpeg(montage(taken), JPEG_QUALITY),
         }
         for pose, taken in sorted(poses.items())

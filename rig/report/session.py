@@ -10,7 +10,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, RigError, SessionError
+from drivers.errors import InputError, RigError, SessionError, counted
 from protocols.observer import Phase
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
@@ -155,7 +155,7 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
     if not damaged:
         return rows, []
     where = joined([f"line {line.number}: {line.problem}" for line in damaged])
-    what = f"{path.name}: {len(damaged)} of {len(damaged) + len(rows)} lines are damaged ({where})."
+    what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
     advice = (
         "They are left out of every figure. Copy the file again from the rig's disk, or remove those lines."
     )

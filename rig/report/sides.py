@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.errors import InputError, SessionError
+from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
 from rig.experiments.replay import session_settings
 from rig.report.compare import ComparedLift
@@ -66,7 +66,7 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     rows, problems, before = replayed(folder, replace(own, estimator=wanted), jobs, progress)
     if not rows:
         raise SessionError(problems[0])
-    kept = (f"{before} lifts had been replayed with {estimator} before",) if before else ()
+    kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in rows if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     asked = f"{wanted.name}, window {wanted.window}"

@@ -6,23 +6,14 @@ from datetime import datetime
 from rig.results.metrics import Mare
 
 
-def mare_text(value: Mare | None) -> str:
-    """MARE with its spread and interval, deg."""
-    return (
-        "no answer"
-        if value is None
-        else f"{value.mean_deg:.2f} ± {value.std_deg:.2f} {interval_text(value)}".strip()
-    )
+def mare_tile(value: Mare | None, what: str) -> tuple[str, str]:
+    """The tile of a MARE: the figure, and below it what it is, with its interval and refused lifts."""
+    return mare_short(value), f"{what} {value.beside if value else ''}".rstrip()
 
 
 def mare_short(value: Mare | None) -> str:
     """MARE with its spread, deg."""
     return "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
-
-
-def interval_text(value: Mare | None) -> str:
-    """The 95 % interval of a MARE, "" where it has none."""
-    return "" if value is None else value.interval
 
 
 def made_text(when: datetime) -> str:

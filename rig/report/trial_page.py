@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from drivers.errors import counted
 from rig.pages.page import render
 from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
@@ -16,7 +17,7 @@ from rig.report.parts import Chart, Notice, Table
 from rig.report.reacted import beside
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
 from rig.report.strips import Still, camera_strip, strip
-from rig.report.text import interval_text, made_text, mare_short, mare_text
+from rig.report.text import made_text, mare_tile
 from rig.report.trial_charts import (
     coverage_chart,
     error_against_angle,
@@ -24,6 +25,7 @@ from rig.report.trial_charts import (
     finals_chart,
     sigma_ratios,
 )
+from rig.results.metrics import INTERVAL, mare_text
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
 
 WORST_LIFTS = 3
@@ -50,6 +52,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         worst=_worst(trial),
         groups=_by_object(trial),
         key=key(),
+        interval=INTERVAL,
         stages=stage_table(trial.timing),
         counts=counts_table([lift.row for lift in trial.lifts]),
         onsets=onset_table([lift.row for lift in trial.lifts]),
@@ -78,9 +81,8 @@ def object_table(summary: TrialSummary) -> Table:
 
 def _object_row(o: ObjectSummary) -> list[str]:
     outcomes = ", ".join(f"{count} {name}" for name, count in o.outcomes.items())
-    turn = f"{o.turn_deg[0]:+.0f} to {o.turn_deg[1]:+.0f}"
     errors = [mare_text(o.mare_b), mare_text(o.mare)]
-    return [f"{o.object_id} {o.name}", *errors, str(o.lifts), turn, f"{o.answered:.1%}", outcomes]
+    return [f"{o.object_id} {o.name}", *errors, str(o.lifts), o.turn_text, f"{o.answered:.1%}", outcomes]
 
 
 def _reaction_tile(summary: TrialSummary) -> list[tuple[str, str]]:
@@ -93,14 +95,11 @@ def _reaction_tile(summary: TrialSummary) -> list[tuple[str, str]]:
 
 def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
     tiles = [
-        (str(summary.lifts_accepted), f"lifts of {len(summary.objects)} objects"),
+        (counted(summary.lifts_accepted, "lift"), f"of {counted(len(summary.objects), 'object')}"),
         *_reaction_tile(summary),
-        (mare_short(summary.mare), f"MARE in B and C {interval_text(summary.mare)}"),
-        (
-            mare_short(summary.mare_b),
-            f"MARE in B {interval_text(summary.mare_b)}; the paper, on its real bench: 1.85°",
-        ),
-        (mare_short(summary.mare_held), "MARE with refused frames held at the last answer"),
+        mare_tile(summary.mare, "MARE in B and C"),
+        mare_tile(summary.mare_b, "MARE in B (the paper, on its real bench: 1.85°)"),
+        mare_tile(summary.mare_held, "MARE with refused frames held at the last answer"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
     ratios = sigma_ratios(curves_of(trial.lifts))

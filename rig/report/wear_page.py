@@ -7,13 +7,15 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
+from drivers.errors import counted
 from rig.pages.figure import drawing, legend_above, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES
 from rig.report.parts import Chart, Notice, Table, joined
-from rig.report.text import made_text, mare_text
+from rig.report.text import made_text
 from rig.report.wear import SessionWear, TipWear, read_wear
 from rig.report.write import Written, write_page
+from rig.results.metrics import INTERVAL, mare_text
 from rig.sessions.manifest import TrialManifest
 
 MARKERS = ("o", "s", "^", "D")
@@ -35,7 +37,7 @@ def wear_page(sessions: Sequence[SessionWear], problems: Sequence[str], now: dat
         "rig.report",
         "wear.html",
         simulated=any(session.manifest.simulated for session in sessions),
-        about=f"{len(sessions)} sessions over {days} days, sensors {joined(serials)}",
+        about=f"{counted(len(sessions), 'session')} over {counted(days, 'day')}, sensors {joined(serials)}",
         warnings=_notices(sessions, problems),
         charts=_charts(sessions, serials),
         table=_table(sessions),
@@ -114,7 +116,7 @@ def _error_chart(sessions: Sequence[SessionWear]) -> Chart | None:
             color=ESTIMATE.light,
         )  # fmt: skip
         _dated(axes, "MARE in B and C, degrees")
-        caption = "Mean over the lifts of a session, with its 95 % interval (bootstrap over lifts)."
+        caption = f"Mean over the lifts of a session, with the {INTERVAL}."
         return Chart(title, svg(figure, title), caption)
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
-from rig.results.metrics import Mare
-from rig.results.summary import mare_of
+from rig.results.metrics import Mare, mare_of
 from rig.sessions.layout import MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
     AnyManifest,

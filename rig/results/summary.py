@@ -3,12 +3,12 @@
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 from protocols.reaction import ReactionKind
-from rig.results.metrics import Mare, mare
+from rig.results.metrics import Mare, mare_of
 from rig.sessions.codec import json_value
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
 
@@ -71,7 +71,10 @@ class MeasuredLift(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ObjectSummary:
-    """One object's row of the table: lifts, outcomes, and MARE over B, over B and C, and held."""
+    """One object's row of the table: lifts, outcomes, and MARE over B, and over B and C.
+
+    turn_deg: smallest and largest true turn; None where no lift has one.
+    """
 
     object_id: str
     name: str
@@ -80,7 +83,13 @@ class ObjectSummary:
     mare_b: Mare | None
     mare: Mare | None
     answered: float
-    turn_deg: tuple[float, float]
+    turn_deg: tuple[float, float] | None
+
+    @property
+    def turn_text(self) -> str:
+        """The range of the true turns in whole degrees, one number where both ends are the same."""
+        ends = dict.fromkeys(f"{round(end) + 0:+d}" for end in self.turn_deg or ())
+        return " to ".join(ends) or "-"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,12 +145,6 @@ def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSumma
         bench_s=bench_s,
         turns_deg=_turns(lifts),
     )
-
-
-def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:
-    """Return the MARE over lifts' errors; lifts without an answer do not count."""
-    known = [error for error in errors if error is not None]
-    return mare([error.mean_deg for error in known], [error.std_deg for error in known])
 
 
 def lifts_csv(rows: Sequence[LiftRow]) -> str:
@@ -210,7 +213,7 @@ def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
         mare_b=mare_of(lift.re_b for lift in lifts),
         mare=mare_of(lift.re for lift in lifts),
         answered=_mean([lift.answered for lift in lifts]),
-        turn_deg=(min(turns, default=0.0), max(turns, default=0.0)),
+        turn_deg=(min(turns), max(turns)) if turns else None,
     )
 
 

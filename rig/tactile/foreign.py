@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
-from drivers.errors import EstimatorError, InputError, OperatorStopError
+from drivers.errors import EstimatorError, InputError, OperatorStopError, counted
 from drivers.named_classes import named_class
 from drivers.types import ArmState, Image
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
@@ -34,7 +34,9 @@ class EstimatorFaults:
     first: str
 
     def __str__(self) -> str:
-        return f"the estimator failed on {self.frames} frames, which count as 'lost'; first: {self.first}"
+        return (
+            f"the estimator failed on {counted(self.frames, 'frame')}, counted as 'lost'; first: {self.first}"
+        )
 
 
 def faults_of(samples: Iterable[SlipSample]) -> EstimatorFaults | None:

@@ -66,7 +66,8 @@ def test_a_trial_prints_one_json_object_and_says_simulated(
     done = rig(*same_trial, "--json")
     figures = json.loads(done.stdout)
     assert set(figures) == {
-        "session", "lifts_accepted", "mare_deg", "mare_std_deg", "mare_b_deg", "mare_held_deg",
+        "session", "lifts_accepted", "lifts_refused", "mare_deg", "mare_std_deg", "mare_interval_deg",
+        "mare_b_deg", "mare_held_deg",
         "answered", "wall_s", "bench_s", "report",
     }  # fmt: skip
     assert figures["lifts_accepted"] == 1
@@ -86,10 +87,10 @@ def test_replay_says_how_many_lifts_are_identical(session: Path) -> None:
     done = rig("replay", str(session), "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["identical"] == 1
-    assert "1 of 1 lifts give exactly the stored results" in done.stderr
+    assert "1 of 1 lift exactly as stored" in done.stderr
     other = rig("replay", str(session), "--jobs", "1", "--estimator", "pca", "--json")
     assert json.loads(other.stdout)["identical"] is None
-    assert "stored results" not in other.stderr
+    assert "as stored" not in other.stderr
 
 
 def process(*arguments: str) -> "subprocess.CompletedProcess[str]":

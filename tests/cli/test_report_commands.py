@@ -111,7 +111,7 @@ def test_two_estimators_on_one_session(trial: Path, tmp_path: Path, monkeypatch:
     monkeypatch.setattr("rig.report.kept_replays.replay_or_problem", lambda *_: pytest.fail("replayed again"))
     again = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
     assert json.loads(again.stdout)["figures"] == answer["figures"]
-    assert "note: 1 lifts had been replayed with pca before" in again.stderr
+    assert "note: 1 lift replayed with pca before" in again.stderr
     assert (tmp_path / "compare_slip_pca.html").is_file()
     assert {path.name for path in trial.iterdir()} == inside
 

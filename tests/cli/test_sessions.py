@@ -110,7 +110,7 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     for options in (("--check",), ("--check", "--json")):
         done = rig("sessions", tmp_path, *options)
         assert done.returncode == 2
-        assert done.stderr.splitlines()[-1].endswith("1 of 2 sessions are broken: each is named above")
+        assert done.stderr.splitlines()[-1].endswith("1 of 2 sessions broken: each is named above")
         assert "recording is missing" in done.stdout
     assert rig("sessions", tmp_path / "whole", "--check").returncode == 0
     assert rig("sessions", tmp_path).returncode == 0

@@ -8,26 +8,29 @@ from rig.benchmark.clips.labelled import LabelledClip
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.measured import Measured, at_least, at_most
 
-WITHIN, CONFIDENTLY_WRONG, TWO_SIGMA, P99_MS = 0.5, 0.04, 0.88, 8.0
-
 
 @dataclass(frozen=True, slots=True)
 class ClipLimits:
     """Limits for the first estimator; None is not asked. group: the clips that count, all where None."""
 
     group: str | None = None
-    within: float | None = WITHIN
-    confidently_wrong: float | None = CONFIDENTLY_WRONG
-    two_sigma: float | None = TWO_SIGMA
+    within: float | None = None
+    confidently_wrong: float | None = None
+    two_sigma: float | None = None
     false_rest: float | None = None
     mean_small_deg: float | None = None
-    p99_ms: float | None = P99_MS
+    p99_ms: float | None = None
 
     def check(self, clips: Sequence[LabelledClip]) -> None:
         """Raise `InputError` where no clip is of the group."""
         names = sorted({clip.group for clip in clips})
         if self.group is not None and self.group not in names:
             raise InputError(f"no clip is in the group '{self.group}': groups are {', '.join(names)}")
+
+
+NO_LIMITS = ClipLimits()
+PROJECT = ClipLimits(within=0.5, confidently_wrong=0.04, two_sigma=0.88, p99_ms=8.0)
+"""The project's limits for its own clips."""
 
 
 def judge(score: ClipScore, limits: ClipLimits) -> tuple[Measured, ...]:

@@ -35,7 +35,7 @@ def page(result: ClipsResult) -> str:
         folder=result.folder.name,
         of=machine(),
         verdict=verdict(result.limits),
-        tables=[limit_table(result), overall_table(result), clip_table(result)],
+        tables=[*([limit_table(result)] if result.limits else []), overall_table(result), clip_table(result)],
         clips=[_clip(result, runs) for runs in clips],
     )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from drivers.errors import counted
 from rig.benchmark.clips.benchmark import ClipsResult
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.estimators.benchmark import machine
@@ -50,13 +51,17 @@ def readme_section(result: ClipsResult) -> str:
     """Return the README's section in Markdown, without its markers."""
     table, clips = overall_table(result), result.estimators[0].runs
     labels, of = sum(len(run.labels) for run in clips), machine()
-    head = f"{len(clips)} clips, {labels} labels, {of['processor']}, {of['cores']} cores, one thread. "
-    head += "Errors in degrees."
-    return "\n".join([head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)])
+    head = f"{counted(len(clips), 'clip')}, {counted(labels, 'label')}, "
+    head += f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees."
+    return "\n".join(
+        [head, "", markdown_table(table.columns, table.rows), "", verdict(result.limits)]
+    ).rstrip()
 
 
 def verdict(limits: Sequence[Measured]) -> str:
-    """Say which limits were missed."""
+    """Say which limits were missed; "" without limits."""
+    if not limits:
+        return ""
     missed = [f"{limit.name} {_value(limit)}, asked {limit.asked}" for limit in limits if not limit.met]
     return f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."
 

@@ -9,6 +9,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from drivers.errors import counted
 from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import NO_SKIP, PAPER, WINDOWS
 from rig.pages.figure import drawing, png, svg
@@ -62,7 +63,9 @@ def draw(result: BenchmarkResult) -> tuple[bytes, Markup]:
     with drawing(HEIGHT_PX, WIDTH_PX) as figure:
         left, right = figure.subplots(1, 2)
         simulated = "SIMULATED: " if result.simulated else ""
-        figure.suptitle(f"{simulated}rotational error over {result.lifts} lifts, both fingertips fused")
+        figure.suptitle(
+            f"{simulated}rotational error over {counted(result.lifts, 'lift')}, both fingertips fused"
+        )
         _front(left, result, points)
         _by_window(right, points)
         return png(figure, _DPI), svg(figure, "Run time against error, and error by window")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.results.metrics import ErrorSummary, Mare, hold_last, mare, summarize
+from rig.results.metrics import ErrorSummary, Mare, hold_last, mare_of, summarize
 
 Floats = NDArray[np.float64]
 ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
@@ -118,11 +118,11 @@ def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
     sure = sum(s.sure for s in series)
     frames = sum(s.frames for s in series)
     return ContenderScore(
-        mare=_mare([s.re for s in series]),
-        mare_b=_mare([s.re_b for s in series]),
-        mare_held=_mare([s.re_held for s in series]),
-        mare_unsigned=_mare([s.re_unsigned for s in series]),
-        mare_elongated=_mare([s.re for s in long]),
+        mare=mare_of(s.re for s in series),
+        mare_b=mare_of(s.re_b for s in series),
+        mare_held=mare_of(s.re_held for s in series),
+        mare_unsigned=mare_of(s.re_unsigned for s in series),
+        mare_elongated=mare_of(s.re for s in long),
         worst_deg=worst_deg,
         worst=worst,
         answered=sum(s.answered * s.frames for s in series) / frames if frames else 0.0,
@@ -153,8 +153,3 @@ def _floats(values: Sequence[float | None]) -> Floats:
 
 def _summary(errors_deg: Floats) -> ErrorSummary | None:
     return summarize(errors_deg[np.isfinite(errors_deg)])
-
-
-def _mare(parts: Sequence[ErrorSummary | None]) -> Mare | None:
-    known = [part for part in parts if part]
-    return mare([part.mean_deg for part in known], [part.std_deg for part in known])

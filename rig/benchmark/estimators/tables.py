@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drivers.errors import counted
 from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.stress import NAMES, StressRow
 from rig.benchmark.estimators.timing import Spread
 from rig.benchmark.measured import Measured
 from rig.benchmark.readme import markdown_table
-from rig.results.metrics import Mare
+from rig.results.metrics import HEADING, mare_text
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
 NAME = "estimators"
@@ -36,7 +37,9 @@ class BenchmarkTable:
 def estimator_table(result: BenchmarkResult, windows: bool = False) -> BenchmarkTable:
     """One row per estimator with its usual window and the paper's best, or with every window."""
     keys = list(result.scores) if windows else _usual(result)
-    title = f"{_simulated(result)}rotational error in degrees over {result.lifts} lifts, and run time"
+    title = (
+        f"{_simulated(result)}rotational error in degrees over {counted(result.lifts, 'lift')}, and run time"
+    )
     return BenchmarkTable(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
 
 
@@ -111,9 +114,8 @@ def readme_section(result: BenchmarkResult) -> str:
     of = machine()
     return "\n".join(
         [
-            f"{_simulated(result)}{result.lifts} lifts, seed {result.settings.seed}, {of['processor']}, "
-            f"{of['cores']} cores, one thread. Errors in degrees, mean +- standard deviation "
-            "[95 % interval].",
+            f"{_simulated(result)}{counted(result.lifts, 'lift')}, seed {result.settings.seed}, "
+            f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}.",
             "",
             markdown_table(README_COLUMNS, rows),
             "",
@@ -138,8 +140,8 @@ def _estimator_row(result: BenchmarkResult, name: str, window: int) -> tuple[str
         name,
         NONE if window == 1 else str(window),
         f"{cost.p50_ms:.2f}, {cost.p99_ms:.2f}",
-        _mare(score.mare),
-        _mare(score.mare_b),
+        mare_text(score.mare),
+        mare_text(score.mare_b),
         _number(score.mare_held.mean_deg if score.mare_held else None),
         _number(score.mare_elongated.mean_deg if score.mare_elongated else None),
         NONE if score.worst_deg is None else f"{score.worst_deg:.2f} ({score.worst})",
@@ -189,10 +191,6 @@ def _within(row: StressRow | None) -> float | None:
 def _times(spread: Spread) -> tuple[str, ...]:
     values = (spread.p50_ms, spread.p90_ms, spread.p95_ms, spread.p99_ms)
     return (*(f"{value:.2f}" for value in values), str(spread.count))
-
-
-def _mare(value: Mare | None) -> str:
-    return "no answer" if value is None else value.text
 
 
 def _number(value: float | None) -> str:

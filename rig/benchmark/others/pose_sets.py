@@ -228,7 +228,7 @@ def _offset(sequence: Any, version: str) -> list[Row]:
     return [
         Row(
             PART, f"time offset, {sequence.id}", version, f"truth {truth:.1f} ms",
-            f"{ours:.2f} +- {1e3 * found.sigma_s:.2f} ms", f"{1e3 * theirs:.2f} ms",
+            f"{ours:.2f} ± {1e3 * found.sigma_s:.2f} ms", f"{1e3 * theirs:.2f} ms",
             abs(ours - truth) <= max(abs(1e3 * theirs - truth), 2e3 * found.sigma_s),
         )
     ]  # fmt: skip

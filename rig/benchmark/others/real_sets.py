@@ -176,7 +176,7 @@ def _offset(clone: Path, name: str, say: Say) -> Row:
         return Row(PART, what, version, f"refused: {found.assessment.refusals[0]}", "", theirs)
     ours = 1e3 * found.offset_s
     return Row(
-        PART, what, version, str(found.assessment.verdict), f"{ours:.1f} +- {1e3 * found.sigma_s:.1f} ms",
+        PART, what, version, str(found.assessment.verdict), f"{ours:.1f} ± {1e3 * found.sigma_s:.1f} ms",
         theirs, abs(ours - at_ms) <= 5.0,
     )  # fmt: skip
 

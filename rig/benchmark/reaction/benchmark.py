@@ -23,8 +23,6 @@ from rig.sessions.records import LiftOutcome
 SCHEMA = 2
 LEAST_CAUGHT, MOST_LATENCY_MS = 0.95, 50.0
 HELD_DEG = 0.5
-RESAMPLES = 2000
-"""For the interval of a median, by the bootstrap."""
 Progress = Callable[[int, int, str], None]
 """Called with how many lifts are done, of how many, and the name of the last one."""
 Pair = tuple[ReactedLift, ReactedLift]
@@ -81,8 +79,8 @@ def reaction_table(result: ReactionResult) -> BenchmarkTable:
         o: tuple(pair for pair in result.pairs if pair[0].object_id == o) for o in objects
     }
     columns = (
-        "object", "lifts", "slip without", "caught", "largest grip cannot hold", "end turn without", "with",
-        "reactions", "counts added, middle, most", "fallen without, with", "damaged",
+        "object", "lifts", "slip without", "caught", "largest grip cannot hold", "median end turn without",
+        "with", "reactions", "counts added, middle, most", "fallen without, with", "damaged",
     )  # fmt: skip
     title = f"SIMULATED reaction to slip '{result.kind}', the same lifts without and with; turns in degrees"
     return BenchmarkTable(title, columns, [_row(name, pairs) for name, pairs in groups.items()])
@@ -126,12 +124,8 @@ def _added(counts: Sequence[int]) -> str:
 
 
 def _median_turn(lifts: Sequence[ReactedLift]) -> str:
-    turns = np.array([abs(lift.turn_deg) for lift in lifts if lift.turn_deg is not None])
-    if not len(turns):
-        return "-"
-    drawn = np.random.default_rng(0).choice(turns, (RESAMPLES, len(turns)))
-    low, high = np.percentile(np.median(drawn, axis=1), [2.5, 97.5])
-    return f"{np.median(turns):.1f} [{low:.1f}, {high:.1f}]"
+    turns = [abs(lift.turn_deg) for lift in lifts if lift.turn_deg is not None]
+    return f"{np.median(turns):.1f}" if turns else "-"
 
 
 def _limits(pairs: Sequence[Pair]) -> tuple[Measured, ...]:

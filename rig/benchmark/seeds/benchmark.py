@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from protocols.grasps import TRIAL_OBJECTS
 from protocols.observer import Phase
 from rig.benchmark.estimators.benchmark import machine
@@ -22,7 +22,7 @@ from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.lift.marker_truth import interpolate
 from rig.lift.recorded_truth import recorded_truth
-from rig.results.metrics import Mare
+from rig.results.metrics import HEADING, mare_text
 from rig.sessions.codec import Codec, json_line
 from rig.sessions.files import append_line
 from rig.sessions.manifest import is_session
@@ -97,7 +97,9 @@ def run_seeds(
     folder.mkdir(parents=True, exist_ok=True)
     told = {trial.seed: trial.lifts for trial in read_rows(folder / SEEDS, TRIAL)}
     if told and not resume:
-        raise InputError(f"{folder}: holds {len(told)} trials; go on with --resume, or give another folder")
+        raise InputError(
+            f"{folder}: holds {counted(len(told), 'trial')}; go on with --resume, or give another folder"
+        )
     each = len(objects) * lifts
     for place, seed in enumerate(seeds):
         if seed in told:
@@ -130,7 +132,7 @@ def table(result: SeedsResult) -> BenchmarkTable:
         "seed", "lifts", "turned", "MARE, B", "MARE, B and C", "worst lift", "answered", "within 2 sigma",
         "confidently wrong",
     )  # fmt: skip
-    title = f"SIMULATED on bench '{result.bench}': rotational error in degrees, mean [95 % interval]"
+    title = f"SIMULATED on bench '{result.bench}': rotational error in degrees, {HEADING}"
     return BenchmarkTable(title, columns, [_row(name, lifts) for name, lifts in groups.items()])
 
 
@@ -186,7 +188,7 @@ def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, .
 
 def _row(name: str, lifts: Sequence[SeedLift]) -> tuple[str, ...]:
     score = score_all([lift.score for lift in lifts])
-    b, both = (_mare(of) for of in (score.mare_b, score.mare))
+    b, both = (mare_text(of) for of in (score.mare_b, score.mare))
     return (
         name,
         str(len(lifts)),
@@ -198,8 +200,3 @@ def _row(name: str, lifts: Sequence[SeedLift]) -> tuple[str, ...]:
         "-" if score.within_two_sigma is None else f"{score.within_two_sigma:.0%}",
         str(sum(lift.confidently_wrong > 0 for lift in lifts)),
     )
-
-
-def _mare(of: Mare | None) -> str:
-    """Return a mean with its interval, where there is one."""
-    return "-" if of is None else f"{of.mean_deg:.2f} {of.interval}".rstrip()

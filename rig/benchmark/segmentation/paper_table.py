@@ -8,15 +8,15 @@ from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.segmentation.benchmark import SegmentationReport
 
 PAPER = {
-    ("UNet++", "D_s1"): ("0.950 +- 0.018", "0.906 +- 0.033"),
-    ("UNet++", "D_s2"): ("0.955 +- 0.008", "0.915 +- 0.015"),
-    ("UNet++", "D_s3"): ("0.969 +- 0.006", "0.940 +- 0.011"),
-    ("DeepLabV3+", "D_s1"): ("0.947 +- 0.020", "0.899 +- 0.036"),
-    ("DeepLabV3+", "D_s2"): ("0.951 +- 0.012", "0.906 +- 0.021"),
-    ("DeepLabV3+", "D_s3"): ("0.969 +- 0.007", "0.937 +- 0.013"),
-    ("PSPNet", "D_s1"): ("0.937 +- 0.026", "0.883 +- 0.045"),
-    ("PSPNet", "D_s2"): ("0.953 +- 0.009", "0.910 +- 0.017"),
-    ("PSPNet", "D_s3"): ("0.963 +- 0.008", "0.929 +- 0.014"),
+    ("UNet++", "D_s1"): ("0.950 ± 0.018", "0.906 ± 0.033"),
+    ("UNet++", "D_s2"): ("0.955 ± 0.008", "0.915 ± 0.015"),
+    ("UNet++", "D_s3"): ("0.969 ± 0.006", "0.940 ± 0.011"),
+    ("DeepLabV3+", "D_s1"): ("0.947 ± 0.020", "0.899 ± 0.036"),
+    ("DeepLabV3+", "D_s2"): ("0.951 ± 0.012", "0.906 ± 0.021"),
+    ("DeepLabV3+", "D_s3"): ("0.969 ± 0.007", "0.937 ± 0.013"),
+    ("PSPNet", "D_s1"): ("0.937 ± 0.026", "0.883 ± 0.045"),
+    ("PSPNet", "D_s2"): ("0.953 ± 0.009", "0.910 ± 0.017"),
+    ("PSPNet", "D_s3"): ("0.963 ± 0.008", "0.929 ± 0.014"),
 }
 """Castano-Amoros and Gil 2023, Table II: Dice and IoU of real frames, on the paper's own data."""
 NOT_RUN = "not trained yet"
@@ -52,8 +52,8 @@ def score_table(report: SegmentationReport) -> BenchmarkTable:
             row.method,
             row.data,
             str(row.frames),
-            f"{row.dice:.3f} +- {row.dice_std:.3f}",
-            f"{row.iou:.3f} +- {row.iou_std:.3f}",
+            f"{row.dice:.3f} ± {row.dice_std:.3f}",
+            f"{row.iou:.3f} ± {row.iou_std:.3f}",
         )
         for row in report.scores
     ]
@@ -80,8 +80,8 @@ def time_table(report: SegmentationReport) -> BenchmarkTable:
 
 def _kept_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:
     return (
-        f"{row['dice']:.3f} +- {row['dice_std']:.3f}",
-        f"{row['iou']:.3f} +- {row['iou_std']:.3f}",
+        f"{row['dice']:.3f} ± {row['dice_std']:.3f}",
+        f"{row['iou']:.3f} ± {row['iou_std']:.3f}",
         f"{row['ms_per_frame']:.1f}",
         _settings(row),
     )

@@ -2,6 +2,7 @@
 
 import json
 
+from drivers.errors import counted
 from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.trials.benchmark import NETWORKS, OURS, PLAIN_SESSION, TrialsResult
@@ -25,10 +26,10 @@ PAPER_THREE = {
 }
 """Castano-Amoros and Gil 2023, Table III: MARE in degrees by window, on its real bench."""
 PAPER_FOUR = {
-    KOLAMURI: "4.39 +- 0.18 (other objects)",
+    KOLAMURI: "4.39 ± 0.18 (other objects)",
     TOSKOV: "3.96 (other objects)",
-    ANGLENET_ON_TEST: "3.23 +- 1.69",
-    "PSPNet and skeleton": "1.85 +- 0.96",
+    ANGLENET_ON_TEST: "3.23 ± 1.69",
+    "PSPNet and skeleton": "1.85 ± 0.96",
 }
 """The same, Table IV."""
 KEPT = "table4.json"
@@ -106,7 +107,7 @@ def systems(result: TrialsResult) -> list[str]:
 
 def head(result: TrialsResult) -> str:
     """Say what was measured on."""
-    return f"SIMULATED, {result.lifts} lifts, one fingertip, phase B"
+    return f"SIMULATED, {counted(result.lifts, 'lift')}, one fingertip, phase B"
 
 
 def _three(result: TrialsResult, network: str, method: str) -> tuple[str, ...]:
@@ -132,14 +133,12 @@ def _kept_row() -> tuple[str, ...]:
 
 def _cells(score: ContenderScore) -> tuple[str, str, str, str]:
     mare = score.mare
-    sure = mare is not None and mare.low_deg is not None
-    interval = f"{mare.low_deg:.2f} to {mare.high_deg:.2f}" if mare is not None and sure else NONE
     held = NONE if score.mare_held is None else f"{score.mare_held.mean_deg:.2f}"
-    return _mare(mare), interval, f"{score.answered:.1%}", held
+    return _mare(mare), (mare and mare.beside) or NONE, f"{score.answered:.1%}", held
 
 
 def _mare(mare: Mare | None) -> str:
-    return NONE if mare is None else f"{mare.mean_deg:.2f} +- {mare.std_deg:.2f}"
+    return NONE if mare is None else f"{mare.mean_deg:.2f} ± {mare.std_deg:.2f}"
 
 
 def _ms(result: TrialsResult, name: str) -> str:

@@ -41,27 +41,38 @@ def clips(
         str | None,
         typer.Option("--group", help="The group whose figures limits are for. Default: all clips."),
     ] = None,
-    within: Annotated[
-        float, typer.Option("--within", help="Least share of labels within max(3 degrees, 2 label sigmas).")
-    ] = 0.5,
-    confidently_wrong: Annotated[
-        float,
+    project_limits: Annotated[
+        bool,
         typer.Option(
-            "--confidently-wrong", help="Most labels more than 10 degrees and 3 sigma off, a share."
+            "--limits",
+            help="Apply the project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
+            "--two-sigma 0.88, --p99-ms 8. Default: only the limits given here.",
         ),
-    ] = 0.04,
+    ] = False,
+    within: Annotated[
+        float | None,
+        typer.Option("--within", help="Lowest share of labels within max(3 degrees, 2 label sigmas)."),
+    ] = None,
+    confidently_wrong: Annotated[
+        float | None,
+        typer.Option(
+            "--confidently-wrong", help="Highest share of labels more than 10 degrees and 3 sigma off."
+        ),
+    ] = None,
     two_sigma: Annotated[
-        float, typer.Option("--two-sigma", help="Least share of answers within two sigma.")
-    ] = 0.88,
+        float | None, typer.Option("--two-sigma", help="Lowest share of answers within two sigma.")
+    ] = None,
     false_rest: Annotated[
         float | None,
-        typer.Option("--false-rest", help="Most turned labels told as rest, a share. Default: no limit."),
+        typer.Option("--false-rest", help="Highest share of turned labels reported as at rest."),
     ] = None,
     mean_deg: Annotated[
         float | None,
-        typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn. Default: no limit."),
+        typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn."),
     ] = None,
-    p99_ms: Annotated[float, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = 8.0,
+    p99_ms: Annotated[
+        float | None, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")
+    ] = None,
     reversed_turns: Annotated[
         bool,
         typer.Option(
@@ -82,8 +93,8 @@ def clips(
 
     labels.csv has the columns reference_frame, keyframe, angle_deg (counter-clockwise as seen, 0 at the
     reference), sigma_deg; frames count from 0; `rig label-angle` makes one. Every label counts: a
-    refused one is not within, and enters the means with the last angle answered. Exit code 4 when a
-    limit of the first estimator was missed.
+    refused one is not within, and enters the means with the last angle answered. Exit code 4 if the
+    first estimator misses a limit that was given.
 
     Examples:
       rig benchmark clips clips/ --out clips_page
@@ -93,9 +104,11 @@ def clips(
       rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
 
     """
+    from dataclasses import replace
+
     from rig.benchmark.clips.benchmark import ESTIMATORS, as_json, run_clips
     from rig.benchmark.clips.files import write_clips
-    from rig.benchmark.clips.limits import ClipLimits
+    from rig.benchmark.clips.limits import NO_LIMITS, PROJECT
     from rig.benchmark.clips.tables import NAME, readme_section
     from rig.benchmark.readme import check_readme, write_section
     from rig.cli.printing import WorkProgress
@@ -103,7 +116,17 @@ def clips(
     from rig.tactile.estimators import choose_estimator
 
     choices = [choose_estimator(name) for name in estimator or ESTIMATORS]
-    limits = ClipLimits(group, within, confidently_wrong, two_sigma, false_rest, mean_deg, p99_ms)
+    given = {
+        "group": group,
+        "within": within,
+        "confidently_wrong": confidently_wrong,
+        "two_sigma": two_sigma,
+        "false_rest": false_rest,
+        "mean_small_deg": mean_deg,
+        "p99_ms": p99_ms,
+    }
+    chosen = {name: value for name, value in given.items() if value is not None}
+    limits = replace(PROJECT if project_limits else NO_LIMITS, **chosen)
     if out is not None:
         make_folder(out)
     if readme is not None:
@@ -123,6 +146,8 @@ def clips(
 def _print(result: "ClipsResult", to_stderr: bool) -> None:
     from rig.benchmark.clips.tables import clip_table, limit_table, overall_table
 
-    tables = (clip_table(result), overall_table(result), limit_table(result))
+    tables = [clip_table(result), overall_table(result)]
+    if result.limits:
+        tables.append(limit_table(result))
     print_tables(tables, to_stderr, result.wall_s)
     say_faults(result.faults)

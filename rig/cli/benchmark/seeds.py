@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import ReadmeOption, print_tables
 from rig.cli.common import JobsOption, JsonOption, SeedOption, emit_json, say
@@ -62,7 +63,7 @@ def seeds(
     folder = out or default_folder("seeds")
     ids = resolve_objects(objects or [], config.objects)
     drawn = range(seed, seed + (MANY if full else FEW))
-    say(f"SIMULATED bench '{config.name}', {len(drawn)} seeds from {seed}, results in {folder}")
+    say(f"SIMULATED bench '{config.name}', {counted(len(drawn), 'seed')} from {seed}, results in {folder}")
     with WorkProgress(0, "lifts") as progress:
         result = run_seeds(
             folder, config, drawn, jobs or os.cpu_count() or 1, resume, ids, lifts, progress.show

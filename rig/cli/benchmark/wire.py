@@ -120,6 +120,6 @@ def _print_table(report: "WireReport") -> None:
     console.print(
         f"{row.outcome}, true turn {row.final_truth_deg or 0.0:.1f} deg; in this process {same.outcome}, "
         f"{same.final_truth_deg or 0.0:.1f} deg\nmean error over phase B {found}; in this process "
-        f"{mean:.2f} +- {spread:.2f} deg over {len(report.errors_deg)} seeds",
+        f"{mean:.2f} ± {spread:.2f} deg over {len(report.errors_deg)} seeds",
         highlight=False,
     )

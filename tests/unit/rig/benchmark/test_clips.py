@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from drivers.errors import InputError
 from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.labelled import ClipLabel, read_clips
-from rig.benchmark.clips.limits import ClipLimits
+from rig.benchmark.clips.limits import PROJECT
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.readme import markers
 from rig.cli.main import app
@@ -73,7 +74,7 @@ def test_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
 
 
 def test_what_is_known_is_measured(clips: Path) -> None:
-    result = run_clips(clips, [choose_estimator("slip"), choose_estimator("pca")], ClipLimits())
+    result = run_clips(clips, [choose_estimator("slip"), choose_estimator("pca")], PROJECT)
     slip, pca = result.estimators
     assert slip.overall.within_3 == slip.overall.answered == slip.overall.useful == 1.0
     assert slip.overall.mean_deg < 1.0
@@ -185,6 +186,20 @@ def test_the_command_writes_page_json_and_table_and_misses_limits_with_4(clips: 
     assert "limit missed: mean error up to 30 degrees" in missed.stderr
 
 
+def test_own_clips_are_judged_only_by_limits_that_were_given(clips: Path, tmp_path: Path) -> None:
+    own = ["benchmark", "clips", str(clips / "frames_clip"), "--estimator", "skeleton"]
+    page = tmp_path / "page"
+    done = CliRunner().invoke(app, [*own, "--out", str(page)])
+    assert done.exit_code == 0, done.output
+    for text in (done.output, (page / "index.html").read_text(), (page / "table.md").read_text()):
+        assert "Limits" not in text
+        assert "limits were kept" not in text
+    judged = CliRunner().invoke(app, [*own, "--limits", "--within", "1.01"])
+    assert judged.exit_code == 4
+    assert "asked at least 1.01" in judged.stderr
+    assert "time per frame" in judged.output
+
+
 def test_a_group_that_no_clip_is_of_is_named(clips: Path) -> None:
     done = CliRunner().invoke(app, ["benchmark", "clips", str(clips), "--group", "dirty"])
     assert isinstance(done.exception, InputError)
@@ -203,7 +218,7 @@ def test_the_halves_are_by_object_and_of_equal_size() -> None:
 @pytest.mark.timeout(600)
 def test_real_clips_are_judged_in_two_halves(real_clips: Path) -> None:
     """The figures on recordings that nobody tuned on; limits are those of `rig benchmark clips`."""
-    limits = ClipLimits(group="held back", p99_ms=None)
+    limits = replace(PROJECT, group="held back", p99_ms=None)
     result = run_clips(real_clips, [choose_estimator("slip")], limits, HALVES)
     assert result.estimators[0].overall.labels == 120
     assert [limit.name for limit in result.limits if not limit.met] == []

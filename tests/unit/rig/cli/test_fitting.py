@@ -12,7 +12,7 @@ from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 
 NAME = "2026-11-22T143431_a_long_name_of_a_session_trial"
-ROW = (NAME, "12", "9 slipped, 2 fallen, 1 still", "0.20 +- 0.15 [0.11, 0.33]", "100.0%")
+ROW = (NAME, "12", "9 slipped, 2 fallen, 1 still", "0.20 ± 0.15 [0.11, 0.33]", "100.0%")
 HEADINGS = ("session", "lifts", "outcomes", "phases B and C", "answered")
 
 

@@ -103,7 +103,7 @@ def test_the_commands_take_them(tracking: Path, poses: Path) -> None:
     assert told["background"] == "background: the set's own"
     assert told["samples"][-1]["angle_deg"] == pytest.approx(turns_deg(61)[-1], abs=3.0)
     done = rig("benchmark", "clips", poses, "--estimator", "pca", "--reversed-turns", "--json")
-    assert done.returncode == 4
+    assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["estimators"]["pca"]["all"]["labels"] == 6
 
 

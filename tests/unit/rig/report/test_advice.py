@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
 from rig.report.curves import Curve
@@ -90,7 +91,7 @@ def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
     [
         (lambda t: manifest_with(t, status="running", lifts_per_object=9), "5 of 9 lifts", "--resume"),
         (lambda t: replace(t, lifts=t.lifts[:2]), "Few lifts of wrench (2)", "--lifts 5"),
-        (with_a_fault, "1 attempts ended in a rig fault", "gripper: no answer"),
+        (with_a_fault, "1 attempt ended in a rig fault", "gripper: no answer"),
         (lambda t: rows_with(t, outcome=LiftOutcome.FALLEN), "fell in wrench, lift 1", "Grip firmer"),
         (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip lighter"),
         (
@@ -115,6 +116,11 @@ def test_each_finding_says_what_was_seen_and_what_to_do(
     found = [n for n in trial_notices(spoil(sound), NOW) if seen in n.what]
     assert len(found) == 1
     assert advice in found[0].advice
+
+
+def test_small_turns_of_a_reacting_trial_are_not_criticised(sound: Trial) -> None:
+    reacting = manifest_with(rows_with(sound, final_truth_deg=0.4), react=ReactionKind.TIGHTEN)
+    assert "grip lighter" not in texts(reacting)
 
 
 def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:

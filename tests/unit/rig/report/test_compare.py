@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from rig.report.compare import ERROR, ComparedLift, compare_lifts, paired, verdict
-from rig.report.compare_page import compare_page
+from rig.report.compare_page import compare_page, figure_table
 from rig.report.sides import session_side
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome
 
@@ -41,6 +41,33 @@ def test_a_side_that_is_always_closer_wins_by_the_mean_difference() -> None:
     assert error.wins == (0, 10, 0)
     assert error.winner == 1
     assert verdict(found).startswith("new is better by 0.40°")
+
+
+@pytest.mark.parametrize("lifts", range(1, 5))
+def test_fewer_than_five_lifts_have_no_verdict(lifts: int) -> None:
+    old, new = ([row(i, error + 0.01 * i) for i in range(lifts)] for error in (1.0, 0.2))
+    found = compare_lifts(NAMES, old, new)
+    assert {(p.low, p.high, p.winner) for p in found.overall} == {(None, None, None)}
+    assert verdict(found).startswith(f"No verdict over {lifts} lift")
+    assert "at least 5 with an error" in verdict(found)
+    assert found.judged is False
+    assert '<li class="note"><b>No verdict' in compare_page(found, simulated=False, about="two")
+
+
+def test_refused_lifts_are_counted_in_verdict_and_table() -> None:
+    old = [row(i, 1.0 + 0.1 * i if i else None) for i in range(10)]
+    new = [row(i, 0.6 + 0.1 * i) for i in range(10)]
+    found = compare_lifts(NAMES, old, new)
+    assert verdict(found).endswith("over 9 of 10 lifts, 1 refused.")
+    assert "9 of 10" in figure_table(found).rows[0]
+
+
+def test_banner_is_green_only_for_a_winner() -> None:
+    old = [row(i, 1.0 + 0.1 * i) for i in range(10)]
+    won = compare_lifts(NAMES, old, [row(i, 0.6 + 0.1 * i) for i in range(10)])
+    same = compare_lifts(NAMES, old, [row(i, 1.0 + 0.1 * (9 - i)) for i in range(10)])
+    assert '<li class="good"><b>new is better' in compare_page(won, simulated=False, about="two")
+    assert '<li class="note"><b>No difference is shown' in compare_page(same, simulated=False, about="two")
 
 
 def test_pairing_finds_what_the_spread_over_lifts_would_hide() -> None:
@@ -88,6 +115,7 @@ def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None
     for part in ("that only old has.</b>wrench, lift 3", "wrench, lift 4", "line 9 is damaged"):
         assert part in page
     assert found.overall[0].lifts == 1
+    assert found.overall[0].missing == 1
     assert found.overall[0].winner is None  # one lift has no interval
     with pytest.raises(InputError, match="no lift in common"):
         compare_lifts(NAMES, old, [row(1, 1.0, "knife")])
@@ -104,8 +132,9 @@ def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> N
 
 
 def test_two_sessions_make_a_page_with_one_picture(drawn_trial: Any, tmp_path: Path) -> None:
-    first = session_side(drawn_trial(tmp_path / "first", (12.0, -20.0), (0.5, 0.5)))
-    second = session_side(drawn_trial(tmp_path / "second", (12.0, -20.0), (2.0, 2.0)))
+    turns = (12.0, -20.0, 9.0, 15.0, -11.0)
+    first = session_side(drawn_trial(tmp_path / "first", turns, (0.5,) * 5))
+    second = session_side(drawn_trial(tmp_path / "second", turns, (2.0,) * 5))
     found = compare_lifts((first.name, second.name), first.lifts, second.lifts)
     page = compare_page(found, simulated=True, about="two sessions")
     assert page.count("<svg") == 1

@@ -56,6 +56,15 @@ def test_phases_are_told_from_the_reference(tmp_path: Path) -> None:
     assert lift.errors.mean_deg == pytest.approx(1.0, abs=1e-6)
 
 
+def test_times_count_from_the_first_row(tmp_path: Path) -> None:
+    path = ramp(tmp_path / "lift.csv")
+    relative = read_table(path)
+    lines = path.read_text().splitlines()
+    later = [f"{float(t) + 946684809.0:.3f},{rest}" for t, rest in (line.split(",", 1) for line in lines[1:])]
+    absolute = read_table(table(tmp_path / "absolute.csv", lines[0], later))
+    assert absolute.curves.onset_truth_s == pytest.approx(relative.curves.onset_truth_s, abs=1e-3)
+
+
 def test_a_lift_that_held_has_no_phases_and_counts_whole(tmp_path: Path) -> None:
     rows = [f"{0.1 * i:.1f},0.2,0.0" for i in range(30)]
     lift = read_table(table(tmp_path / "held.csv", "t_s,estimate_deg,truth_deg", rows))

@@ -112,6 +112,20 @@ def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, tri
     assert f"{mean:.2f} ±" in page.text
 
 
+def test_tile_without_interval_has_no_gap_before_the_punctuation(page: Page) -> None:
+    assert "MARE in B (the paper, on its real bench: 1.85°)" in page.text
+    assert "MARE in B ;" not in page.text
+
+
+def test_range_of_one_turn_is_one_number(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "s", (-16.1,))
+    table = object_table(summarize_trial(read_finished_lifts(folder)))
+    assert dict(zip(table.columns, table.rows[0], strict=True))["true turn, °"] == "-16"
+    text = page_of(folder).text
+    assert "1 lifts" not in text
+    assert "1 objects" not in text
+
+
 def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
     rows = read_finished_lifts(trial)
     table = object_table(summarize_trial(rows))
@@ -177,7 +191,7 @@ def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) 
     lines = (folder / "lifts.jsonl").read_text().splitlines()
     (folder / "lifts.jsonl").write_text(lines[0][:50] + "\n" + lines[1] + "\n" + "null\n")
     found = page_of(folder)
-    assert "lifts.jsonl: 2 of 3 lines are damaged (line 1: Invalid JSON" in found.text
+    assert "lifts.jsonl: 2 of 3 lines damaged (line 1: Invalid JSON" in found.text
     assert "line 3: Input should be an object, found None" in found.text
     assert any("wrench, lift 2" in name for name in found.figures)
 
@@ -204,7 +218,7 @@ def test_a_session_without_a_finished_lift_says_so(drawn_trial: Any, tmp_path: P
     folder = drawn_trial(tmp_path / "s", (12.0,), status="running")
     (folder / "lifts.jsonl").unlink()
     found = page_of(folder)
-    assert "Unfinished: 0 of 1 lifts" in found.text
+    assert "Unfinished: 0 of 1 lift accepted" in found.text
     assert "--resume" in found.text
 
 

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rig.results.metrics import hold_last, mare, summarize
+from rig.results.metrics import Floats, hold_last, mare_of, mean_interval, summarize
+from rig.sessions.records import ErrorSummary
 
 
 def test_a_lift_is_its_mean_deviation_and_maximum() -> None:
@@ -18,26 +19,82 @@ def test_a_lift_is_its_mean_deviation_and_maximum() -> None:
     assert summarize(np.array([])) is None
 
 
+def errors(*means_deg: float | None) -> list[ErrorSummary | None]:
+    """Errors of lifts by their mean, None for a refused lift."""
+    return [None if mean is None else ErrorSummary(mean, mean / 2, 2 * mean, 100) for mean in means_deg]
+
+
 def test_mare_is_a_mean_over_lifts_not_over_frames() -> None:
-    result = mare([1.0, 3.0], [0.5, 1.5])
+    result = mare_of(errors(1.0, 3.0))
     assert result is not None
     assert (result.mean_deg, result.std_deg, result.lifts) == (2.0, 1.0, 2)
-    assert mare([], []) is None
+    assert mare_of([]) is None
 
 
-@given(st.lists(st.floats(0.0, 90.0), min_size=2, max_size=30))
-def test_the_interval_contains_the_mean(means: list[float]) -> None:
-    result = mare(means, means)
+def test_refused_lifts_are_counted_beside_the_mean() -> None:
+    result = mare_of(errors(1.0, None, 3.0, 2.0, 1.5, 2.5))
+    assert result is not None
+    assert (result.lifts, result.refused) == (5, 1)
+    assert result.text.endswith("] over 5 of 6 lifts, 1 refused")
+    assert mare_of(errors(None, None)) is None
+
+
+@pytest.mark.parametrize("lifts", range(1, 5))
+def test_fewer_than_five_lifts_have_no_interval(lifts: int) -> None:
+    result = mare_of(errors(*(0.13 + 0.1 * i for i in range(lifts))))
+    assert result is not None
+    assert result.low_deg is result.high_deg is result.ends_deg is None
+    assert "[" not in result.text
+    assert mare_of(errors(0.1, 0.2, 0.3, 0.4, 0.5)).ends_deg is not None  # type: ignore[union-attr]
+
+
+@given(st.lists(st.floats(0.0, 90.0), min_size=5, max_size=30))
+def test_interval_contains_the_mean_and_no_negative_error(means: list[float]) -> None:
+    result = mare_of(errors(*means))
     assert result is not None
     assert result.low_deg is not None
     assert result.high_deg is not None
-    assert result.low_deg - 1e-9 <= result.mean_deg <= result.high_deg + 1e-9
+    assert 0.0 <= result.low_deg <= result.mean_deg + 1e-9
+    assert result.mean_deg <= result.high_deg + 1e-9
 
 
-def test_one_lift_has_no_interval() -> None:
-    result = mare([1.0], [0.1])
-    assert result is not None
-    assert result.low_deg is None
+@given(st.lists(st.floats(-50.0, 50.0), min_size=5, max_size=20), st.floats(0.1, 10.0), st.floats(-9.0, 9.0))
+def test_interval_follows_scale_offset_and_sign(values: list[float], scale: float, offset: float) -> None:
+    assume(np.ptp(values) > 1e-3)
+    low, high = interval(np.array(values))
+    assert interval(scale * np.array(values) + offset) == pytest.approx(
+        (scale * low + offset, scale * high + offset), abs=1e-5
+    )
+    assert interval(-np.array(values)) == pytest.approx((-high, -low), abs=1e-6)
+
+
+def interval(values: Floats) -> tuple[float, float]:
+    low, high = mean_interval(values)
+    assert low is not None
+    assert high is not None
+    return low, high
+
+
+@pytest.mark.parametrize("lifts", [5, 10, 20])
+@pytest.mark.parametrize(
+    ("spread", "least", "most"), [(0.3, 0.93, 0.975), (0.5, 0.92, 0.97), (0.8, 0.89, 0.96)]
+)
+def test_interval_covers_the_true_mean_of_skewed_errors(
+    lifts: int, spread: float, least: float, most: float
+) -> None:
+    """Log-normal errors; the percentile bootstrap covers 76 to 86 % with a spread of 0.8."""
+    rng = np.random.default_rng(38)
+    true = np.exp(spread**2 / 2)
+    samples = rng.lognormal(0.0, spread, (2000, lifts))
+    covered = np.mean([low <= true <= high for low, high in map(interval, samples)])
+    assert least <= covered <= most
+
+
+@pytest.mark.parametrize("lifts", [5, 10, 20])
+def test_no_winner_is_named_between_equal_sides_more_than_once_in_twenty(lifts: int) -> None:
+    rng = np.random.default_rng(38)
+    samples = rng.lognormal(0.0, 0.8, (2000, lifts)) - rng.lognormal(0.0, 0.8, (2000, lifts))
+    assert np.mean([low > 0.0 or high < 0.0 for low, high in map(interval, samples)]) <= 0.05
 
 
 def test_refusing_does_not_pay() -> None:

@@ -1,0 +1,46 @@
+"""Lines and tables of trials on the terminal."""
+
+from collections.abc import Callable
+
+import pytest
+
+from rig.cli.printing import lift_note, summary_json
+from rig.results.summary import summarize_trial
+from rig.sessions.records import ErrorSummary, FinishedLift
+
+MakeRow = Callable[..., FinishedLift]
+
+
+def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
+    error = None if error_deg is None else ErrorSummary(error_deg, 0.1, 2 * error_deg, 300)
+    return make(number, object="t1", name="wrench", re=error, re_b=error, re_held=error)
+
+
+@pytest.mark.parametrize(
+    ("states", "why"),
+    [
+        ({"unobservable": 200, "lost": 3}, "'unobservable': Such a contact looks the same"),
+        ({"no_contact": 200, "tracking": 0}, "'no_contact': The fingertip felt nothing"),
+        ({"lost": 200}, "'lost': The picture changed more"),
+    ],
+)
+def test_lift_without_an_answer_says_why(lift_row: MakeRow, states: dict[str, int], why: str) -> None:
+    lift = lift_row(1, re=None, re_b=None, answered=0.0, states=states)
+    assert f"no answer, most frames are {why}" in lift_note(lift)
+
+
+def test_answered_lift_without_marker_angle_is_not_called_unanswered(lift_row: MakeRow) -> None:
+    note = lift_note(lift_row(1, re=None, re_b=None, answered=1.0))
+    assert "no answer" not in note
+    assert "angle of the markers is missing" in note
+
+
+def test_json_has_no_interval_below_five_lifts_and_counts_refused_ones(lift_row: MakeRow) -> None:
+    few = summary_json(summarize_trial([row(lift_row, i, 0.1 * i) for i in range(1, 5)]))
+    assert (few["mare_interval_deg"], few["lifts_refused"]) == (None, 0)
+    lifts = [row(lift_row, i, 0.1 * i if i < 6 else None) for i in range(1, 8)]
+    more = summary_json(summarize_trial(lifts))
+    assert isinstance(more["mare_interval_deg"], list)
+    assert (more["lifts_accepted"], more["lifts_refused"]) == (7, 2)
+    none = summary_json(summarize_trial(lifts[5:]))
+    assert (none["mare_deg"], none["mare_interval_deg"], none["lifts_refused"]) == (None, None, 2)

@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -74,12 +74,18 @@ def say_done(folder: Path, wanted: int) -> int:
 
 
 @contextmanager
-def may_be_continued(folder: Path, out: Path | None, resume: bool, no_report: bool) -> Iterator[None]:
-    """Where a session ends early, write the report of what is there, and say the line that continues it."""
+def may_be_continued(
+    folder: Path, out: Path | None, resume: bool, no_report: bool, partial: Callable[[], None]
+) -> Iterator[None]:
+    """If a session ends early, print and report what it holds, and say the line that continues it.
+
+    partial: prints the results that are on disk.
+    """
     try:
         yield
     except (OperatorStopError, DeviceError, RecordingError):
         if _holds_results(folder):
+            partial()
             report_after(folder, no_report)
         if (folder / "session.json").is_file():
             more = ([] if resume else ["--resume"]) + ([] if out else ["--out", str(folder)])

@@ -197,7 +197,9 @@ def trial(
     person = ConsoleOperator(ask, agreed=yes)
     work = Work(f"{simulated}trial on bench '{config.name}', {folder}", "lifts", len(ids) * lifts, lifts_done)
     with (
-        may_be_continued(folder, out, resume, no_report),
+        may_be_continued(
+            folder, out, resume, no_report, lambda: _partial(folder, len(ids) * lifts, simulated, began, json)
+        ),
         watched(context, work, watch, watch_at, notify) as others,
         session_bench(config, person, f"{plan.text()}\nBegin?", realtime) as benches,
         live_session(live, live_to, others) as (feed, inbox),
@@ -222,6 +224,20 @@ def trial(
         figures = {**summary_json(summary), "wall_s": round(wall_s, 2), "report": page}
         emit_json({"session": str(folder), **figures})
     _check_limit(summary, max_mare)
+
+
+def _partial(folder: Path, wanted: int, simulated: str, began: float, json: bool) -> None:
+    """Print the table of the lifts that are done when a trial ends early."""
+    import time
+
+    from rig.cli.printing import trial_table
+    from rig.results.summary import summarize_trial
+    from rig.sessions.rows import read_lifts
+
+    summary = summarize_trial(read_lifts(folder))
+    say(f"{summary.lifts_accepted} of {wanted} lifts are done")
+    if summary.objects:
+        trial_table(summary, simulated, time.perf_counter() - began, to_stderr=json)
 
 
 def _check_limit(summary: Any, max_mare: float | None) -> None:

@@ -105,6 +105,7 @@ def run_record(
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             benches.begin()
+            session.keep()
             finders = _references(session, settings, benches)
             left = left_to_do(tasks, session.rows, lambda row: row.pose)
             work = partial(attempt_pose, settings, finders, benches, live=live)

@@ -123,10 +123,13 @@ def _series(
     """Estimate frames that are no session."""
     from rig.frames.estimates import rows, table
     from rig.frames.series import read_frames
+    from rig.live.phases import begin_phase
 
+    begin_phase(f"reading {path}")
     series = read_frames(path, timestamps, fps)
     for note in series.notes:
         common.say(note)
+    begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     if out is not None:
         _write(out, table(done.estimate))

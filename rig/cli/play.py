@@ -63,6 +63,7 @@ def play(
 
     """
     from drivers.errors import InputError
+    from rig.live.phases import begin_phase
     from rig.report.film import FilmedLift, write_film
     from rig.report.session import Lift, find_lift
     from rig.report.unfinished import find_unfinished
@@ -79,6 +80,7 @@ def play(
         other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
         same = find_lift(beside, other, f"{chosen.row.object}/{chosen.row.lift}")
         shown.append(FilmedLift(beside, other, same))
+    begin_phase("rendering the film")
     film = write_film(shown, out, fps, speed, width)
     width, height = film.size_px
     say(f"{chosen.name}: {film.frames} frames of {width} x {height}, {film.codec}")

@@ -130,7 +130,9 @@ def record(
     said = OneMessage(_note, lambda row: row.fault)
     work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", poses)
     with (
-        may_be_continued(folder, out, resume, no_report, lambda: say(simulated + _images_text(read_poses(folder)))),
+        may_be_continued(
+            folder, out, resume, no_report, lambda: say(simulated + _images_text(read_poses(folder)))
+        ),
         watched(context, work, watch, watch_at, notify) as listeners,
         session_bench(
             config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed

@@ -73,6 +73,16 @@ def say_done(folder: Path, wanted: int) -> int:
     return done
 
 
+def usual_lift_s(folder: Path, jobs: int) -> float | None:
+    """Return the mean time per lift so far, s, with `jobs` lifts side by side; None without a lift."""
+    from statistics import fmean
+
+    from rig.report.session import read_timing
+
+    times_s = [timing.wall_s for timing in read_timing(folder)] if _holds_results(folder) else []
+    return fmean(times_s) / jobs if times_s else None
+
+
 @contextmanager
 def may_be_continued(
     folder: Path, out: Path | None, resume: bool, no_report: bool, partial: Callable[[], None]

@@ -5,7 +5,7 @@ import threading
 from contextlib import suppress
 
 SILENT_S = 0.4
-"""Silence after which a phase's name is printed, so that a command shows something within its first second."""
+"""Silence before a phase's name is printed: a command prints something within its first second."""
 _pending: threading.Timer | None = None
 
 

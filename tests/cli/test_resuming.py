@@ -101,7 +101,18 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
         raise OperatorStopError("stopped by the operator; what was finished is kept")
 
     common = ("trial", "--bench", light_bench_file, "--no-report", "--jobs", 1)
-    what = ("--lifts", 1, "--object", "toothbrush", "--estimator", "pca", "--name", "first try", "--tag", "new")
+    what = (
+        "--lifts",
+        1,
+        "--object",
+        "toothbrush",
+        "--estimator",
+        "pca",
+        "--name",
+        "first try",
+        "--tag",
+        "new",
+    )
     with monkeypatch.context() as patch:
         patch.setattr("rig.experiments.lift_attempt.run_lift", stopped)
         done = rig(*common, *what)

@@ -5,13 +5,18 @@ import time
 import pytest
 
 from rig.cli.output import guarded_output
-from rig.live.phases import SILENT_S, begin_phase, end_phase
+from rig.live.phases import begin_phase, end_phase
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.live.phases.SILENT_S", 0.2)
 
 
 def test_a_silent_phase_prints_its_name_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     with guarded_output():
         begin_phase("reading 3 lifts")
-        time.sleep(SILENT_S + 0.5)
+        time.sleep(1.0)
     assert capsys.readouterr() == ("", "reading 3 lifts ...\n")
 
 
@@ -24,5 +29,5 @@ def test_other_output_the_next_phase_and_the_end_come_instead_of_the_name(
         print("result")
         begin_phase("writing the report")
     end_phase(wait=True)
-    time.sleep(SILENT_S + 0.5)
+    time.sleep(1.0)
     assert capsys.readouterr() == ("result\n", "")

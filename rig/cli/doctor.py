@@ -11,7 +11,8 @@ from rig.cli.places import folder_place
 if TYPE_CHECKING:
     from rig.doctor.finding import Finding
 
-COLOURS = {"good": "green", "warning": "yellow", "failure": "red", "note": "dim"}
+COLOURS = {"failure": "red", "warning": "yellow", "note": "dim", "good": "green"}
+"""By verdict, in the order in which findings are printed."""
 
 
 def doctor(
@@ -53,7 +54,7 @@ def doctor(
             {"bench": config.name, "simulated": config.simulated, "findings": [_plain(f) for f in findings]}
         )
     else:
-        _print_table(f"{simulated}bench '{config.name}'", findings)
+        _print(f"{simulated}bench '{config.name}'", findings)
     if any(finding.verdict == "failure" for finding in findings):
         raise typer.Exit(Exit.FAULT)
 
@@ -64,14 +65,39 @@ def _plain(finding: "Finding") -> dict[str, object]:
     return asdict(finding)
 
 
-def _print_table(title: str, findings: "list[Finding]") -> None:
-    from rich.table import Table
+def _print(bench: str, findings: "list[Finding]") -> None:
+    """Print one line per check, failures first, then the verdict, then what to do."""
     from rich.text import Text
 
     from rig.cli.fitting import table_console
 
-    table = Table("device", "check", "", "found", "what to do", title=title)
+    console = table_console()
+    devices, checks = (max(len(text) for text in texts) for texts in zip(*map(_name, findings), strict=True))
+    order = list(COLOURS)
+    for finding in sorted(findings, key=lambda each: order.index(each.verdict)):
+        device, check = _name(finding)
+        line = Text(f"{finding.verdict:7}", COLOURS[finding.verdict])
+        line.append(f"  {device:{devices}}  {check:{checks}}  {finding.seen}", "default")
+        line.truncate(console.width, overflow="ellipsis")
+        console.print(line, no_wrap=True)
+    console.print(Text(f"{bench}: {_verdict(findings)}", "bold"))
+    cures: dict[str, list[str]] = {}
     for finding in findings:
-        verdict = Text(finding.verdict, COLOURS[finding.verdict])
-        table.add_row(finding.device, finding.check, verdict, finding.seen, finding.todo)
-    table_console().print(table)
+        if finding.todo:
+            whole = f"{finding.seen}; " if finding.verdict == "failure" else ""  # its line may be cut
+            cures.setdefault(whole + finding.todo, []).append(" ".join(_name(finding)))
+    for todo, where in cures.items():
+        console.print(f"- {', '.join(where)}: {todo}", highlight=False)
+
+
+def _name(finding: "Finding") -> tuple[str, str]:
+    return finding.device, finding.check
+
+
+def _verdict(findings: "list[Finding]") -> str:
+    """Say whether a trial can run, and how many checks say otherwise."""
+    counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
+    amiss = ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n)
+    if counts["failure"]:
+        return f"not fit for a trial: {amiss}"
+    return f"fit for a trial, with {amiss}" if amiss else "fit for a trial"

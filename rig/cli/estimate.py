@@ -153,10 +153,13 @@ def _series(
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.series import read_frames
+    from rig.live.phases import begin_phase
 
+    begin_phase(f"reading {path}")
     series = read_frames(path, timestamps, fps)
     for note in series.notes:
         common.say(note)
+    begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(str(path), done, run)
     _deliver(rows(done.estimate), figures, out, json)

@@ -46,9 +46,11 @@ def export(
     import time
 
     from rig.export.formats import export_session
+    from rig.live.phases import begin_phase
 
     began = time.perf_counter()
     folder = out or session / "export" / to
+    begin_phase(f"exporting to {to}")
     exported = export_session(session, to, folder, every)
     wall_s = round(time.perf_counter() - began, 2)
     counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())

@@ -1,5 +1,6 @@
 """`rig fakes`: simulated devices that speak the wire protocols of the real ones."""
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,6 +65,9 @@ def serve(
                 write_bench(write, served)
             print(bench_text(served), flush=True)
             say("SIMULATED devices are served; Ctrl-C ends them")
+            if write is not None:
+                trial = f"rig trial --lifts 1 --object wrench --bench {shlex.quote(str(write))}"
+                say(f"next, in another terminal: {trial}")
             running.wait()
     except OperatorStopError:
         say("the fakes have ended")

@@ -38,6 +38,7 @@ from rig.cli.train import train
 from rig.cli.train_angle import train_angle
 from rig.cli.train_turning import train_turning
 from rig.cli.trial import trial
+from rig.live.phases import begin_phase
 from rig.live.plain_text import plain
 
 app = typer.Typer(
@@ -95,6 +96,8 @@ def main() -> None:
     begin_answer()
     try:
         with guarded_output() as said:
+            if "_RIG_COMPLETE" not in os.environ:  # the shell's completion, which shows stderr
+                begin_phase("loading")
             _run(said)
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from drivers.errors import RecordingError
+from rig.live.phases import end_phase
 from rig.live.plain_text import PlainStream
 
 TAIL = 4000
@@ -33,6 +34,7 @@ class Output:
 
     def write(self, text: str) -> int:
         """Write a text. Raises `RecordingError`."""
+        end_phase()
         self._newest = (self._newest + text)[-TAIL:]
         try:
             return self._stream.write(text)
@@ -71,6 +73,7 @@ def guarded_output() -> Iterator[Output]:
             sys.stdout.flush()
             sys.stderr.flush()
     finally:
+        end_phase()
         sys.stdout, sys.stderr = out, err
 
 

@@ -88,6 +88,7 @@ def play(
 
     """
     from drivers.errors import InputError
+    from rig.live.phases import begin_phase
     from rig.report.film import FilmedLift, write_film
     from rig.report.film_file import film_place
     from rig.sessions.manifest import is_session
@@ -110,6 +111,7 @@ def play(
     place = film_place(asked)
     if place.exists() and source.exists() and place.samefile(source):
         raise InputError(f"{place}: is what the film is made of: choose another --out")
+    begin_phase("rendering the film")
     film = write_film(shown, place, fps, speed, width)
     width, height = film.size_px
     say(f"{name}: {counted(film.frames, 'frame')} of {width} x {height}, {film.codec}")

@@ -13,6 +13,7 @@ from rich.text import Text
 from drivers.errors import counted
 from rig.cli.fitting import table_console
 from rig.live.console import PlainConsole
+from rig.live.phases import begin_phase
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import HEADING, mare_text
@@ -29,7 +30,7 @@ class WorkProgress:
 
     def __init__(self, total: int, what: str) -> None:
         console = PlainConsole(stderr=True)
-        self._plain = not console.is_terminal
+        self._what, self._plain = what, not console.is_terminal
         self._bar = Progress(
             TextColumn(what),
             BarColumn(),
@@ -43,7 +44,9 @@ class WorkProgress:
         self._shown = ExitStack()
 
     def __enter__(self) -> Self:
-        if not self._plain:
+        if self._plain:
+            begin_phase(f"{self._what}: the first is under way")
+        else:
             self._shown.enter_context(shown(self._bar.live))
         return self
 

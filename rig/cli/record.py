@@ -101,6 +101,7 @@ def record(
     from rig.live.feed import LiveFeed
     from rig.sessions.manifest import RecordManifest
     from rig.sessions.remarks import remarks_of
+    from rig.sessions.rows import read_poses
 
     began = time.perf_counter()
     remarks = remarks_of(name, note, tags, operator)
@@ -130,7 +131,9 @@ def record(
     said = OneMessage(_note, lambda row: row.fault)
     work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", poses)
     with (
-        may_be_continued(folder, out, resume, no_report),
+        may_be_continued(
+            folder, out, resume, no_report, lambda: say(simulated + _images_text(read_poses(folder)))
+        ),
         watched(context, work, watch, watch_at, notify) as listeners,
         session_bench(
             config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
@@ -146,23 +149,30 @@ def record(
             remarks,
             LiveFeed(listeners),
         )
-    figures = {
-        "session": str(folder),
-        "poses_accepted": sum(row.accepted for row in rows),
-        "images_accepted": sum(len(row.images) for row in rows),
-        "images_rejected": sum(row.rejected_frames for row in rows),
-        "wall_s": round(time.perf_counter() - began, 2),
-    }
-    say(
-        f"{simulated}{counted(figures['images_accepted'], 'image')} in "
-        f"{counted(figures['poses_accepted'], 'pose')}, "
-        f"{counted(figures['images_rejected'], 'frame')} without contact rejected, {figures['wall_s']:.1f} s"
-    )
+    wall_s = round(time.perf_counter() - began, 2)
+    figures = {"session": str(folder), **_figures(rows), "wall_s": wall_s}
+    say(f"{simulated}{_images_text(rows)}, {wall_s:.1f} s")
     page = report_after(folder, no_report)
     if json:
         emit_json({**figures, "report": page})
     else:
         print(folder)
+
+
+def _figures(rows: "list[PoseRow]") -> dict[str, int]:
+    return {
+        "poses_accepted": sum(row.accepted for row in rows),
+        "images_accepted": sum(len(row.images) for row in rows),
+        "images_rejected": sum(row.rejected_frames for row in rows),
+    }
+
+
+def _images_text(rows: "list[PoseRow]") -> str:
+    figures = _figures(rows)
+    return (
+        f"{counted(figures['images_accepted'], 'image')} in {counted(figures['poses_accepted'], 'pose')}, "
+        f"{counted(figures['images_rejected'], 'frame')} without contact rejected"
+    )
 
 
 def _note(row: "PoseRow") -> str:

@@ -77,7 +77,7 @@ def replay(
         estimator, window = named_again(estimator, stored.estimator), window or stored.window
     if not sessions:
         raise InputError("which sessions? give their folders, or a folder that holds them")
-    with may_be_continued(folder, out, resume, no_report=True):
+    with may_be_continued(folder, out, resume, no_report=True, partial=lambda: _partial(folder, json)):
         _replay_many(sessions, estimator, window, jobs, folder, resume, engine, json)
 
 
@@ -154,6 +154,16 @@ def _replay_many(
     if json:
         emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
     report_broken([row.problem for row in rows if row.problem])
+
+
+def _partial(folder: Path, json: bool) -> None:
+    """Print the table of the lifts that are replayed when the command ends early."""
+    from rig.cli.results import print_results
+    from rig.sessions.layout import RESULTS
+    from rig.sessions.records import REPLAYS
+    from rig.sessions.rows import read_rows
+
+    print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)
 
 
 def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:

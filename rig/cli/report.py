@@ -7,6 +7,7 @@ import typer
 
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
+from rig.live.phases import begin_phase
 
 NoReportOption = Annotated[
     bool, typer.Option("--no-report", help="Leave the report out: rig report makes it later.")
@@ -22,6 +23,7 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
         return None
     from rig.report.write import write_report
 
+    begin_phase("writing the report")
     try:
         path = write_report([folder]).path
     except Exception as error:  # whatever it is: the run itself is complete
@@ -86,6 +88,7 @@ def report(
 
     if picture is not None:
         require_picture(picture)
+    begin_phase("writing the report")
     written = write_report(sources, out, beside)
     if picture is not None:
         picture_of(written.path, picture)

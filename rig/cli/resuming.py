@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -73,13 +73,29 @@ def say_done(folder: Path, wanted: int) -> int:
     return done
 
 
+def usual_lift_s(folder: Path, jobs: int) -> float | None:
+    """Return the mean time per lift so far, s, with `jobs` lifts side by side; None without a lift."""
+    from statistics import fmean
+
+    from rig.report.session import read_timing
+
+    times_s = [timing.wall_s for timing in read_timing(folder)] if _holds_results(folder) else []
+    return fmean(times_s) / jobs if times_s else None
+
+
 @contextmanager
-def may_be_continued(folder: Path, out: Path | None, resume: bool, no_report: bool) -> Iterator[None]:
-    """Where a session ends early, write the report of what is there, and say the line that continues it."""
+def may_be_continued(
+    folder: Path, out: Path | None, resume: bool, no_report: bool, partial: Callable[[], None]
+) -> Iterator[None]:
+    """If a session ends early, print and report what it holds, and say the line that continues it.
+
+    partial: prints the results that are on disk.
+    """
     try:
         yield
     except (OperatorStopError, DeviceError, RecordingError):
         if _holds_results(folder):
+            partial()
             report_after(folder, no_report)
         if (folder / "session.json").is_file():
             more = ([] if resume else ["--resume"]) + ([] if out else ["--out", str(folder)])

@@ -103,6 +103,7 @@ def sessions(
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     from rig.experiments.process_pool import run_tasks
+    from rig.live.phases import end_phase
     from rig.results.listing import find_sessions, list_sessions
 
     found = find_sessions(folder)
@@ -111,6 +112,7 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     quick = len(found) > MOST_CHECKED if check is None else not check
     jobs = (os.cpu_count() or 1) if len(found) >= SIDE_BY_SIDE else 1
     portions = [found[i : i + AT_ONCE] for i in range(0, len(found), AT_ONCE)]
+    end_phase(wait=True)  # workers are forks, and a fork must not copy a running thread
     listed = run_tasks(partial(list_sessions, quick=quick), portions, jobs, fork=True)
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 

@@ -7,6 +7,7 @@ import typer
 
 from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say
 from rig.cli.places import folder_place
+from rig.live.phases import begin_phase
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 ArchOption = Annotated[
@@ -131,6 +132,7 @@ class TrainingView:
 
         self._bar = Progress(console=PlainConsole(stderr=True), transient=True)
         self._task: Any = None
+        self._phase = ""
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -145,6 +147,9 @@ class TrainingView:
         self._bar.update(self._task, description=text, completed=share)
         if "loss" in text:
             self._bar.console.print(text, highlight=False)
+        elif text != self._phase:
+            self._phase = text
+            begin_phase(text)
 
 
 def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:

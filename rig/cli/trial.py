@@ -27,7 +27,7 @@ from rig.cli.common import (
 from rig.cli.dry_run import DryRunOption, dry_run
 from rig.cli.places import file_place
 from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done
+from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done, usual_lift_s
 from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption, Work, telling, watched
 
 
@@ -159,6 +159,7 @@ def trial(
     from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects, run_trial, trial_plan
     from rig.lift.slip_watch import SlipSettings
+    from rig.live.phases import begin_phase
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
     from rig.sessions.manifest import TrialManifest, Voters
@@ -182,6 +183,7 @@ def trial(
         max_turn_deg = max_turn_deg or stored.max_turn_deg
         votes = votes if given(context, "votes") else stored.votes.value
     choice = choose_estimator(estimator, window, not no_skip)
+    begin_phase(f"preparing estimator {choice.name}")
     choice.try_making()
     slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
     settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
@@ -190,25 +192,31 @@ def trial(
     simulated = "SIMULATED " if config.simulated else ""
     told = "" if react == "none" else f", reaction to slip '{react}'"
     say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}{told}, session {folder}")
+    jobs = trial_jobs(jobs, config.in_process, realtime)
     lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
+    usual_s = usual_lift_s(folder, jobs) if stored else None
     plan = trial_plan(settings, ids, lifts)
     if dry:
         dry_run(config, plan, json)
     person = ConsoleOperator(ask, agreed=yes)
     work = Work(f"{simulated}trial on bench '{config.name}', {folder}", "lifts", len(ids) * lifts, lifts_done)
     with (
-        may_be_continued(folder, out, resume, no_report),
+        may_be_continued(
+            folder, out, resume, no_report, lambda: _partial(folder, len(ids) * lifts, simulated, began, json)
+        ),
         watched(context, work, watch, watch_at, notify) as others,
         session_bench(config, person, f"{plan.text()}\nBegin?", realtime) as benches,
         live_session(live, live_to, others) as (feed, inbox),
-        TrialView(len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done) as progress,
+        TrialView(
+            len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done, usual_s
+        ) as progress,
     ):
         summary = run_trial(
             folder,
             settings,
             ids,
             lifts,
-            jobs=trial_jobs(jobs, config.in_process, realtime),
+            jobs=jobs,
             resume=resume,
             benches=benches,
             progress=telling(progress, lift_note, lift_fault),
@@ -222,6 +230,20 @@ def trial(
         figures = {**summary_json(summary), "wall_s": round(wall_s, 2), "report": page}
         emit_json({"session": str(folder), **figures})
     _check_limit(summary, max_mare)
+
+
+def _partial(folder: Path, wanted: int, simulated: str, began: float, json: bool) -> None:
+    """Print the table of the lifts that are done when a trial ends early."""
+    import time
+
+    from rig.cli.printing import trial_table
+    from rig.results.summary import summarize_trial
+    from rig.sessions.rows import read_lifts
+
+    summary = summarize_trial(read_lifts(folder))
+    say(f"{summary.lifts_accepted} of {wanted} lifts are done")
+    if summary.objects:
+        trial_table(summary, simulated, time.perf_counter() - began, to_stderr=json)
 
 
 def _check_limit(summary: Any, max_mare: float | None) -> None:

@@ -49,11 +49,9 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     except RigError as error:
         return [unreachable("gripper", error)]
     findings = [reached("gripper", bench.gripper, (bench.clock.now_ns() - began) / NS_PER_S)]
-    told = "" if state.activated else "nothing now: each trial asks before it activates"
-    seen = f"{'activated' if state.activated else 'not activated'}, fingers at {state.position_counts} counts"
-    findings.append(
-        Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen, told)
-    )
+    activated = "activated" if state.activated else "not activated (each trial asks first)"
+    seen = f"{activated}, fingers at {state.position_counts} counts"
+    findings.append(Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen))
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)
     except RigError as error:

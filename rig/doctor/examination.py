@@ -16,6 +16,7 @@ from rig.doctor.computer import (
 )
 from rig.doctor.finding import Finding
 from rig.doctor.streams import look_at_streams
+from rig.live.phases import begin_phase
 
 
 def examine(
@@ -27,6 +28,7 @@ def examine(
     where sessions go. duration_s: of each measurement of a rate. snapshot: see `rig doctor`.
     """
     yield from look_at_packages(config)
+    begin_phase("writing to the disk")
     yield from look_at_disk(disk)
     # a gripper's table goes by the bench's name, and the arm's clock by "arm"
     serials = {*(tactile.serial for tactile in config.tactile), config.camera.serial, config.name, "arm"}
@@ -34,8 +36,11 @@ def examine(
     with unconnected_bench(config) as bench, ExitStack() as connected:
         for device in (*bench.frame_sources, bench.gripper, bench.arm):
             connected.callback(device.disconnect)
+        begin_phase("reading the arm")
         yield from look_at_arm(bench, config.arm, duration_s)
+        begin_phase("reading the gripper")
         yield from look_at_gripper(bench, duration_s)
+        begin_phase("reading the fingertips and the camera")
         yield from look_at_streams(bench.frame_sources, bench.clock, _sizes(config), duration_s, snapshot)
         yield from look_at_usb(_usb_places(bench))
 

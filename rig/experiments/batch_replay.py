@@ -107,6 +107,7 @@ def run_replays(
     again when resumed. Raises `InputError` or `RecordingError` as `open_session` does.
     """
     with open_session(out, manifest, REPLAYS, resume) as session:
+        session.keep()
         done = {_key(row): row for row in session.rows if not row.problem}
         todo = [task for task in plan.tasks if task.key not in done]
         for row in run(replay_task, todo):

@@ -28,6 +28,7 @@ from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose,
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
+from rig.live.phases import begin_phase
 from rig.sessions.layout import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
@@ -105,6 +106,7 @@ def run_record(
         if not session.complete:
             benches = benches or FreshBenches(settings.bench, variation_seed=settings.variation_seed)
             benches.begin()
+            session.keep()
             finders = _references(session, settings, benches)
             left = left_to_do(tasks, session.rows, lambda row: row.pose)
             work = partial(attempt_pose, settings, finders, benches, live=live)
@@ -141,6 +143,7 @@ def _references(
     if not all((session.folder / name).exists() for name in names.values()):
         observer = ReferenceCapture({serial: [] for serial in serials})
         seed = derived_seed(settings.seed, settings.grasps.id, "reference")
+        begin_phase("recording the untouched gel")
         with benches.for_lift(seed, "reference") as (bench, operator):
             free_hand(bench, operator)
             record_reference(bench, observer)

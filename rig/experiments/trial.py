@@ -115,6 +115,7 @@ def run_trial(
             _require_same_truth(session)
             if benches is not None:
                 benches.begin()
+            session.keep()
             tasks = left_to_do(all_tasks(objects, lifts), session.rows, lambda row: row.number)
             _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
             work = partial(attempt_lift, settings, benches=benches, live=live, folder=folder.absolute())

@@ -18,6 +18,7 @@ from rich.text import Text
 from drivers.clock import NS_PER_S
 from rig.live.console import PlainConsole
 from rig.live.feed import Inbox, Message
+from rig.live.phases import begin_phase
 from rig.live.screen import shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import LiftRow
@@ -79,10 +80,18 @@ class LiftInView:
 class TrialView:
     """Shows a trial while it runs; call it with lifts done, lifts wanted and a finished lift's row.
 
-    note: says in a few words what came of a lift. done: lifts that an earlier run has done.
+    note: says in a few words what came of a lift. done: lifts that an earlier run has done. usual_s: time
+    per lift in that run, where known.
     """
 
-    def __init__(self, total: int, inbox: Inbox, note: Callable[[LiftRow], str], done: int = 0) -> None:
+    def __init__(
+        self,
+        total: int,
+        inbox: Inbox,
+        note: Callable[[LiftRow], str],
+        done: int = 0,
+        usual_s: float | None = None,
+    ) -> None:
         console = PlainConsole(stderr=True)
         self._inbox = inbox
         self._note = note
@@ -93,7 +102,7 @@ class TrialView:
             TextColumn("{task.fields[left]}"), console=console,
         )  # fmt: skip
         self._task = self._progress.add_task("lifts", total=total, completed=done, left="")
-        self._time_left = TimeLeft(total, done)
+        self._time_left = TimeLeft(total, done, usual_s=usual_s)
         self._spans_s: list[float] = []
         self._begun = False
         self._shown = _Refreshed(console, self.render) if console.is_terminal else _Plain(self.lines)
@@ -192,6 +201,7 @@ class _Plain:
         self._thread = threading.Thread(target=self._tell, daemon=True, name="live lines")
 
     def start(self) -> None:
+        begin_phase("lifts: the first is under way")
         self._thread.start()
 
     def stop(self) -> None:

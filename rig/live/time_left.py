@@ -8,15 +8,24 @@ MOST_IN_PROGRESS = 0.97
 """Work in progress never counts as done."""
 LEAST_S = 1.0
 """What is told of several pieces at once, at the first look, says nothing of how long they took."""
+USUAL_PIECES = 10
+"""Weight of the pace of an earlier run, in pieces: the first pieces of a run include its start."""
 
 
 class TimeLeft:
-    """The time left for `total` pieces of work, of which `done` were done before it began to be measured."""
+    """The time left for `total` pieces of work, of which `done` were done before it began to be measured.
 
-    def __init__(self, total: int, done: int = 0, clock: Clock | None = None) -> None:
+    usual_s: time per piece in an earlier run, where known.
+    """
+
+    def __init__(
+        self, total: int, done: int = 0, clock: Clock | None = None, usual_s: float | None = None
+    ) -> None:
         self._clock = clock or SystemClock()
         self._before = done
-        self._began_ns = self._newest_ns = self._clock.now_ns()
+        self._began_ns = self._clock.now_ns()
+        self._newest_ns: int | None = None
+        self._usual_s, self._usual_pieces = usual_s or 0.0, USUAL_PIECES if usual_s else 0
         self.total, self.done = total, done
 
     def begin(self) -> None:
@@ -27,21 +36,23 @@ class TimeLeft:
         """Return the time left, s; None until enough is done to tell. shares: of each piece in progress."""
         in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
         worked = self.done - self._before + in_progress
-        elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S
-        if worked < LEAST_WORK or elapsed_s < LEAST_S:
+        elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S if worked else 0.0
+        if not self._usual_pieces and (worked < LEAST_WORK or elapsed_s < LEAST_S):
             return None
-        return elapsed_s / worked * max(self.total - self.done - in_progress, 0.0)
+        pace_s = (elapsed_s + self._usual_s * self._usual_pieces) / (worked + self._usual_pieces)
+        return pace_s * max(self.total - self.done - in_progress, 0.0)
 
     def piece_done(self, done: int, total: int) -> None:
-        """Take a finished piece: `done` now are. Before the first one, an earlier run had done all others."""
-        if self.done == 0:
-            self._before = done - 1
-        self.done, self.total, self._newest_ns = done, total, self._clock.now_ns()
+        """Take a finished piece: `done` now are. Measure from the first one on: it includes the start."""
+        now_ns = self._clock.now_ns()
+        if self._newest_ns is None:
+            self._before, self._began_ns = done, now_ns
+        self.done, self.total, self._newest_ns = done, total, now_ns
 
     def counting_down(self) -> float | None:
         """Return `seconds` where nothing tells how far the next piece is: further with each second."""
         done = self.done - self._before
-        if done <= 0 or self._newest_ns <= self._began_ns:
+        if self._newest_ns is None or done <= 0 or self._newest_ns <= self._began_ns:
             return None
         usual_ns = (self._newest_ns - self._began_ns) / done
         return self.seconds(((self._clock.now_ns() - self._newest_ns) / usual_ns,))

@@ -72,6 +72,10 @@ class Session(Generic[Row]):
         """Whether the session has reached its target."""
         return self.manifest.status == "complete"
 
+    def keep(self) -> None:
+        """Keep the folder though the session may end before its first result: its work begins now."""
+        self._begun_here = False
+
     def add(self, row: Row, timing: TimingLine) -> None:
         """Keep the result of one piece of work. Raises `RecordingError`."""
         append_line(self._results, json_line(row))

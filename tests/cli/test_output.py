@@ -1,9 +1,11 @@
 """What a command prints is lost without a traceback, and its work counts all the same."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,14 @@ def test_results_that_cannot_be_written_are_one_line(arguments: Sequence[object]
     assert "Traceback" not in done.stderr
 
 
+def test_a_silent_command_prints_that_it_is_loading_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.live.phases.SILENT_S", 0.1)
+    monkeypatch.setattr("rig.results.listing.find_sessions", lambda _: time.sleep(1.0) or [])
+    done = rig("sessions", "--json")
+    assert (done.returncode, done.stderr.splitlines()[0]) == (0, "loading ...")
+    assert json.loads(done.stdout)["sessions"] == []
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_progress_that_cannot_be_written_costs_nothing() -> None:
     with open("/dev/full", "w") as full:
@@ -49,7 +59,7 @@ def test_a_reader_that_leaves_early_changes_no_exit_code(arguments: Sequence[obj
         done = process(arguments, stdout=writing, stderr=subprocess.PIPE)
     finally:
         os.close(writing)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr.removeprefix("loading ...\n")) == (0, "")
 
 
 def test_a_trial_whose_reader_left_is_kept_and_done(light_bench_file: Path, tmp_path: Path) -> None:

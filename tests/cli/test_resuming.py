@@ -10,6 +10,7 @@ import pytest
 
 from drivers.errors import OperatorStopError
 from rig.cli.printing import OneMessage, lift_fault, lift_note
+from rig.sessions.manifest import read_manifest
 from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
 from rig.sessions.rows import read_lifts
 from support.command_line import rig
@@ -80,7 +81,9 @@ def test_a_trial_that_is_stopped_writes_its_report_and_says_the_line_that_contin
     monkeypatch.setattr("rig.experiments.trial.run_trial", stopped)
     done = rig("trial", "--lifts", 2, "--object", "toothbrush", "--bench", light_bench_file)
     assert done.returncode == 3
-    report, line, last = done.stderr.splitlines()[-3:]
+    assert "SIMULATED rotational error per object" in done.stdout
+    counted, report, line, last = done.stderr.splitlines()[-4:]
+    assert counted == "1 of 2 lifts are done"
     (folder,) = (here / "sessions").iterdir()
     assert report == f"report: sessions/{folder.name}/report.html"
     assert "toothbrush" in (folder / "report.html").read_text()
@@ -89,6 +92,39 @@ def test_a_trial_that_is_stopped_writes_its_report_and_says_the_line_that_contin
         f"--out sessions/{folder.name}"
     )
     assert last.startswith("rig: stopped by the operator")
+
+
+def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
+    here: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise OperatorStopError("stopped by the operator; what was finished is kept")
+
+    common = ("trial", "--bench", light_bench_file, "--no-report", "--jobs", 1)
+    what = (
+        "--lifts",
+        1,
+        "--object",
+        "toothbrush",
+        "--estimator",
+        "pca",
+        "--name",
+        "first try",
+        "--tag",
+        "new",
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr("rig.experiments.lift_attempt.run_lift", stopped)
+        done = rig(*common, *what)
+    assert done.returncode == 3, done.stderr
+    assert "continue with: rig trial" in done.stderr
+    (folder,) = (here / "sessions").iterdir()
+    again = rig(*common, "--resume", "--json")
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["lifts_accepted"] == 1
+    manifest = read_manifest(folder)
+    assert (manifest.remarks.name, manifest.remarks.tags) == ("first try", ("new",))
+    assert (manifest.status, manifest.estimator) == ("complete", "pca")
 
 
 def test_the_same_fault_again_is_no_second_message(one_lift: Path) -> None:

@@ -10,6 +10,7 @@ from drivers.children import python_command
 from rig.benchmark.measured import Measured, at_most
 from rig.benchmark.sessions.made import make_session
 from rig.config import load_bench
+from rig.live.phases import begin_phase
 
 LISTED_S, OPENED_S = 5.0, 2.0
 OPEN = """
@@ -40,6 +41,7 @@ def run_sessions(
     runs: of each; the quickest counts, since whatever else the computer does only adds to it.
     """
     bench, many = load_bench("fake"), folder / "many"
+    begin_phase(f"making {sessions} sessions")
     for number in range(sessions):
         if not (many / f"{number:04d}").exists():
             make_session(many / f"{number:04d}", bench, number, lifts)

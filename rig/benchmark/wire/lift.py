@@ -22,6 +22,7 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift
 from rig.experiments.trial import run_trial
 from rig.live.feed import LiveFeed
+from rig.live.phases import begin_phase
 from rig.sessions.layout import TIMING
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import FinishedLift, finished
@@ -116,6 +117,7 @@ def measure_wire(
         began = time.perf_counter()
         try:
             settings = TrialSettings(config, 0, choice)
+            begin_phase("lifting over the wire in real time")
             run_trial(folder, settings, [object_id], 1, benches=benches, live=live)
         finally:
             benches.close()
@@ -130,6 +132,7 @@ def measure_wire(
     controller_core = status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S)
     task = LiftTask(1, row.object, row.lift, row.attempt)
     fake = load_bench("fake")
+    begin_phase(f"lifting with {seeds} seeds in this process")
     again = finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
     period_ms = 1e3 / max(tactile.rate_hz for tactile in config.tactile)
     late = timing.capture_to_angle or {}

@@ -12,6 +12,7 @@ from rig.cli.common import ask, emit_json, say, tell
 from rig.cli.dry_run import dry_run
 from rig.cli.places import folder_place
 from rig.cli.watching import Work, watched
+from rig.live.phases import begin_phase
 
 if TYPE_CHECKING:
     from drivers.types import Frame
@@ -85,6 +86,7 @@ def recorded(context: typer.Context, source: Path) -> Path:
         if context.params[option]:
             named = option.replace("_", "-")
             raise InputError(f"--{named} looks on at a bench, and --from {source} needs none: leave it out")
+    begin_phase(f"calibrating from {source}")
     return source
 
 

@@ -156,17 +156,28 @@ def test_the_time_left_counts_lifts_in_progress_and_never_stands_still(
     inbox.close()
 
 
-def test_the_time_left_of_work_that_says_nothing_counts_down() -> None:
+def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     clock = SimulatedClock()
     left = TimeLeft(10, clock=clock)
+    clock.sleep_until(to_ns(60.0))  # libraries load, workers start
+    left.piece_done(6, 10)
     assert left.counting_down() is None
-    clock.sleep_until(to_ns(10.0))
-    left.piece_done(6, 10)  # five were done by an earlier run
-    assert left.counting_down() == pytest.approx(40.0)
-    clock.sleep_until(to_ns(15.0))
-    assert left.counting_down() == pytest.approx(35.0)
+    clock.sleep_until(to_ns(70.0))
+    left.piece_done(7, 10)
+    assert left.counting_down() == pytest.approx(30.0)
+    clock.sleep_until(to_ns(75.0))
+    assert left.counting_down() == pytest.approx(25.0)
     assert left_text(79.6) == "about 1 min 20 s left"
     assert left_text(7200) == "about 2.0 h left"
+
+
+def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
+    clock = SimulatedClock()
+    left = TimeLeft(45, done=25, clock=clock, usual_s=6.0)
+    assert left.seconds() == pytest.approx(120.0)
+    left.begin()
+    clock.sleep_until(to_ns(12.0))  # the first two lifts include the start of two worker processes
+    assert 100.0 < (left.seconds((0.15, 0.15)) or 0.0) < 180.0  # without the earlier pace 788 s
 
 
 def test_what_several_lifts_say_at_the_first_look_tells_no_time() -> None:

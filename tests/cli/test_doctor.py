@@ -1,0 +1,67 @@
+"""What `rig doctor` prints at 80 columns, and what `rig fakes serve --write` ends with."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rig.cli.fitting import TableConsole
+from rig.config import load_bench
+from rig.doctor.finding import Finding, Severity
+from support.command_line import rig
+
+RATE = "36.15 of 60 a second, 2 missed; p50/p95/p99/max 16.8/46.5/49.1/49.8 ms apart"
+USB = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
+FINDINGS = (
+    Finding("computer", "software", Severity.GOOD, "Python 3.11.7, 2 cores"),
+    Finding("gripper", "state", Severity.NOTE, "not activated"),
+    Finding("SIM-D0001", "frames", Severity.WARNING, RATE, USB),
+    Finding("SIM-D0002", "frames", Severity.WARNING, RATE, USB),
+    Finding("arm", "reached", Severity.FAILURE, f"no answer {'x' * 70}", "check power, cable and address"),
+)
+
+
+def doctor(monkeypatch: pytest.MonkeyPatch, *findings: Finding) -> list[str]:
+    monkeypatch.setattr("rig.doctor.examination.examine", lambda *_: iter(findings))
+    monkeypatch.setattr("rig.cli.fitting.table_console", lambda: TableConsole(width=80))
+    done = rig("doctor")
+    assert done.returncode == any(each.verdict == "failure" for each in findings)
+    return done.stdout.splitlines()
+
+
+def test_doctor_prints_one_line_per_check_then_the_verdict_then_the_cures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lines = doctor(monkeypatch, *FINDINGS)
+    assert all(len(line) <= 80 for line in lines)
+    assert [line.split()[0] for line in lines[:5]] == ["failure", "warning", "warning", "note", "good"]
+    assert lines[5] == "SIMULATED bench 'fake': not fit for a trial: 1 failure, 2 warnings"
+    cures = " ".join(" ".join(lines[6:]).split())
+    assert f"- SIM-D0001 frames, SIM-D0002 frames: {USB}" in cures
+    assert "xx; check power, cable and address" in cures  # all of a failure's message stands here
+
+
+@pytest.mark.parametrize(
+    ("findings", "verdict"),
+    [(FINDINGS[:2], "fit for a trial"), (FINDINGS[:3], "fit for a trial, with 1 warning")],
+)
+def test_doctor_verdict_without_failures(
+    monkeypatch: pytest.MonkeyPatch, findings: tuple[Finding, ...], verdict: str
+) -> None:
+    lines = doctor(monkeypatch, *findings)
+    assert lines[len(findings)] == f"SIMULATED bench 'fake': {verdict}"
+
+
+def test_fakes_serve_ends_with_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def hosted(*_: object) -> Iterator[tuple[Any, Any]]:
+        yield load_bench("wire"), SimpleNamespace(wait=lambda: None)
+
+    monkeypatch.setattr("rig.bench.fakes_process.hosted_fakes", hosted)
+    file = tmp_path / "my fakes.toml"
+    done = rig("fakes", "serve", "--write", file)
+    trial = f"rig trial --lifts 1 --object wrench --bench '{file}'"
+    assert done.stderr.splitlines()[-1] == f"next, in another terminal: {trial}"

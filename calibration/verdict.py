@@ -89,7 +89,7 @@ def limit(value: float, weak_above: float, refuse_above: float, text: str, what:
     """Assess a number that should be small; NaN is refused.
 
     text: the reason, with `{value}` in it. what: the number in words, with `{value}` in it; by default the
-    text up to its first colon or semicolon.
+    text up to its first colon, semicolon or "only".
     """
     return _compared(value, weak_above, refuse_above, text, what, "at most")
 
@@ -104,7 +104,7 @@ def _compared(value: float, good: float, usable: float, text: str, what: str, bo
     said = text.format(value=value)
     refused, weak = not sense * value <= sense * usable, not sense * value <= sense * good
     verdict = Verdict.REFUSED if refused else Verdict.WEAK if weak else Verdict.GOOD
-    named = what.format(value=value) or re.split("[:;]", said, maxsplit=1)[0].removesuffix(" only")
+    named = what.format(value=value) or re.split("[:;]| only", said, maxsplit=1)[0]
     limits = (f"{bound} {end:.3g}" if math.isfinite(end) else "any" for end in (good, usable))
     check = Check(named, *limits, verdict)
     return Assessment((said,) if refused else (), (said,) if weak and not refused else (), (check,))

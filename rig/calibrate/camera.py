@@ -116,7 +116,7 @@ def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
     return [
         Picture(
             "Poses in 3D",
-            "The board in each view, in the camera's frame. The longest axis is z, along which the camera looks.",
+            "The board in each view, in the camera's frame. The longest axis is z, the line of sight.",
             figures.poses({"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]}),
         ),
         Picture(

@@ -107,9 +107,11 @@ def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
     groups = {name: group[:: -(-len(group) // _MOST_POSES)] for name, group in groups.items() if group}
     places = {name: np.array([pose.position_m for pose in group]) for name, group in groups.items()}
     everywhere = np.vstack(list(places.values()))
-    length = 0.08 * max(float(np.ptp(everywhere, axis=0).max()), 0.05)
+    middle = (everywhere.max(axis=0) + everywhere.min(axis=0)) / 2
+    half = 0.6 * max(float(np.ptp(everywhere, axis=0).max()), 0.05)
+    length = 0.13 * half
     with drawing(400, _WIDTH_PX, arranged=False) as figure:
-        axes: Any = figure.add_axes((0.02, 0.04, 0.86, 0.88), projection="3d")
+        axes: Any = figure.add_axes((0.0, 0.05, 0.9, 0.87), projection="3d")
         for (name, at), colour in zip(places.items(), cycle(SERIES), strict=False):
             axes.plot(*at.T, "o", markersize=3.0, label=name, color=colour.light)
             turns = np.array([pose.rotation.as_matrix() for pose in groups[name]])
@@ -117,12 +119,14 @@ def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
             gap = np.full_like(ends, np.nan)
             lines = np.stack([np.broadcast_to(at[:, None], ends.shape), ends, gap], axis=2).reshape(-1, 3)
             axes.plot(*lines.T, linewidth=0.9, color=colour.light)
-        axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-        axes.set_aspect("equal")
-        axes.tick_params(labelsize=10)
-        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        for name in "xyz":
+            getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=4)
+        axes.set_box_aspect((1.0, 1.0, 1.0))
+        axes.tick_params(labelsize=10, pad=0)
+        for axis, centre in zip((axes.xaxis, axes.yaxis, axes.zaxis), middle, strict=True):
+            axis.set_view_interval(centre - half, centre + half, ignore=True)
             axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
-            axis.set_major_locator(MaxNLocator(4))
+            axis.set_major_locator(MaxNLocator(3))
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08), ncols=len(places), columnspacing=1.1)
         return svg(figure, f"poses in 3D: {', '.join(places)}")
 

@@ -105,8 +105,8 @@ def _compared(value: float, good: float, usable: float, text: str, what: str, bo
     refused, weak = not sense * value <= sense * usable, not sense * value <= sense * good
     verdict = Verdict.REFUSED if refused else Verdict.WEAK if weak else Verdict.GOOD
     named = what.format(value=value) or re.split("[:;]| only", said, maxsplit=1)[0]
-    limits = (f"{bound} {end:.3g}" if math.isfinite(end) else "any" for end in (good, usable))
-    check = Check(named, *limits, verdict)
+    good_text, usable_text = (f"{bound} {e:.3g}" if math.isfinite(e) else "any" for e in (good, usable))
+    check = Check(named, good_text, usable_text, verdict)
     return Assessment((said,) if refused else (), (said,) if weak and not refused else (), (check,))
 
 

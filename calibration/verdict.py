@@ -1,5 +1,7 @@
 """The verdict on a calibration, good, weak or refused, with its reasons."""
 
+import math
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -17,11 +19,22 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Check:
+    """A number that was compared with its limits. what: the number in words; good, usable: the limits."""
+
+    what: str
+    good: str
+    usable: str
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
 class Assessment:
-    """Refusals and doubts; each says what was seen and what to do about it."""
+    """Refusals and doubts; each says what was seen and what to do about it. checks: all numbers compared."""
 
     refusals: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -36,8 +49,10 @@ class Assessment:
         return self.refusals + self.doubts
 
     def __add__(self, other: "Assessment") -> "Assessment":
-        """The reasons of both."""
-        return Assessment(self.refusals + other.refusals, self.doubts + other.doubts)
+        """The reasons and checks of both."""
+        return Assessment(
+            self.refusals + other.refusals, self.doubts + other.doubts, self.checks + other.checks
+        )
 
     def __str__(self) -> str:
         """Verdict and reasons in one line."""
@@ -70,20 +85,29 @@ def sift(
     return kept, rejected
 
 
-def limit(value: float, weak_above: float, refuse_above: float, text: str) -> Assessment:
-    """Assess a number that should be small; NaN is refused. text: the reason, with `{value}` in it."""
-    said = text.format(value=value)
-    if not value <= refuse_above:
-        return Assessment(refusals=(said,))
-    return Assessment(doubts=(said,)) if value > weak_above else Assessment()
+def limit(value: float, weak_above: float, refuse_above: float, text: str, what: str = "") -> Assessment:
+    """Assess a number that should be small; NaN is refused.
+
+    text: the reason, with `{value}` in it. what: the number in words, with `{value}` in it; by default the
+    text up to its first colon, semicolon or "only".
+    """
+    return _compared(value, weak_above, refuse_above, text, what, "at most")
 
 
-def floor(value: float, weak_below: float, refuse_below: float, text: str) -> Assessment:
-    """Assess a number that should be large; NaN is refused. text: the reason, with `{value}` in it."""
+def floor(value: float, weak_below: float, refuse_below: float, text: str, what: str = "") -> Assessment:
+    """Assess a number that should be large; NaN is refused. text, what: as `limit` has them."""
+    return _compared(value, weak_below, refuse_below, text, what, "at least")
+
+
+def _compared(value: float, good: float, usable: float, text: str, what: str, bound: str) -> Assessment:
+    sense = 1.0 if bound == "at most" else -1.0
     said = text.format(value=value)
-    if not value >= refuse_below:
-        return Assessment(refusals=(said,))
-    return Assessment(doubts=(said,)) if value < weak_below else Assessment()
+    refused, weak = not sense * value <= sense * usable, not sense * value <= sense * good
+    verdict = Verdict.REFUSED if refused else Verdict.WEAK if weak else Verdict.GOOD
+    named = what.format(value=value) or re.split("[:;]| only", said, maxsplit=1)[0]
+    good_text, usable_text = (f"{bound} {e:.3g}" if math.isfinite(e) else "any" for e in (good, usable))
+    check = Check(named, good_text, usable_text, verdict)
+    return Assessment((said,) if refused else (), (said,) if weak and not refused else (), (check,))
 
 
 def rests_on(what: str, doubts: tuple[str, ...]) -> Assessment:

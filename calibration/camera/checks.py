@@ -56,6 +56,7 @@ def assess_camera(result: CameraFit) -> Assessment:
     bent = limit(
         neighbour_correlation(result.fit), 0.4, np.inf,
         "errors of neighbouring corners are alike ({value:.2f}; noise: 0): focus moved, or board bent?",
+        "correlation of the errors of neighbouring corners: {value:.2f}",
     )  # fmt: skip
     return bent + tilts + known + unseen + mapped + seen + enough + noise
 
@@ -68,5 +69,9 @@ def _assess_tilts(spread_deg: float, largest_deg: float) -> Assessment:
             refusals=(f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}",)
         )
     return floor(
-        spread_deg, 20.0, 0.0, "the board's tilt hardly changed ({value:.1f} degrees in all): " + hint
+        spread_deg,
+        20.0,
+        0.0,
+        "the board's tilt hardly changed ({value:.1f} degrees in all): " + hint,
+        "the board's tilt changed by {value:.1f} degrees in all",
     )

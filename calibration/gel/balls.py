@@ -189,7 +189,11 @@ def _assess(result: BallFit) -> Assessment:
         100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
     )
     assessment += limit(
-        result.null_rms, 0.03, 0.2, "where nothing touches, the slope is {value:.3f} and not zero"
+        result.null_rms,
+        0.03,
+        0.2,
+        "where nothing touches, the slope is {value:.3f} and not zero",
+        "slope where nothing touches: {value:.3f}",
     )
     assessment += floor(
         len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good"

@@ -109,7 +109,11 @@ def assess_reference(reference: Reference, drift: Drift | None = None) -> Assess
     )
     assessment += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
     assessment += floor(
-        float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)"
+        float(reference.image.mean()),
+        25.0,
+        8.0,
+        "the picture is dark (mean {value:.0f} grey)",
+        "mean brightness: {value:.0f} grey",
     )
     if drift is None:
         return assessment + Assessment(

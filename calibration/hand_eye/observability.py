@@ -75,9 +75,14 @@ def assess_motion(seen: Observability) -> Assessment:
             GOOD_RATIO,
             0.01,
             "turns are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+            "how far the axes of the turns differ, as a ratio: {value:.2f}",
         )
         + floor(
-            seen.rotation_gap, GOOD_GAP, 1e-4, "the rotation is weakly determined (gap {value:.1e}): " + _HINT
+            seen.rotation_gap,
+            GOOD_GAP,
+            1e-4,
+            "the rotation is weakly determined (gap {value:.1e}): " + _HINT,
+            "how well the turns determine the rotation, as a gap of eigenvalues: {value:.1e}",
         )
     )
 

@@ -134,11 +134,12 @@ def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: flo
         limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
         + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
         + floor(count, 10, FEWEST_SAMPLES, "{value} pairs used; 15 are good")
-        + limit(left_out, 0.15 * pairs, np.inf, "{value} pairs left out, see why")
+        + limit(left_out, 0.15 * pairs, np.inf, "{value} pairs left out; see why")
         + limit(
             alike, 0.3, np.inf,
             "errors of neighbouring pairs are alike ({value:.2f}; noise: 0), which widens sigma: does the "
             "robot's model, the clock or the detector's scale drift?",
+            "correlation of the errors of neighbouring pairs: {value:.2f}",
         )
     )  # fmt: skip
 

@@ -9,14 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
-from calibration.hand_eye.observability import (
-    GOOD_GAP,
-    GOOD_RATIO,
-    GOOD_TURN_DEG,
-    Observability,
-    assess_motion,
-    observability,
-)
+from calibration.hand_eye.observability import Observability, assess_motion, observability
 from calibration.hand_eye.refine import Refined, refine
 from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem, usable_samples
 from calibration.hand_eye.target_pose import consistent_choice, target_poses
@@ -136,31 +129,9 @@ def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraMo
         + _assess_sigma(1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, _POSITION)
         + _assess_sigma(np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), _ORIENTATION)
         + floor(spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES, "{value} samples used; 15 are good")
-        + limit(rejected, 0.15 * (spread.samples + rejected), np.inf, "{value} samples left out, see why")
+        + limit(rejected, 0.15 * (spread.samples + rejected), np.inf, "{value} samples left out; see why")
         + rests_on("camera", camera.doubts)
     )  # fmt: skip
-
-
-def shares_of_good(result: HandEyeResult) -> dict[str, float]:
-    """How each number that the verdict goes by compares with what "good" asks for: 1 is just enough.
-
-    Below 1 is what the verdict doubts or refuses. Twice as good as asked is the most that is told.
-    """
-    shares: dict[str, float] = {}
-    if (motion := result.motion) is not None:
-        shares |= {
-            "turns": motion.max_angle_deg / GOOD_TURN_DEG,
-            "axes": motion.translation_ratio / GOOD_RATIO,
-            "rotation": motion.rotation_gap / GOOD_GAP,
-        }
-    if (spread := result.spread) is not None:
-        shares |= {
-            "samples": spread.samples / _GOOD_SAMPLES,
-            "fit": _GOOD_RMS_PX / max(result.rms_px or 0.0, 1e-9),
-            "position": _POSITION.weak / max(1e3 * float(np.linalg.norm(spread.sigma_m)), 1e-9),
-            "orientation": _ORIENTATION.weak / max(float(np.linalg.norm(np.degrees(spread.sigma_rad))), 1e-9),
-        }
-    return {name: min(share, 2.0) for name, share in shares.items()}
 
 
 def _assess_sigma(sigma: Array, from_camera: Array, judged: "_Judged") -> Assessment:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibration.camera.checks import assess_camera, board_tilts_deg, tilt_spread_deg
 from calibration.camera.files import TERMS, camera_info
@@ -13,6 +14,7 @@ from calibration.targets.views import View, coverage
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
 from drivers.images import read_image
+from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 from rig.calibrate.sources import picture_files
@@ -107,7 +109,16 @@ def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
         missed.append(view.image_px - fit.camera.project_from(view.board_m, turn, move)[0])
     limit = 3.0 * float(np.median(fit.view_rms_px))
+    boards = [
+        Pose.from_rotation(move, Rotation.from_rotvec(turn))
+        for turn, move in zip(fit.rotations, fit.translations, strict=True)
+    ]
     return [
+        Picture(
+            "Poses in 3D",
+            "The board in each view, in the camera's frame. The longest axis is z, the line of sight.",
+            figures.poses({"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]}),
+        ),
         Picture(
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of "

@@ -53,6 +53,10 @@ def tip_from_folder(
     if found.tip_m is None or found.covariance is None:
         return result
     result = _with_tip(result, found, found.tip_m, found.covariance)
+    tips = [pose.translated(*pose.rotation.apply(found.tip_m)) for pose in poses.values()]
+    text = "The flange in each pose and the tip that follows from it, in the robot's base frame."
+    shown = Picture("Poses in 3D", text, figures.poses({"flange": list(poses.values()), "tip": tips}))
+    result = replace(result, pictures=[shown, *result.pictures])
     return result if flange_T_tcp is None else _compared(result, found.tip_m, flange_T_tcp, accept_change)
 
 

@@ -2,32 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from typing import Any
 
 import cv2
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from drivers.images import encode_png
-from drivers.types import Image
+from drivers.types import Image, Pose
 from rig.pages.figure import drawing, legend_above, svg
 from rig.pages.palette import ESTIMATE, INK, SERIES, WARNING
 
 Array = NDArray[np.floating]
 _WIDTH_PX = 440
+_MOST_POSES = 60
 _MOST_NAMES = 14
 """Names below an axis that a phone still shows apart."""
 
 
-def bars(
-    values: Mapping[str, float], label: str, limit: float | None = None, least: float | None = None
-) -> Markup:
-    """A bar per sample, the ones above `limit` or below `least` in another colour."""
+def bars(values: Mapping[str, float], label: str, limit: float | None = None) -> Markup:
+    """A bar per sample, the ones above `limit` in another colour."""
     names, heights = list(values), list(values.values())
-    beyond = [
-        (limit is not None and height > limit) or (least is not None and height < least) for height in heights
-    ]
+    beyond = [limit is not None and height > limit for height in heights]
     with drawing(260, _WIDTH_PX) as figure:
         axes = figure.subplots()
         axes.bar(range(len(names)), heights, color=[(WARNING if far else ESTIMATE).light for far in beyond])
@@ -35,8 +34,8 @@ def bars(
         axes.set_xticks(range(0, len(names), step), names[::step], rotation=90)
         axes.set_ylabel(label)
         axes.grid(False, axis="x")
-        for border in filter(None, (limit, least)):
-            axes.axhline(border, color=INK.light, linewidth=1.0, linestyle=(0, (4, 2)))
+        if limit:
+            axes.axhline(limit, color=INK.light, linewidth=1.0, linestyle=(0, (4, 2)))
         return svg(figure, f"bars: {label}")
 
 
@@ -98,6 +97,38 @@ def scatter(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: st
         if len(groups) > 1:
             legend_above(axes, 2)
         return svg(figure, f"{y_label} over {x_label}: {', '.join(groups)}")
+
+
+def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
+    """Poses of several groups in 3D, in one parent frame: a dot each, with its x, y and z axes.
+
+    The z axis is the longest line, so that the direction in which a camera looks or a tool points is seen.
+    """
+    groups = {name: group[:: -(-len(group) // _MOST_POSES)] for name, group in groups.items() if group}
+    places = {name: np.array([pose.position_m for pose in group]) for name, group in groups.items()}
+    everywhere = np.vstack(list(places.values()))
+    middle = (everywhere.max(axis=0) + everywhere.min(axis=0)) / 2
+    half = 0.6 * max(float(np.ptp(everywhere, axis=0).max()), 0.05)
+    length = 0.13 * half
+    with drawing(400, _WIDTH_PX, arranged=False) as figure:
+        axes: Any = figure.add_axes((0.0, 0.05, 0.9, 0.87), projection="3d")
+        for (name, at), colour in zip(places.items(), cycle(SERIES), strict=False):
+            axes.plot(*at.T, "o", markersize=3.0, label=name, color=colour.light)
+            turns = np.array([pose.rotation.as_matrix() for pose in groups[name]])
+            ends = at[:, None] + np.swapaxes(turns, 1, 2) * (length * np.array([[0.6], [0.6], [1.6]]))
+            gap = np.full_like(ends, np.nan)
+            lines = np.stack([np.broadcast_to(at[:, None], ends.shape), ends, gap], axis=2).reshape(-1, 3)
+            axes.plot(*lines.T, linewidth=0.9, color=colour.light)
+        for name in "xyz":
+            getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=4)
+        axes.set_box_aspect((1.0, 1.0, 1.0))
+        axes.tick_params(labelsize=10, pad=0)
+        for axis, centre in zip((axes.xaxis, axes.yaxis, axes.zaxis), middle, strict=True):
+            axis.set_view_interval(centre - half, centre + half, ignore=True)
+            axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
+            axis.set_major_locator(MaxNLocator(3))
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08), ncols=len(places), columnspacing=1.1)
+        return svg(figure, f"poses in 3D: {', '.join(places)}")
 
 
 def _over_picture(axes: Axes, size: tuple[int, int]) -> None:

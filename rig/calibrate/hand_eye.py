@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye, shares_of_good
+from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.targets.boards import Target
 from calibration.targets.views import View
 from calibration.verdict import Rejected
@@ -68,7 +68,12 @@ def hand_eye_result(
         source,
         len(result.used),
         [*rejected, *result.rejected],
-        pictures=_pictures(result, views, camera),
+        pictures=[
+            *poses_picture(
+                setup, result.pose, result.target, [s.base_T_tcp for s in samples if s.id in result.used]
+            ),
+            *_pictures(result, views, camera),
+        ],
     )
 
 
@@ -91,6 +96,20 @@ def place_value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[st
         **_transform(parent, child, pose),
         "target": _transform(holder, "target", target),
     }
+
+
+def poses_picture(
+    setup: Setup, pose: Pose | None, target: Pose | None, robot: Sequence[Pose]
+) -> list[Picture]:
+    """Draw robot, camera and target of all samples in the base frame; nothing without an answer."""
+    if pose is None or target is None:
+        return []
+    moving = setup is Setup.EYE_IN_HAND
+    cameras = [at @ pose for at in robot] if moving else [pose]
+    targets = [target] if moving else [at @ target for at in robot]
+    groups = {"TCP": robot, "camera": cameras, "target": targets, "base": [Pose((0.0, 0.0, 0.0))]}
+    text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
+    return [Picture("Poses in 3D", text, figures.poses(groups))]
 
 
 def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
@@ -165,14 +184,6 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
                 "Where the target was seen",
                 "Its points in all samples.",
                 figures.scatter({"points": (points[:, 0], camera.size[1] - points[:, 1])}, "x, px", "up, px"),
-            )
-        )
-        pictures.append(
-            Picture(
-                "Is it enough?",
-                "What the verdict goes by, as a share of what good asks for: what is below 1 is doubted or "
-                "refused. A camera that is not good makes the verdict weak all the same.",
-                figures.bars(shares_of_good(result), "share", least=1.0),
             )
         )
     return pictures

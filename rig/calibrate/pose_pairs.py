@@ -8,7 +8,7 @@ from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
 from calibration.verdict import Rejected
-from rig.calibrate.hand_eye import place_value
+from rig.calibrate.hand_eye import place_value, poses_picture
 from rig.calibrate.result import CalibrationResult
 from rig.calibrate.sources import read_poses
 
@@ -33,6 +33,7 @@ def hand_eye_from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationR
         "hand-eye", {"camera": serial}, place_value(setup, result.pose, result.target), _quality(result),
         result.assessment, _numbers(result), str(folder), len(result.used),
         [*rejected, *result.rejected], files,
+        poses_picture(setup, result.pose, result.target, [robot[name] for name in result.used]),
     )  # fmt: skip
 
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
 from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
@@ -13,6 +15,7 @@ from rig.experiments.process_pool import run_tasks
 from rig.lift.marker_truth import TRUTH
 from rig.lift.result import lift_result
 from rig.lift.slip_watch import SlipSettings
+from rig.results.metrics import Floats
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import show_again
@@ -95,10 +98,12 @@ def replay_around_gaps(
     return again, gaps_text(path, gaps) if gaps else None
 
 
-def replay_or_problem(folder: Path, settings: TrialSettings, row: FinishedLift) -> FinishedLift | str:
-    """Watch one recorded lift again; return its row, or why its recording cannot be read as a whole."""
+def replay_or_problem(
+    folder: Path, settings: TrialSettings, row: FinishedLift
+) -> tuple[FinishedLift, Floats] | str:
+    """Replay one lift as `replay_with_angles`; return why, if its recording cannot be read as a whole."""
     try:
-        return replay_lift(folder, settings, row)
+        return replay_with_angles(folder, settings, row)
     except RigError as error:
         return str(error)
 
@@ -106,16 +111,27 @@ def replay_or_problem(folder: Path, settings: TrialSettings, row: FinishedLift) 
 def replay_lift(
     folder: Path, settings: TrialSettings, row: FinishedLift, gaps: Gaps | None = None
 ) -> FinishedLift:
-    """Watch one recorded lift again; return its row with the measured part made anew.
+    """Return the row alone of `replay_with_angles`."""
+    return replay_with_angles(folder, settings, row, gaps)[0]
 
-    gaps: list to which damage of the recording is added, and then passed over. Raises `SessionError`.
+
+def replay_with_angles(
+    folder: Path, settings: TrialSettings, row: FinishedLift, gaps: Gaps | None = None
+) -> tuple[FinishedLift, Floats]:
+    """Replay one recorded lift; return its row with the measured part computed again, and its angles.
+
+    The angles are (N, 3): time by the recording's clock in s, fused angle and sigma in degrees, NaN where
+    refused. gaps: list to which damage of the recording is added, and then passed over. Raises
+    `SessionError`.
     """
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     phases_ns = show_again(folder / row.recording, measurement, measurement, known_ns, gaps)
     figures, _ = lift_result(measurement)
     phases_s = {name: time_ns / NS_PER_S for name, time_ns in phases_ns.items()}
-    return replace(row, **{**vars(figures), "phases_s": phases_s})
+    again = replace(row, **{**vars(figures), "phases_s": phases_s})
+    angles = [(s.time_ns / NS_PER_S, s.angle_deg, s.sigma_deg) for s in measurement.fused]
+    return again, np.array(angles, float).reshape(-1, 3)
 
 
 def repeats(folder: Path, settings: TrialSettings) -> bool:

@@ -6,18 +6,22 @@ at the width it is shown at on a desktop, and shrinks to a phone's with its labe
 
 import io
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from rig.pages.palette import INK, LINE, MUTED, PAPER, by_light_hex
 
+Floats = NDArray[np.float64]
 PX_PER_INCH = 72
 """An SVG of matplotlib counts 72 units per inch: here one unit is one CSS pixel."""
 WIDTH_PX = 400
@@ -62,8 +66,11 @@ def drawing(height_px: float, width_px: float = WIDTH_PX, arranged: bool = True)
     """Give an empty figure of this size in CSS pixels, in the pages' style.
 
     arranged: find room for all labels, which takes as long as drawing; else the caller places its axes.
+    A character that matplotlib's font lacks (in a name, for example) causes no warning: text stays text in
+    SVG, and the browser has the character.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font")
         size = (width_px / PX_PER_INCH, height_px / PX_PER_INCH)
         yield Figure(figsize=size, layout="constrained" if arranged else None)
 
@@ -73,6 +80,24 @@ def placed(figure: Figure, left_px: float, top_px: float, right_px: float, botto
     width, height = figure.get_size_inches() * PX_PER_INCH
     spans = (width - left_px - right_px) / width, (height - top_px - bottom_px) / height
     return figure.add_axes((left_px / width, bottom_px / height, *spans))
+
+
+def limits(*values: Floats, room: float, least: float) -> tuple[float, float]:
+    """Return axis limits that contain 0 and all finite values.
+
+    room: margin on either side, as a share of the range; least: smallest margin, in the values' unit.
+    """
+    known = np.concatenate([np.zeros(1), *(np.ravel(part) for part in values)])
+    known = known[np.isfinite(known)]
+    low, high = float(known.min()), float(known.max())
+    margin = max(room * (high - low), least)
+    return low - margin, high + margin
+
+
+def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str) -> None:
+    """Fill `middle` +- `half`, cut off where the axes end. Set the axes' limits before the call."""
+    low, high = (np.clip(edge, *axes.get_ylim()) for edge in (middle - half, middle + half))
+    axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0)
 
 
 def svg(figure: Figure, alt: str) -> Markup:

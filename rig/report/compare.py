@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.errors import InputError
+from rig.report.curves import LiftCurves
 from rig.report.session import lift_name, object_label
 from rig.results.metrics import FEWEST_LIFTS, Floats, mean_interval, over_lifts
 from rig.sessions.records import ErrorSummary, FinishedLift
@@ -13,10 +14,15 @@ from rig.sessions.records import ErrorSummary, FinishedLift
 
 @dataclass(frozen=True, slots=True)
 class ComparedLift:
-    """A lift on one side. frame_ms: median wall time per tactile frame, None where it was not timed."""
+    """A lift on one side.
+
+    frame_ms: median wall time per tactile frame, None where it was not timed. curves: None where its
+    recording cannot be read.
+    """
 
     row: FinishedLift
     frame_ms: float | None = None
+    curves: LiftCurves | None = None
 
 
 Pair = tuple[ComparedLift, ComparedLift]

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 
 from rig.pages.figure import drawing, svg
 from rig.pages.page import render
-from rig.pages.palette import FIRST, INK, MUTED, SECOND
+from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
+from rig.report.lift_chart import pair_chart
 from rig.report.parts import Chart, Table
 from rig.report.session import object_label
 from rig.report.text import made_text
@@ -40,9 +41,11 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         chart=difference_chart(comparison),
         figures=figure_table(comparison),
         objects=object_table(comparison),
+        lifts=lift_charts(comparison),
         alone=comparison.alone,
         notes=notes,
         colours=(FIRST.css, SECOND.css),
+        truth=TRUTH.css,
         made=made_text(datetime.now(UTC)),
     )
 
@@ -74,6 +77,24 @@ def difference_chart(comparison: Comparison) -> Chart:
         title = "Who is closer to the markers, and where"
         caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
         return Chart(title, svg(figure, f"{title}: {first} and {second}"), caption)
+
+
+def lift_charts(comparison: Comparison) -> list[Chart]:
+    """Both sides' curves of every lift that has them, the largest difference of the mean error first."""
+    charts = []
+    for first, second in comparison.pairs:
+        if first.curves is None or second.curves is None:
+            continue
+        errors = [lift.row.re for lift in (first, second)]
+        apart = [error.mean_deg for error in errors if error is not None]
+        rank = abs(apart[1] - apart[0]) if len(apart) == 2 else -1.0
+        parts = [
+            f"{shorten(name)}: "
+            + ("no answer" if error is None else f"mean error {error.mean_deg:.2f}\u00b0")
+            for name, error in zip(comparison.names, errors, strict=True)
+        ]
+        charts.append((rank, pair_chart(first.curves, second.curves, "; ".join(parts))))
+    return [chart for _, chart in sorted(charts, key=lambda entry: -entry[0])]
 
 
 def shorten(name: str) -> str:

@@ -9,13 +9,18 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cache, partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drivers.errors import RecordingError
+from drivers.whole_files import write_whole
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
+from rig.results.metrics import Floats
 from rig.sessions.codec import json_line
 from rig.sessions.files import append_line, drop_torn_line, state_folder
 from rig.sessions.layout import MANIFEST
@@ -25,31 +30,38 @@ from rig.sessions.rows import read_usable_lifts, readable_rows
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """What a replay's numbers depend on, below the folder of the packages."""
 Progress = Callable[[int, int, FinishedLift], None]
+Replayed = tuple[FinishedLift, Floats]
+"""A lift's row, and its angles as `replay_with_angles` returns them."""
 
 
 def replayed(
     folder: Path, settings: TrialSettings, jobs: int, progress: Progress
-) -> tuple[list[FinishedLift], tuple[str, ...], int]:
-    """Return a session's lifts seen by an estimator, what could not be read, and how many were kept before.
+) -> tuple[list[Replayed], tuple[str, ...], int]:
+    """Replay a session's lifts; return them, what could not be read, and how many were kept before.
 
     Raises `SessionError` for a damaged session.
     """
     usable = read_usable_lifts(folder)
     file = None if settings.estimator.foreign else _file(folder, settings)
-    kept = {(row.number, row.attempt): _measured(row) for row in _kept(file)} if file else {}
-    known = [row for row in usable.lifts if (row.number, row.attempt) in kept]
-    rows = {row.number: replace(row, **kept[row.number, row.attempt]) for row in known}
-    before, problems = len(rows), list(usable.problems)
-    left = [row for row in usable.lifts if row.number not in rows]
-    for _, row in run_tasks(partial(replay_or_problem, folder, settings), left, jobs):
-        if isinstance(row, str):
-            problems.append(row)
+    kept = {(row.number, row.attempt): row for row in _kept(file)} if file else {}
+    found: dict[int, Replayed] = {}
+    for row in usable.lifts:
+        before = kept.get((row.number, row.attempt))
+        angles = None if file is None or before is None else _kept_angles(file, row)
+        if before is not None and angles is not None:
+            found[row.number] = replace(row, **_measured(before)), angles
+    count, problems = len(found), list(usable.problems)
+    left = [row for row in usable.lifts if row.number not in found]
+    for _, again in run_tasks(partial(replay_or_problem, folder, settings), left, jobs):
+        if isinstance(again, str):
+            problems.append(again)
             continue
-        rows[row.number] = row
+        row = again[0]
+        found[row.number] = again
         if file is not None:
-            _keep(file, row)
-        progress(len(rows), len(usable.lifts), row)
-    return [rows[number] for number in sorted(rows)], tuple(problems), before
+            _keep(file, *again)
+        progress(len(found), len(usable.lifts), row)
+    return [found[number] for number in sorted(found)], tuple(problems), count
 
 
 def _measured(row: FinishedLift) -> dict[str, Any]:
@@ -65,13 +77,28 @@ def _kept(file: Path) -> list[FinishedLift]:
     return [row for row in rows if isinstance(row, FinishedLift)]
 
 
-def _keep(file: Path, row: FinishedLift) -> None:
+def _keep(file: Path, row: FinishedLift, angles: Floats) -> None:
+    data = BytesIO()
+    np.save(data, angles)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(_angles_file(file, row), data.getvalue())
         drop_torn_line(file)
         append_line(file, json_line(row))
     except (OSError, RecordingError):
         return  # it is in this comparison all the same
+
+
+def _angles_file(file: Path, row: FinishedLift) -> Path:
+    return file.with_name(f"{file.stem}_{row.number}_{row.attempt}.npy")
+
+
+def _kept_angles(file: Path, row: FinishedLift) -> Floats | None:
+    try:
+        angles = np.load(_angles_file(file, row), allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return None
+    return angles if angles.ndim == 2 and angles.shape[1] == 3 else None
 
 
 def _file(folder: Path, settings: TrialSettings) -> Path:

@@ -1,12 +1,14 @@
 """One lift in a picture: both angles over time, the phases, the onsets and what was claimed."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rig.pages.figure import PX_PER_INCH, WIDTH_PX, drawing, placed, svg
-from rig.pages.palette import ESTIMATE, INK, MUTED, PHASE, STATES, TRUTH
+from rig.pages.figure import PX_PER_INCH, WIDTH_PX, band, drawing, limits, placed, svg
+from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, PHASE, SECOND, STATES, TRUTH
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
@@ -33,6 +35,28 @@ def lift_chart(
         draw_lift(figure, lift)
         what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"
         return Chart(lift.name, svg(figure, f"{lift.name}: {what} over time"), caption)
+
+
+def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
+    """Draw one lift with the estimates of both sides of a comparison, and the marker angle of each."""
+    low, high = np.transpose([angle_range(replace(lift, tips={})) for lift in (first, second)])
+    starts, ends = np.transpose([shown_range(lift) for lift in (first, second)])
+    with drawing(HEIGHT_PX, arranged=False) as figure:
+        axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX)
+        axes.set(xlim=(starts.min(), ends.max()), ylim=(low.min(), high.max()))
+        _phases(axes, first)
+        same = np.array_equal(first.truth.angle_deg, second.truth.angle_deg, equal_nan=True)
+        drawn = [(first, first.truth, TRUTH, (4.0, 1.2)), (first, first.estimate, FIRST, (1.0, 0.0))]
+        drawn += [] if same else [(second, second.truth, TRUTH, (1.2, 1.2))]
+        drawn += [(second, second.estimate, SECOND, (1.0, 0.0))]
+        for lift, curve, colour, dashes in drawn:
+            start, end = shown_range(lift)
+            shown = (curve.time_s >= start) & (curve.time_s <= end)
+            axes.plot(curve.time_s[shown], curve.angle_deg[shown], color=colour.light, dashes=dashes)
+        axes.set_ylabel("angle, degrees")
+        axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        axes.set_xlabel(first.time_label, labelpad=1.0)
+        return Chart(first.name, svg(figure, f"{first.name}: both estimates and the marker angle"), caption)
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
@@ -100,15 +124,14 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
 def angle_range(lift: LiftCurves) -> tuple[float, float]:
     """The angles a lift's picture reaches over, deg."""
     start, end = shown_range(lift)
-    values = [np.zeros(1)]
+    values = []
     for curve in (lift.estimate, lift.truth):
-        seen = curve.angle_deg[(curve.time_s >= start) & (curve.time_s <= end)]
-        values.append(seen[np.isfinite(seen)])
+        values.append(curve.angle_deg[(curve.time_s >= start) & (curve.time_s <= end)])
     for _, angles in before_lift(lift):
         values.append(np.percentile(angles, _MOST_BEFORE))
-    low, high = float(np.concatenate(values).min()), float(np.concatenate(values).max())
-    room = max(0.08 * (high - low), (_LEAST_SPAN_DEG - (high - low)) / 2, 0.1)
-    return low - room, high + room
+    low, high = limits(*values, room=0.08, least=0.1)
+    missing = max(_LEAST_SPAN_DEG - (high - low), 0.0) / 2
+    return low - missing, high + missing
 
 
 def before_lift(lift: LiftCurves) -> list[tuple[Floats, Floats]]:
@@ -129,16 +152,15 @@ def _curves(axes: Axes, lift: LiftCurves, until_s: float) -> None:
     axes.set_xlim(start, end)
     axes.set_ylim(*angle_range(lift))
     for curve, colour, dashes in ((lift.truth, TRUTH, (4.0, 1.2)), (lift.estimate, ESTIMATE, (1.0, 0.0))):
-        known = curve.time_s <= min(until_s, end)
+        known = (curve.time_s >= start) & (curve.time_s <= min(until_s, end))
         times, angles = curve.time_s[known], curve.angle_deg[known]
         spread = SIGMAS * curve.sigma_deg[known]
         if curve is lift.estimate and np.isfinite(spread).any():
-            axes.fill_between(
-                times, angles - spread, angles + spread, color=colour.light, alpha=0.22, linewidth=0
-            )
+            band(axes, times, angles, spread, colour.light)
         axes.plot(times, angles, color=colour.light, dashes=dashes)
+    low, high = axes.get_ylim()
     for times, angles in before_lift(lift):
-        known = times <= until_s
+        known = (times <= until_s) & (angles >= low) & (angles <= high)
         axes.plot(times[known], angles[known], color=ESTIMATE.light, linewidth=0.8, alpha=0.7)
 
 

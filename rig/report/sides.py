@@ -6,10 +6,13 @@ from pathlib import Path
 
 from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
+from protocols.observer import Phase
 from rig.experiments.replay import session_settings
 from rig.report.compare import ComparedLift
+from rig.report.curves import Curve, LiftCurves
 from rig.report.kept_replays import replayed
-from rig.report.session import read_timing, read_usable
+from rig.report.session import UNREADABLE, read_curves, read_timing, read_usable
+from rig.results.metrics import Floats
 from rig.sessions.layout import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.records import LIFTS, FinishedLift, finished
@@ -45,7 +48,10 @@ def session_side(folder: Path, name: str | None = None) -> Side:
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
-    lifts = [ComparedLift(row, took.get((row.number, row.attempt))) for row in finished(rows)]
+    lifts = [
+        ComparedLift(row, took.get((row.number, row.attempt)), _curves(folder, row, manifest))
+        for row in finished(rows)
+    ]
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
     notes = tuple(notice.what for notice in problems)
@@ -63,11 +69,32 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     wanted = session_settings(folder, estimator, None).estimator
     if wanted == own.estimator:
         return stored
-    rows, problems, before = replayed(folder, replace(own, estimator=wanted), jobs, progress)
+    found, problems, before = replayed(folder, replace(own, estimator=wanted), jobs, progress)
+    rows = [row for row, _ in found]
     if not rows:
         raise SessionError(problems[0])
     kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in rows if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     asked = f"{wanted.name}, window {wanted.window}"
-    return Side(estimator, [ComparedLift(row) for row in rows], stored.simulated, asked, notes)
+    curves = {(lift.row.number, lift.row.attempt): lift.curves for lift in stored.lifts}
+    lifts = [
+        ComparedLift(row, curves=_again(curves.get((row.number, row.attempt)), row, angles))
+        for row, angles in found
+    ]
+    return Side(estimator, lifts, stored.simulated, asked, notes)
+
+
+def _curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> LiftCurves | None:
+    try:
+        return read_curves(folder, row, manifest)
+    except UNREADABLE:
+        return None
+
+
+def _again(stored: LiftCurves | None, row: FinishedLift, angles: Floats) -> LiftCurves | None:
+    """A lift's stored curves with the angles of a replay, (N, 3), in place of the estimate."""
+    if stored is None:
+        return None
+    estimate = Curve(angles[:, 0] - row.phases_s[Phase.LIFT], angles[:, 1], angles[:, 2])
+    return replace(stored, estimate=estimate, tips={})

@@ -72,7 +72,6 @@ def test_text_of_others_does_not_act_on_a_terminal(session: Path, name: str) -> 
     assert not [text for text in ACTING if text in written]
 
 
-@pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("name", NAMES)
 def test_text_of_others_holds_no_control_characters_away_from_a_terminal(session: Path, name: str) -> None:
     done = rig(*commands(session)[name])

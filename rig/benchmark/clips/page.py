@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from drivers.types import Image
 from rig.benchmark.clips.benchmark import ClipRun, ClipsResult
 from rig.benchmark.clips.scores import JudgedLabel
 from rig.benchmark.clips.tables import clip_table, limit_table, overall_table, verdict
 from rig.benchmark.estimators.benchmark import machine
-from rig.pages.figure import drawing, legend_above, svg
+from rig.pages.figure import Floats, band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
@@ -20,8 +22,9 @@ from rig.report.strips import Still, still
 SIGMAS = 2.0
 CHART_PX = (440, 260)
 STILL_WIDTH_PX, JPEG_QUALITY = 160, 80
-_ROOM = 0.15
-"""Of the labels' range, left above and below them: a sigma of 30 degrees does not shrink the curve."""
+_ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
+_BEFORE, _AFTER = 10, 5
+"""Frames shown before the reference and after the last label."""
 
 
 def page(result: ClipsResult) -> str:
@@ -54,15 +57,42 @@ def _clip(result: ClipsResult, runs: Sequence[ClipRun]) -> dict[str, object]:
 
 
 def chart(names: Sequence[str], runs: Sequence[ClipRun]) -> Markup:
-    """Draw a clip: labels with two sigma, the first estimator's angle with two sigma, the others thinner."""
+    """Draw a clip as SVG."""
     with drawing(CHART_PX[1], CHART_PX[0]) as figure:
-        axes = figure.add_subplot()
-        for name, run, colour in zip(names, runs, (ESTIMATE, *(SERIES * len(runs))), strict=False):
-            _curve(axes, name, run, colour.light, run is runs[0])
-        _labels(axes, runs[0])
-        axes.set(xlabel="frame", ylabel="angle, degrees")
-        legend_above(axes, 4)
+        draw_clip(figure, names, runs)
         return svg(figure, f"{runs[0].clip.name}: angles over frames, with the labels")
+
+
+def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> Axes:
+    """Draw labels with two sigma, the first estimator's angle with two sigma, the others' angles thinner.
+
+    The axes contain every label and angle; only the band of a large sigma is cut off, so that it does not
+    shrink the curves.
+    """
+    axes = figure.add_subplot()
+    first = runs[0]
+    labelled = [judged.label for judged in first.labels]
+    frames = np.array([label.frame for label in labelled])
+    angles = np.array([label.angle_deg for label in labelled])
+    errors = SIGMAS * np.array([label.sigma_deg for label in labelled])
+    shown = np.arange(
+        max(first.clip.reference_frame - _BEFORE, 0),
+        min(max(frames) + _AFTER + 1, len(first.estimate.angles_deg)),
+    )
+    curves = [_numbers(run.estimate.angles_deg)[shown] for run in runs]
+    axes.set_xlim(shown[0] - 0.5, shown[-1] + 0.5)
+    axes.set_ylim(limits(*curves, angles - errors, angles + errors, room=_ROOM, least=_LEAST_ROOM_DEG))
+    if first.has_sigma:
+        spread = SIGMAS * np.nan_to_num(_numbers(first.estimate.sigmas_deg)[shown])
+        band(axes, shown, curves[0], spread, ESTIMATE.light)
+    colours = (ESTIMATE, *(SERIES * len(runs)))
+    for number, (name, curve, colour) in enumerate(zip(names, curves, colours, strict=False)):
+        axes.plot(shown, curve, color=colour.light, linewidth=0.9 if number else 1.8, label=name)
+    axes.errorbar(frames, angles, errors, fmt="o", color=TRUTH.light, markersize=4, label="measured by hand")
+    axes.set(xlabel="frame", ylabel="angle, degrees")
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    legend_above(axes, 4)
+    return axes
 
 
 def stills(run: ClipRun) -> list[Still]:
@@ -76,27 +106,8 @@ def stills(run: ClipRun) -> list[Still]:
     ]
 
 
-def _curve(axes: Axes, name: str, run: ClipRun, colour: str, first: bool) -> None:
-    angles, sigmas = (
-        np.array([np.nan if value is None else value for value in values])
-        for values in (run.estimate.angles_deg, run.estimate.sigmas_deg)
-    )
-    frames = np.arange(len(angles))
-    if first and run.has_sigma:
-        spread = SIGMAS * np.nan_to_num(sigmas)
-        axes.fill_between(frames, angles - spread, angles + spread, color=colour, alpha=0.22, linewidth=0)
-    axes.plot(frames, angles, color=colour, linewidth=1.8 if first else 0.9, label=name)
-
-
-def _labels(axes: Axes, run: ClipRun) -> None:
-    frames = [judged.label.frame for judged in run.labels]
-    angles = [judged.label.angle_deg for judged in run.labels]
-    errors = [SIGMAS * judged.label.sigma_deg for judged in run.labels]
-    axes.errorbar(frames, angles, errors, fmt="o", color=TRUTH.light, markersize=4, label="measured by hand")
-    low, high = min(0.0, *angles), max(0.0, *angles)
-    room = max(_ROOM * (high - low), 3.0)
-    axes.set_ylim(low - room, high + room)
-    axes.set_xlim(run.clip.reference_frame - 10, max(frames) + 5)
+def _numbers(values: Sequence[float | None]) -> Floats:
+    return np.array(values, float)
 
 
 def _told(judged: JudgedLabel) -> str:

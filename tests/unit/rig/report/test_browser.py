@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from calibration.verdict import Assessment
+from calibration.verdict import floor, limit
+from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, file_result
 from rig.report.compare import compare_lifts
@@ -101,20 +103,30 @@ def calibration(folder: Path) -> Path:
         figures.arrows(places, places / 1e4, (640, 480), "misses"),
         figures.lines({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
         figures.scatter({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px"),
+        figures.poses({"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}),
     )
     pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
     numbers = {
         "to add to the stream": "1.2 ms",
         "a long name of a number of which there is much to say": "2 " * 30,
     }
+    checked = limit(0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster") + floor(
+        8, 10, 5, "{value} samples used; 15 are good"
+    )
     result = CalibrationResult(
-        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, {}, Assessment(), numbers, "folder", 40,
+        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, {}, checked, numbers, "folder", 40,
         pictures=pictures, simulated=True,
     )  # fmt: skip
     return file_result(result, folder).page
 
 
-FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 1, "broken": 0, "calibration": 5}
+POSES = [
+    Pose.from_rotation(
+        (0.4 + 0.02 * i, -0.3 + 0.05 * i, 0.2), Rotation.from_euler("xy", (180, 4 * i), degrees=True)
+    )
+    for i in range(12)
+]
+FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -141,11 +153,10 @@ def test_long_pages_have_contents_whose_links_lead_there(browser: Browser, pages
         "[...document.querySelectorAll('nav a')].map(a => [a.textContent, "
         "document.querySelector(a.getAttribute('href')).textContent])"
     )
-    for kind in ("trial", "calibration"):
-        browser.open(pages[kind].as_uri(), 1280, "light")
-        found = json.loads(browser.value(f"JSON.stringify({links})"))
-        assert len(found) >= 4
-        assert all(text == heading for text, heading in found)
+    browser.open(pages["trial"].as_uri(), 1280, "light")
+    found = json.loads(browser.value(f"JSON.stringify({links})"))
+    assert len(found) >= 4
+    assert all(text == heading for text, heading in found)
 
 
 def test_small_numbers_on_an_axis_keep_their_digits(pages: dict[str, Path]) -> None:
@@ -158,3 +169,24 @@ def test_print_tears_no_strip(browser: Browser, pages: dict[str, Path]) -> None:
     torn = "[...document.querySelectorAll('.strip, .beside')].map(e => getComputedStyle(e).breakInside)"
     assert set(json.loads(browser.value(f"JSON.stringify({torn})"))) == {"avoid"}
     browser.call("Emulation.setEmulatedMedia", media="screen")
+
+
+def test_calibration_page_lists_the_limits_of_its_verdict(browser: Browser, pages: dict[str, Path]) -> None:
+    browser.open(pages["calibration"].as_uri(), 1280)
+    rows = (
+        "[...document.querySelector('table').rows].map(row => [...row.cells].map(cell => cell.textContent))"
+    )
+    assert browser.value(rows) == [
+        ["measured", "result", "good", "usable"],
+        ["the offset is known to 0.40 ms", "good", "at most 1", "at most 5"],
+        ["8 samples used", "weak", "at least 10", "at least 5"],
+    ]
+
+
+@pytest.mark.parametrize("kind", ["comparison", "calibration"])
+def test_page_uses_the_width_of_a_desktop(browser: Browser, pages: dict[str, Path], kind: str) -> None:
+    browser.open(pages[kind].as_uri(), 1400)
+    right = (
+        "Math.max(...[...document.querySelectorAll('svg, table')].map(e => e.getBoundingClientRect().right))"
+    )
+    assert browser.value(right) > 1150

@@ -1,5 +1,6 @@
 """Comparisons: paired, with intervals, and no winner where none is shown."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
+from rig.pages.palette import FIRST, SECOND, TRUTH
 from rig.report.compare import ERROR, ComparedLift, compare_lifts, paired, verdict
-from rig.report.compare_page import compare_page, figure_table
+from rig.report.compare_page import compare_page, figure_table, lift_charts
 from rig.report.sides import session_side
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome
 
@@ -131,13 +133,16 @@ def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> N
     assert one.wins == (other.wins[1], other.wins[0], other.wins[2])
 
 
-def test_two_sessions_make_a_page_with_one_picture(drawn_trial: Any, tmp_path: Path) -> None:
+def test_page_of_two_sessions_shows_both_curves_of_every_lift(drawn_trial: Any, tmp_path: Path) -> None:
     turns = (12.0, -20.0, 9.0, 15.0, -11.0)
     first = session_side(drawn_trial(tmp_path / "first", turns, (0.5,) * 5))
     second = session_side(drawn_trial(tmp_path / "second", turns, (2.0,) * 5))
     found = compare_lifts((first.name, second.name), first.lifts, second.lifts)
     page = compare_page(found, simulated=True, about="two sessions")
-    assert page.count("<svg") == 1
+    charts = re.findall(r'aria-label="([^"]*: both estimates and the marker angle)"', page)
+    assert len(charts) == len(turns)
+    lift = next(svg for svg in re.findall(r"<svg.*?</svg>", page) if charts[0] in svg)
+    assert all(f"stroke: {colour.css}" in lift for colour in (FIRST, SECOND, TRUTH))
     assert "first is better by" in page
     assert first.estimator == second.estimator == "slip, window 1"
     assert "SIMULATED" in page
@@ -148,3 +153,18 @@ def test_what_is_no_trial_has_no_side(drawn_recording: Any, tmp_path: Path) -> N
         session_side(Path("ellipse"))
     with pytest.raises(InputError, match="'record' session"):
         session_side(drawn_recording(tmp_path / "s"))
+
+
+def test_lift_with_the_largest_difference_is_shown_first(drawn_trial: Any, tmp_path: Path) -> None:
+    first = session_side(drawn_trial(tmp_path / "first", (12.0, -20.0), (0.5, 0.5)))
+    second = session_side(drawn_trial(tmp_path / "second", (12.0, -20.0), (0.6, 3.0)))
+    charts = lift_charts(compare_lifts(NAMES, first.lifts, second.lifts))
+    shown = [[float(number) for number in re.findall(r"error ([0-9.]+)", chart.caption)] for chart in charts]
+    apart = [abs(second - first) for first, second in shown]
+    assert apart[0] > 1.0 > apart[1]
+
+
+def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_path: Path) -> None:
+    folder = drawn_trial(tmp_path / "trial", (12.0, -20.0))
+    next((folder / "lifts").glob("*.mcap")).write_bytes(b"damaged")
+    assert [lift.curves is None for lift in session_side(folder).lifts].count(True) == 1

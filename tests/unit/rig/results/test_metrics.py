@@ -65,7 +65,7 @@ def test_interval_follows_scale_offset_and_sign(values: list[float], scale: floa
     assert interval(scale * np.array(values) + offset) == pytest.approx(
         (scale * low + offset, scale * high + offset), abs=1e-5
     )
-    assert interval(-np.array(values)) == pytest.approx((-high, -low), abs=1e-6)
+    assert interval(-np.array(values)) == pytest.approx((-high, -low), abs=1e-5)
 
 
 def interval(values: Floats) -> tuple[float, float]:

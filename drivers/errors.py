@@ -5,6 +5,9 @@ line maps the branches to exit codes (0 done, 1 rig fault, 2 usage or input, 3 s
 operator), so an error raised anywhere reaches the user as one line.
 """
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class RigError(Exception):
     """Base of every error this product raises on purpose."""
@@ -96,3 +99,23 @@ class OperatorStopError(RigError):
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun, in the plural unless it is one: "1 lift", "3 lifts"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return " (did you mean 'x'?)" with the known name that is most like `name`, or an empty text."""
+    by_lower_case = {each.lower(): each for each in known}
+    near = get_close_matches(name.lower(), by_lower_case, n=1)
+    return f" (did you mean '{by_lower_case[near[0]]}'?)" if near else ""
+
+
+def unknown_name(
+    what: str, name: str, known: Iterable[str], also: str = "", listed: str | None = None
+) -> InputError:
+    """Return the error for an unknown name, with the nearest known name and a list of all.
+
+    what: the kind of name, such as "estimator". also: further advice, behind the list. listed: the list as
+    it is shown, if not the known names themselves.
+    """
+    names = list(known)
+    listed = listed or ", ".join(names)
+    return InputError(f"unknown {what} '{name}'{nearest(name, names)}: choose one of {listed}{also}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.short_repr import short_repr
 from drivers.state_values import (
     invalid,
     require_fraction,
@@ -280,3 +281,5 @@ class Frame:
     sequence: int
     serial: str
     jpeg: bytes | None = None
+
+    __repr__ = short_repr

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +17,7 @@ from pydantic import (
     field_validator,
 )
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.formats import read_toml
 
 OBJECTS_FOLDER = Path(__file__).parent / "objects"
@@ -155,9 +154,7 @@ def find_grasp_file(text: str, own: Sequence[GraspFile] = ()) -> GraspFile:
     for grasp_file in files:
         if name in grasp_file.names:
             return grasp_file
-    near = get_close_matches(name, [each for f in files for each in f.names], n=1)
-    hint = f"did you mean '{near[0]}'? " if near else ""
-    raise InputError(f"unknown object '{text}': {hint}known are {_listed(files)}")
+    raise unknown_name("object", text, [each for f in files for each in f.names], listed=_listed(files))
 
 
 def grasp_poses(grasp_file: GraspFile) -> list[GraspPose]:

@@ -5,12 +5,11 @@ The file says where the figures come from. The estimators and the rig never see 
 
 import tomllib
 from dataclasses import MISSING, dataclass, fields
-from difflib import get_close_matches
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from fakes.objects.plain import parse_plain
 from fakes.objects.shapes import SHAPES, Ball, ContactShape, Pad, Shape
 from fakes.objects.texture import TEXTURES
@@ -86,9 +85,7 @@ def find_object(text: str) -> ObjectModel:
     if name in by_any_name:
         return by_any_name[name]
     known = ", ".join(f"{model.id} {model.name}" for model in catalogue.values())
-    close = get_close_matches(name, by_any_name, n=1, cutoff=0.5)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
-    raise InputError(f"there is no object '{text}'.{hint} Objects: {known}")
+    raise unknown_name("object", text, by_any_name, listed=known)
 
 
 @cache

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import say
+from rig.cli.helping import Commands
 
-bench = typer.Typer(no_args_is_help=True, help="Bench files: what a bench is made of.")
+bench = Commands(no_args_is_help=True, help="Bench files: what a bench is made of.")
 
 
 @bench.callback()

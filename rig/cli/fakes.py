@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.common import JsonOption, ObjectsOption, SeedOption, emit_json, say
+from rig.cli.helping import Commands
 from rig.cli.places import file_place
 
-fakes = typer.Typer(
+fakes = Commands(
     no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
 )
 TOLD = (

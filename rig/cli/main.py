@@ -20,6 +20,7 @@ from rig.cli.estimators import estimators
 from rig.cli.explain import explain
 from rig.cli.export import export
 from rig.cli.fakes import fakes
+from rig.cli.helping import Commands
 from rig.cli.label import label
 from rig.cli.label_angle import label_angle
 from rig.cli.model import model
@@ -41,14 +42,14 @@ from rig.cli.trial import trial
 from rig.live.phases import begin_phase
 from rig.live.plain_text import plain
 
-app = typer.Typer(
+app = Commands(
     name="rig",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="Test rig for measuring how a grasped object turns when it slips, from tactile images.\n\n"
-    "Starts on a simulated bench: [bold]rig trial --lifts 1 --object wrench[/bold]",
+    "Starts on a simulated bench: rig trial --lifts 1 --object wrench",
 )
 
 

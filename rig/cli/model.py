@@ -7,11 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.helping import Commands
 from rig.cli.places import file_place
 
-model = typer.Typer(
-    no_args_is_help=True, help="List the networks that are shipped; import others' checkpoints."
-)
+model = Commands(no_args_is_help=True, help="List the networks that are shipped; import others' checkpoints.")
 
 
 @model.command("list")

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, emit_json, say
+from rig.cli.helping import Commands
 
 if TYPE_CHECKING:
     from protocols.grasps import GraspFile
 
-objects = typer.Typer(help="The objects that are grasped: the package's and your own.")
+objects = Commands(help="The objects that are grasped: the package's and your own.")
 
 
 @objects.callback(invoke_without_command=True)

@@ -54,11 +54,11 @@ def train_angle(
     from rig.cli.train import TrainingView, require_training
 
     require_training()
-    from drivers.errors import InputError
+    from drivers.errors import unknown_name
     from rig.training.angles import EPOCHS, LIFTS, AngleSettings, train_angles
 
     if network not in LIFTS:
-        raise InputError(f"there is no network '{network}' that tells an angle: choose {' or '.join(LIFTS)}")
+        raise unknown_name("network", network, LIFTS)
     settings = AngleSettings(
         name=network,
         sessions=tuple(data or ()),

@@ -2,13 +2,12 @@
 
 import json
 from collections.abc import Collection, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.errors import InputError
+from drivers.errors import InputError, nearest, unknown_name
 from drivers.formats import parse_toml, read_text, shown
 from drivers.formats.toml_text import MOST_BYTES
 from rig.config.checks import inconsistencies
@@ -30,10 +29,9 @@ def load_bench(name_or_path: str) -> BenchConfig:
     if not path.exists():
         path = Path(name_or_path)
     if not path.is_file():
-        raise InputError(
-            f"no bench '{name_or_path}': use 'fake', 'hard', 'wire' or the path of a bench file "
-            "(rig bench new FILE writes one)"
-        )
+        known = sorted(file.stem for file in BENCHES.glob("*.toml"))
+        also = ", or give the path of a bench file (rig bench new FILE writes one)"
+        raise unknown_name("bench", name_or_path, known, also)
     return parse_bench(read_text(path, MOST_BYTES), str(path))
 
 
@@ -77,8 +75,7 @@ def _text(faults: Sequence[KeyFault], source: str | None, count: int | None = No
 def _reason(details: Any, known: set[str]) -> str:
     if details["type"] == "extra_forbidden":
         key = str(details["loc"][-1])
-        near = get_close_matches(key, known - {key}, n=1)
-        return "unknown key" + (f", did you mean '{near[0]}'?" if near else "")
+        return f"unknown key{nearest(key, known - {key})}"
     found = "" if details["type"] == "missing" else f", found {shown(details['input'])}"
     return f"{details['msg'].removeprefix('Value error, ')}{found}"
 

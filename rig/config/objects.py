@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from drivers.errors import InputError
+from drivers.errors import InputError, nearest
 from drivers.formats import parse_toml, read_text
 from drivers.formats.toml_text import MOST_BYTES
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
@@ -93,7 +93,8 @@ def own_object(name: str, bench: str, given: Path | None = None) -> tuple[Path, 
     if any(wanted in each.names for each in load_grasp_files().values()):
         raise InputError(f"'{name}' is an object of the package, whose file is not changed; {begin}")
     own = ", ".join(each.id for each in files.values()) or "none"
-    raise InputError(f"there is no object of your own called '{name}' (there are: {own}); {begin}")
+    near = nearest(wanted, [known for each in files.values() for known in each.names])
+    raise InputError(f"there is no object of your own called '{name}'{near} (there are: {own}); {begin}")
 
 
 def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:

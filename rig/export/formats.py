@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from drivers.errors import InputError, RecordingError
+from drivers.errors import InputError, RecordingError, unknown_name
 from rig.export.csv_parquet import export_csv, export_parquet
 from rig.export.labels import export_coco, export_labelme
 from rig.export.lerobot import export_lerobot
@@ -27,7 +27,7 @@ def export_session(session: Path, to: str, out: Path, every: int = 10) -> Export
     nothing can be written. Nothing is left in `out` then.
     """
     if to not in FORMATS:
-        raise InputError(f"unknown format '{to}': choose one of {', '.join(FORMATS)}")
+        raise unknown_name("format", to, FORMATS)
     if not session.is_dir():
         raise InputError(f"{session}: no such session folder")
     if out.exists():

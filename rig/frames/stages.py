@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.types import Image
 from rig.frames.estimates import Estimate
 from rig.frames.estimation import Estimation
@@ -83,11 +83,11 @@ def explained_frames(path: Path, background: str | None, aspect: float | None) -
 def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, Turn]:
     """Draw the largest turn that a fingertip saw in a lift of a session. Raises `InputError`."""
     tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
+    if not tips:
+        raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
     tip = next((tip for tip in tips if serial in (None, tip.serial)), None)
     if tip is None:
-        raise InputError(
-            f"{folder}: no finished lift {lift} of sensor {serial or 'any'}; see rig report {folder}"
-        )
+        raise unknown_name("sensor", str(serial), [tip.serial for tip in tips])
     estimate = Estimation(choose_estimator(None, None)).of_sensor(tip)
     turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")

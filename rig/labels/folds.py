@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ def find_fold(name: str) -> Fold:
     for known, fold in FOLDS.items():
         if known.lower() == name.lower():
             return fold
-    raise InputError(f"there is no fold '{name}': choose one of {', '.join(FOLDS)}")
+    raise unknown_name("fold", name, FOLDS)
 
 
 def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.errors import InputError
+from drivers.short_repr import short_repr
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
@@ -28,6 +29,8 @@ class Angles:
     angle_deg: Floats
     sigma_deg: Floats = field(default_factory=lambda: np.empty(0))
     states: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         time_s, angle_deg = _row("time_s", self.time_s), _row("angle_deg", self.angle_deg)

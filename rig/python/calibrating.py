@@ -15,6 +15,7 @@ from calibration.hand_eye.samples import Setup
 from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.targets.views import View
 from drivers.errors import InputError
+from drivers.short_repr import short_repr
 from drivers.types import Pose
 
 Array = NDArray[np.float64]
@@ -41,6 +42,8 @@ class CameraSolution:
     reasons: tuple[str, ...]
     rejected: dict[int, str]
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeSolution:
@@ -58,6 +61,8 @@ class HandEyeSolution:
     verdict: str
     reasons: tuple[str, ...]
     rejected: dict[int, str]
+
+    __repr__ = short_repr
 
 
 def solve_camera(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.short_repr import short_repr
 from drivers.types import Image
 from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
@@ -39,6 +40,8 @@ class Score:
     frames: int
     answered: float
     within_two_sigma: float
+
+    __repr__ = short_repr
 
 
 def estimate(

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
+from drivers.short_repr import short_repr
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.python.angles import Angles, Floats, data_frame
@@ -41,6 +42,8 @@ class SensorFrame:
     time_s: float
     image: Image
     mask: Image | None = None
+
+    __repr__ = short_repr
 
 
 class Lift:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.errors import EstimatorError, InputError
+from drivers.errors import EstimatorError, InputError, unknown_name
 from drivers.named_classes import installed_classes, is_class_name
 from drivers.types import Image
 from rig.tactile.contact.dot_free import DotFreeEstimator
@@ -153,10 +153,8 @@ def is_foreign(name: str) -> bool:
 def _require_known(name: str) -> None:
     offered = [found.name for found in installed_classes(GROUP)]
     if name not in offered and not is_class_name(name):
-        raise InputError(
-            f"unknown estimator '{name}': choose one of {', '.join((*ESTIMATORS, *offered))}, or give one of "
-            "your own as package.module:Class"
-        )
+        also = ", or give one of your own as package.module:Class"
+        raise unknown_name("estimator", name, (*ESTIMATORS, *offered), also)
 
 
 def _window(name: str, window: int | None) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.short_repr import short_repr
 from drivers.tally import LONGEST_STEP_NS, StreamTimes
 from drivers.types import ArmState, Image
 
@@ -54,6 +55,8 @@ class SlipSample:
     skipped: tuple[str, ...] = ()
     fault: str | None = None
     jumped: bool = False
+
+    __repr__ = short_repr
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return one standard deviation of the turn between a zero and this, deg; None as sigma_deg.

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from drivers.errors import InputError
+from drivers.errors import unknown_name
 from rig.tactile.contact.network_input import NetworkInput
 
 DEFAULT_ENCODER = "resnet18"
@@ -47,7 +47,7 @@ ARCHITECTURES = {
 def find_architecture(name: str) -> Architecture:
     """Return an architecture by its name. Raises `InputError`."""
     if name not in ARCHITECTURES:
-        raise InputError(f"there is no network '{name}': choose one of {', '.join(ARCHITECTURES)}")
+        raise unknown_name("network", name, ARCHITECTURES)
     return ARCHITECTURES[name]
 
 
@@ -56,7 +56,7 @@ def build_network(architecture: Architecture, encoder: str = DEFAULT_ENCODER) ->
     if architecture.family is None:
         return SmallNetwork()
     if encoder not in ENCODERS:
-        raise InputError(f"there is no encoder '{encoder}' here: choose one of {', '.join(ENCODERS)}")
+        raise unknown_name("encoder", encoder, ENCODERS)
     family = getattr(_library(), architecture.family)
     return family(encoder_name=encoder, encoder_weights=None, in_channels=3, classes=1)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import InputError
+from drivers.errors import unknown_name
 from rig.labels.folds import Fold
 from rig.training.loop import Schedule
 from rig.training.networks import OURS, Architecture
@@ -56,5 +56,5 @@ class TrainSettings:
 def checked_units(name: str) -> str:
     """Return the name of a kind of units. Raises `InputError` for an unknown one."""
     if name not in UNITS:
-        raise InputError(f"there are no units '{name}': choose one of {', '.join(UNITS)}")
+        raise unknown_name("kind of simulated sensors", name, UNITS)
     return name

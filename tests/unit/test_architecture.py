@@ -1,6 +1,7 @@
 """What holds the product together beside its behaviour: layers, style, packing."""
 
 import importlib
+import re
 import subprocess
 import sys
 from importlib.metadata import files, version
@@ -81,3 +82,16 @@ def test_the_arm_library_is_imported_by_nothing_here() -> None:
 def test_every_package_says_what_it_is_and_is_typed(package: str) -> None:
     assert (importlib.import_module(package).__doc__ or "").strip()
     assert (ROOT / package / "py.typed").exists()
+
+
+def test_only_the_contract_checks_import_pytest_and_hypothesis() -> None:
+    importing = {
+        path.relative_to(ROOT).parts[:2]
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if re.search(
+            r"^\s*(import|from) (pytest|hypothesis)\b", path.read_text(encoding="utf-8"), re.MULTILINE
+        )
+        and "templates" not in path.parts
+    }
+    assert importing == {("rig", "contract_checks")}

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drivers.errors import DeviceError, InputError
+from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
 from fakes.objects.plain import short_id
@@ -218,8 +218,7 @@ class FakesHost:
         }
         names = groups.get(device, [device])
         if not set(names) <= set(self._devices):
-            known = ", ".join([*self._devices, *groups])
-            raise InputError(f"there is no device '{device}': use one of {known}")
+            raise unknown_name("device", device, [*self._devices, *groups])
         return names
 
     def _since(self, since_ns: int) -> dict[str, Any]:

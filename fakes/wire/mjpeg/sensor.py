@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.types import Image
 from fakes.wire.net.arguments import duration_ns, whole_number
 
@@ -113,7 +113,7 @@ class MjpegSensor:
         lasts_ns = duration_ns(duration_s, f"fault '{kind}'")
         frames = whole_number(frames, f"fault '{kind}', frames", MOST_FRAMES)
         if kind not in (*FAULTS, "clear"):
-            raise InputError(f"fault '{kind}' is unknown: use one of {', '.join(FAULTS)}, clear")
+            raise unknown_name("fault", str(kind), (*FAULTS, "clear"))
         with self._lock:
             if kind == "clear":
                 self._faults.clear()

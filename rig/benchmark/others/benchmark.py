@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import InputError, RigError
+from drivers.errors import RigError, unknown_name
 from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.others.clients import run_clients
@@ -43,7 +43,7 @@ def run_others(parts: Sequence[str], sources: Sources, say: Say) -> list[Row]:
     """Run the parts, all where none is named. Raises `InputError` for a part that is none."""
     unknown = [part for part in parts if part not in PARTS]
     if unknown:
-        raise InputError(f"--part {unknown[0]}: use {', '.join(PARTS)}")
+        raise unknown_name("part", unknown[0], PARTS)
     rows: list[Row] = []
     for part in parts or PARTS:
         try:

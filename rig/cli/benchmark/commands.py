@@ -2,9 +2,6 @@
 
 from typing import Any
 
-import typer
-from typer.core import TyperGroup
-
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
 from rig.cli.benchmark.contact import contact
@@ -20,19 +17,20 @@ from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
+from rig.cli.helping import Commands, Group
 
 
-class EstimatorsByDefault(TyperGroup):
+class EstimatorsByDefault(Group):
     """`rig benchmark` is `rig benchmark estimators`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the default subcommand in front of options, and where there is nothing."""
-        if not args or (args[0].startswith("-") and args[0] != "--help"):
+        if not ctx.resilient_parsing and (not args or (args[0].startswith("-") and args[0] != "--help")):
             args = ["estimators", *args]
         return super().parse_args(ctx, args)
 
 
-benchmark = typer.Typer(
+benchmark = Commands(
     cls=EstimatorsByDefault,
     help="Measure what the rig does, and print it as tables. Without a command: estimators.",
 )

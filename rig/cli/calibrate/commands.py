@@ -8,9 +8,10 @@ import typer
 from rig.cli.calibrate import cameras as calibrate_cameras
 from rig.cli.calibrate import sensors as calibrate_sensors
 from rig.cli.common import JsonOption, emit_json
+from rig.cli.helping import Commands
 from rig.cli.places import file_place
 
-calibrate = typer.Typer(
+calibrate = Commands(
     no_args_is_help=True,
     help="Turn samples into calibration files with their uncertainty, a verdict and a page.\n\n"
     "Samples are collected on --bench, by a protocol that asks before it moves, or read with --from FOLDER "

@@ -66,7 +66,7 @@ def test_name_of_several_words_is_found() -> None:
 
 
 def test_unknown_object_is_answered_with_the_closest_and_with_all() -> None:
-    with pytest.raises(InputError, match="Did you mean 'wrench'") as caught:
+    with pytest.raises(InputError, match="did you mean 'wrench'") as caught:
         find_object("wrensh")
     assert all(model.name in str(caught.value) for model in load_catalogue().values())
 

@@ -92,7 +92,7 @@ def control() -> Iterator[Control]:
 
 def test_the_side_channel_does_what_it_is_told_and_refuses_the_rest(control: Control) -> None:
     assert control.call("place", object_id="t1") == {"placed": "wrench"}
-    with pytest.raises(InputError, match="no object 'wrnch'"):
+    with pytest.raises(InputError, match="unknown object 'wrnch'"):
         control.call("place", object_id="wrnch")
     with pytest.raises(InputError, match="commands are place"):
         control.call("explode")

@@ -115,7 +115,7 @@ def test_two_clients_see_the_same_bytes(server: MjpegServer) -> None:
         ("/control", b'{"zoom": 1}', "there are size_px"),
         ("/control", b"[1]", "expected a JSON object"),
         ("/control", b"\xff\x00", "expected a JSON object"),
-        ("/fault", b'{"kind": "melt"}', "use one of freeze"),
+        ("/fault", b'{"kind": "melt"}', "choose one of freeze"),
         ("/fault", b'{"what": 1}', "a fault has kind"),
         ("/elsewhere", b"{}", "settings go to /control"),
     ],

@@ -45,7 +45,9 @@ def test_objects_beside_the_bench_file_are_found_by_id_and_name(folder: Path) ->
     assert [each.id for each in config.objects] == ["box"]
     assert find_grasp_file(" Cardboard  BOX", config.objects).id == "box"
     assert find_grasp_file("wrench", config.objects).id == "t1"
-    with pytest.raises(InputError, match=r"unknown object 'boxx': did you mean 'box'.*t7 wooden.*box card"):
+    with pytest.raises(
+        InputError, match=r"unknown object 'boxx' \(did you mean 'box'\?\).*t7 wooden.*box card"
+    ):
         find_grasp_file("boxx", config.objects)
 
 
@@ -74,7 +76,7 @@ def test_fewer_places_and_turns_than_the_paper_s_make_fewer_poses() -> None:
         (
             "width_m = 0.03",
             "width_mm = 30.0",
-            r"line 9: position.0.width_mm: unknown key, did you mean 'width_m'",
+            r"line 9: position.0.width_mm: unknown key \(did you mean 'width_m'\?\)",
         ),
         ("width_m = 0.03", "width_m = 30.0", r"line 9: position.0.width_m: .*less than 0.15, found 30.0"),
         ("offset_m = 0.01", 'offset_m = "1 cm"', r"line 8: position.0.offset_m: .*found '1 cm'"),

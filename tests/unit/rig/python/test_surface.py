@@ -32,7 +32,7 @@ PARTS = {
 def test_the_names_are_these_and_each_says_what_it_is() -> None:
     functions = {"estimate", "open_session", "score", "solve_camera", "solve_hand_eye"}
     assert set(rig.__all__) == {*PARTS, *functions}
-    assert set(rig.__all__) <= set(dir(rig))
+    assert dir(rig) == sorted(rig.__all__)
     for name in rig.__all__:
         assert inspect.getdoc(getattr(rig, name)), name
     with pytest.raises(AttributeError, match="no attribute 'open_sesame'"):

@@ -35,7 +35,9 @@ def test_clients_that_are_not_installed_are_skipped(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_part_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="--part clints: use clients, kinhec"):
+    with pytest.raises(
+        InputError, match=r"part 'clints' \(did you mean 'clients'\?\): choose one of clients, kinhec"
+    ):
         run_others(["clints"], NOTHING, lambda text: None)
 
 

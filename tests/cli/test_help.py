@@ -1,0 +1,179 @@
+"""Help at several terminal widths, groups of commands and options, and completion by Tab."""
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.core import TyperGroup
+
+from rig.cli.completing import COMPLETED, ESTIMATOR_NAMES, FORMAT_NAMES
+from rig.cli.helping import COMMAND_GROUPS, OPTION_GROUPS
+from rig.cli.main import app
+from rig.export.formats import FORMATS
+from rig.tactile.estimators import ESTIMATORS
+from support.command_line import rig
+from support.documentation import commands
+
+STORED_TRIAL = str(Path(__file__).parents[1] / "data" / "stored_trial")
+FRAME = "╭╮╰╯─│"
+
+
+def every_command() -> Iterator[tuple[str, Any]]:
+    """Every command and every group of commands, by its name."""
+    root = typer.main.get_command(app)
+    assert isinstance(root, TyperGroup)
+    yield "", root
+    yield from ((name, each) for name, each in root.commands.items() if isinstance(each, TyperGroup))
+    yield from commands().items()
+
+
+EVERY = dict(every_command())
+
+
+def help_of(name: str) -> str:
+    out = io.StringIO()
+    with redirect_stdout(out):
+        EVERY[name].main(["--help"], prog_name=f"rig {name}".strip(), standalone_mode=False)
+    return out.getvalue()
+
+
+def words(text: str) -> set[str]:
+    return set(text.translate(dict.fromkeys(map(ord, FRAME), " ")).split())
+
+
+def stated(command: Any) -> Iterator[str]:
+    """The texts that the help of a command has to contain."""
+    yield command.help
+    for param in command.params:
+        yield param.help or ""
+        yield " ".join(option for option in param.opts if option.startswith("-"))
+    for inner in getattr(command, "commands", {}).values():
+        yield inner.help.split("\n\n")[0]
+
+
+@pytest.mark.parametrize("columns", [80, 140])
+@pytest.mark.parametrize("name", EVERY)
+def test_help_neither_cuts_nor_splits_a_word(
+    name: str, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    shown = help_of(name)
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= columns
+    expected = {word for text in stated(EVERY[name]) for word in text.replace("\\[", "[").split()}
+    assert expected - words(shown) == set()
+
+
+def test_main_help_lists_every_command_in_its_group() -> None:
+    shown = help_of("")
+    titles = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
+    assert titles == ["Options", "Run", "Look", "Own images", "Bench", "Calibrate", "Advanced"]
+    for title, group in COMMAND_GROUPS.items():
+        panel = shown.split(f"╭─ {title} ─")[1].split("╰")[0].splitlines()[1:-1]
+        assert [line.split()[1] for line in panel if line[2] != " "] == list(group)
+    assert {name for group in COMMAND_GROUPS.values() for name in group} == set(EVERY[""].commands)
+
+
+def test_long_option_lists_are_grouped_with_the_common_options_first() -> None:
+    shown = help_of("trial")
+    panels = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
+    assert panels[0] == "Options"
+    assert set(panels[1:]) <= set(OPTION_GROUPS) - {"Options"} | {"Further options"}
+    assert len(panels) >= 4
+    first = shown.split("╰")[0]
+    common = ("--object", "--lifts", "--estimator", "--bench", "--out", "--help")
+    assert all(option in first for option in common)
+    assert "--seed" not in first
+
+
+def test_every_grouped_option_exists() -> None:
+    known = {option for command in EVERY.values() for param in command.params for option in param.opts}
+    named = {option for options in OPTION_GROUPS.values() for option in options}
+    assert named - known == {"--help"}
+    assert set(COMPLETED) - known == set()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "near"),
+    [
+        (("trial", "--estimator", "elipse"), "ellipse"),
+        (("trial", "--bench", "hrd"), "hard"),
+        (("record", "--object", "wrnch", "--dry-run"), "wrench"),
+        (("export", "nowhere", "--to", "parket", "--out", "new"), "parquet"),
+        (("benchmark", "estimatrs"), "estimators"),
+        (("trail",), "trial"),
+        (("benchmark", "others", "--part", "clint"), "clients"),
+        (
+            (
+                "explain",
+                str(Path(__file__).parents[1] / "data" / "stored_trial"),
+                "--serial",
+                "SIM-D001",
+                "--out",
+                "x.png",
+            ),
+            "SIM-D0001",
+        ),
+    ],
+)
+def test_misspelt_name_is_answered_with_the_nearest(
+    arguments: tuple[str, ...], near: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = rig(*arguments)
+    assert done.returncode == 2
+    assert f"id you mean '{near}'" in " ".join(done.stderr.split())
+
+
+def completed(line: str, folder: Path, code: str = "") -> list[str]:
+    """The words that bash offers for the last word of a command line."""
+    environment = {
+        **os.environ, "_RIG_COMPLETE": "complete_bash", "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+    }  # fmt: skip
+    start = "import sys; sys.argv = ['rig']; from rig.cli.main import main\ntry: main()\nfinally: "
+    command = [sys.executable, "-c", start + (code or "pass")]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    return done.stdout.split("\n")[:-1]
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("rig trial --object wr", ["wrench"]),
+        ("rig trial --object plas", ["plastic\\ spatula"]),
+        ("rig teach tooth", ["toothbrush"]),
+        ("rig estimate frames --estimator ell", ["ellipse", "ellipse-published"]),
+        ("rig export s --to par", ["parquet"]),
+        ("rig doctor --bench ", ["fake", "hard", "wire", "my_bench.toml"]),
+        ("rig replay ses", ["sessions/one"]),
+        ("rig replay sessions/one sessions/o", ["sessions/one"]),
+        ("rig trial --react ti", ["tighten"]),
+        ("rig benchmark est", ["estimators"]),
+        ("rig trial --obj", ["--object", "--objects"]),
+    ],
+)
+def test_tab_completes_names(line: str, offered: list[str], tmp_path: Path) -> None:
+    (tmp_path / "sessions" / "one").mkdir(parents=True)
+    (tmp_path / "sessions" / "one" / "session.json").touch()
+    (tmp_path / "sessions" / "empty").mkdir()
+    (tmp_path / "my_bench.toml").touch()
+    assert completed(line, tmp_path) == offered
+
+
+def test_completion_imports_nothing_that_takes_long(tmp_path: Path) -> None:
+    *_, loaded = completed("rig trial --object wr", tmp_path, "print(*sys.modules)")
+    assert not {"numpy", "cv2", "pydantic", "rich", "numba"} & set(loaded.split())
+
+
+def test_completed_names_are_those_that_exist() -> None:
+    assert ESTIMATOR_NAMES == ESTIMATORS
+    assert list(FORMATS) == list(FORMAT_NAMES)

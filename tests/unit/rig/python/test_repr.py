@@ -1,0 +1,53 @@
+"""Public objects describe themselves in one line, with arrays by shape and type."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rig
+from drivers.types import Frame
+from rig.tactile.sample import SlipSample, State
+
+IMAGE = np.zeros((320, 240, 3), np.uint8)
+CURVE = np.linspace(0.0, 1.0, 500)
+EXAMPLES = {
+    "Frame": Frame(IMAGE, 1_000, 3, "D20001", b"\xff" * 5_000),
+    "SlipSample": SlipSample(
+        1_000, State.TRACKING, 1 / 3, 0.1, stage_s={f"{i}": i / 7 for i in range(12)}, skipped=("a",) * 12
+    ),
+    "SensorFrame": rig.SensorFrame(0.25, IMAGE, IMAGE[:, :, 0]),
+    "Angles": rig.Angles(CURVE, CURVE, CURVE, ("tracking",) * 500),
+    "Score": rig.Score(1 / 3, 1 / 7, 2 / 3, 500, 1.0, 0.95),
+    "CameraSolution": rig.CameraSolution(
+        (640, 480), np.eye(3), np.zeros(8), {f"k{i}": i / 7 for i in range(12)}, 1 / 3, 2 / 3, "weak",
+        ("few views",), dict.fromkeys(range(20), "contradicts the others"),
+    ),
+    "HandEyeSolution": rig.HandEyeSolution(
+        np.eye(4), np.eye(4), np.ones(3), np.ones(3), "good", (), dict.fromkeys(range(20), "contradicts")
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_repr_is_one_short_line(name: str) -> None:
+    shown = repr(EXAMPLES[name])
+    assert shown.startswith(f"{name}(")
+    assert "\n" not in shown
+    assert len(shown) <= 260
+    assert not re.search(r"\.\d{7}", shown)
+
+
+def test_repr_shows_arrays_by_shape_and_type() -> None:
+    assert repr(EXAMPLES["SensorFrame"]) == (
+        "SensorFrame(time_s=0.25, image=(320, 240, 3) uint8, mask=(320, 240) uint8)"
+    )
+    assert "jpeg=5000 bytes" in repr(EXAMPLES["Frame"])
+    assert "states=500 values" in repr(EXAMPLES["Angles"])
+
+
+def test_every_public_class_has_a_one_line_repr() -> None:
+    classes: dict[str, Any] = {name: getattr(rig, name) for name in rig.__all__}
+    own = {name for name, each in classes.items() if isinstance(each, type)}
+    assert own - set(EXAMPLES) == {"Lift", "Session"}  # tested on a stored session in test_sessions.py

@@ -95,7 +95,7 @@ def test_true_masks_are_taken_where_they_are_kept(recording: Path, tmp_path: Pat
     (session / TRUE_MASKS).mkdir(parents=True)
     cv2.imwrite(str(session / TRUE_MASKS / f"{Path(first).stem}.png"), truth)
     exported = export_session(session, "labelme", tmp_path / "out")
-    assert any("true contact" in note and note.startswith("SIMULATED 1 images") for note in exported.notes)
+    assert any("true contact" in note and note.startswith("SIMULATED 1 image") for note in exported.notes)
     document = json.loads((tmp_path / "out" / Path(first).with_suffix(".json")).read_text())
     corners = np.array(document["shapes"][0]["points"])
     assert corners.min(axis=0) == pytest.approx([50, 100], abs=0.5)

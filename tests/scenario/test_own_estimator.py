@@ -152,7 +152,7 @@ def test_anyones_frames_are_estimated(lab: Path, press: Draw, blank: NDArray[np.
         tables[name] = done.stdout
     assert tables[MINE] == tables["pca"]
     failing = rig("estimate", clip / "frames", *background, "--estimator", FAILING)
-    assert "the estimator failed on 1 frames" in failing.stderr
+    assert "the estimator failed on 1 frame" in failing.stderr
 
 
 def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:

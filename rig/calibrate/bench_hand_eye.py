@@ -15,6 +15,7 @@ from calibration.store import write_text
 from calibration.targets.boards import Target
 from calibration.targets.views import View
 from calibration.verdict import Rejected
+from drivers.errors import counted
 from drivers.types import Pose
 from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
 from protocols.readiness import agree_to_carry
@@ -51,8 +52,8 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
     session = _Session(target, camera, setup, poses, count, station)
     around = config.camera.look_at_m if mount == "tool" else config.table.position_m
     with station.connected(
-        f"The arm will visit {count} poses around {around} m at up to {SPEED_M_S} m/s, tilted by up to "
-        f"35 degrees, with the target {target.spec} {where}; it chooses from these "
+        f"The arm will visit {counted(count, 'pose')} around {around} m at up to {SPEED_M_S} m/s, tilted by "
+        f"up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
         "places, and leaves out what would be refused.",
         motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),
     ) as (bench, operator):

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.common import (
     BenchOption,
     Exit,
@@ -241,7 +242,7 @@ def _partial(folder: Path, wanted: int, simulated: str, began: float, json: bool
     from rig.sessions.rows import read_lifts
 
     summary = summarize_trial(read_lifts(folder))
-    say(f"{summary.lifts_accepted} of {wanted} lifts are done")
+    say(f"{summary.lifts_accepted} of {counted(wanted, 'lift')} are done")
     if summary.objects:
         trial_table(summary, simulated, time.perf_counter() - began, to_stderr=json)
 

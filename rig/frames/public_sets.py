@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import FormatError, InputError
+from drivers.errors import FormatError, InputError, counted
 from drivers.formats import read_bounded, reason
 from drivers.images import decode_image, read_image
 from drivers.types import Image
@@ -89,7 +89,9 @@ def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
     path = folder / TRIAL_POSES
     poses = _matrices(path, _array(path))
     if len(poses) != frames:
-        raise InputError(f"{path}: {len(poses)} poses for {frames} frames: copy the trial anew")
+        raise InputError(
+            f"{path}: {counted(len(poses), 'pose')} for {counted(frames, 'frame')}: copy the trial anew"
+        )
     about_z = np.radians([_about_z_deg(np.linalg.inv(poses[0]) @ pose) for pose in poses])
     return np.degrees(np.unwrap(about_z))
 

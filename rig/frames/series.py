@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
 from rig.frames.array_files import ARRAY_SUFFIXES, array_frames, array_shape
@@ -148,7 +148,7 @@ def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
     images = [image for _, image in zip(range(count), series.images(), strict=False)]
     if len(images) < count:
         raise InputError(f"--background {spec}: only {len(images)} frames can be read: give fewer")
-    return mean_background(images), f"background: mean of the first {count} frames"
+    return mean_background(images), f"background: mean of the first {counted(count, 'frame')}"
 
 
 def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Image]:
@@ -204,7 +204,7 @@ def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     count, announced, own_fps = _video_facts(path)
     times = _times([str(i) for i in range(count)], timestamps, own_fps if fps is None else fps)
-    cut = f"{path}: {announced} frames announced, {count} can be read: is the file complete?"
+    cut = f"{path}: {counted(announced, 'frame')} announced, {count} can be read: is the file complete?"
     notes = (cut,) if count < announced else ()
 
     def read() -> Iterator[TimedFrame]:
@@ -222,7 +222,7 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
 
-    note = f"{path}: {count} frames of {width} x {height} px, taken as RGB"
+    note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, taken as RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
     return FrameSeries(str(path), read, notes)
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import FingerMotionError, OperatorStopError
-from drivers.types import HandState, Holding
+from drivers.types import GripperState, HandState, Holding
 from protocols.fingers import REACHED_M, move_fingers, tolerance_counts
 from protocols.observer import Phase
 from protocols.readiness import make_ready
@@ -87,17 +87,31 @@ def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
     assert "still holding" in note or "not known" in note
 
 
-def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf) -> None:
+@pytest.mark.parametrize("real_counts", [0, 1, 2])
+def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf, real_counts: int) -> None:
+    """The fault begins at the first contact, or after one or two of the three counts of tightening."""
     lift = lift_of()
-    note = lift.bench.hand.note
+    assert lift.plan.grip_counts == 3
+    note, seen = lift.bench.hand.note, lift.observer.gripper
+    contact_counts: list[int] = []
+
+    def break_if_due() -> None:
+        if contact_counts and lift.counts >= contact_counts[0] + real_counts:
+            lift.break_gripper("false_success")
 
     def note_and_break(state: HandState) -> None:
         note(state)
         if state.holding is Holding.HELD:
-            lift.break_gripper("false_success")
+            contact_counts.append(lift.counts)
+            break_if_due()
+
+    def see_and_break(state: GripperState) -> None:
+        seen(state)
+        break_if_due()
 
     lift.bench.hand.note = note_and_break
-    with pytest.raises(FingerMotionError, match="the contact as it was"):
+    lift.observer.gripper = see_and_break
+    with pytest.raises(FingerMotionError, match="one count before"):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert lift.height_m == pytest.approx(0.0, abs=1e-4)
 

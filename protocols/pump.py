@@ -131,7 +131,7 @@ class _Stream:
         self._earliest_ns = 0
         self._last: Frame | None = None
         self._tally = FrameTally()
-        self._first: list[Frame] = []
+        self._first: list[Imprint] = []
         self._newest: deque[Frame] = deque(maxlen=NEWEST_FRAMES)
 
     @property
@@ -169,7 +169,7 @@ class _Stream:
             raise StaleFrameError(f"{self.source.serial}: no frame waits to be taken")
         self._newest.append(frame)
         if len(self._first) < UNTOUCHED_FRAMES:
-            self._first.append(frame)
+            self._first.append(imprint(frame.image))
         return frame
 
     def newest_imprint(self) -> Imprint:
@@ -185,7 +185,7 @@ class _Stream:
 
     def untouched_imprint(self) -> Imprint:
         """Return the mean fine structure of the first frames that were delivered."""
-        return np.mean([imprint(frame.image) for frame in self._first], axis=0)
+        return np.mean(self._first, axis=0)
 
     def _accept(self, frame: Frame) -> None:
         self._tally.add(frame)

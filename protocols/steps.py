@@ -104,19 +104,20 @@ def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_counts: int, 
     so an object is never lifted with a grip that exists in the gripper's reports only. The hand is then
     unknown, because a reported opening could not be relied on either.
     """
-    ratio = 1.0
-    for counts in range(from_counts + 1, from_counts + by_counts + 1):
-        before = pump.contact_strength()
+    last_counts, before = from_counts + by_counts, 0.0
+    for counts in range(from_counts + 1, last_counts + 1):
+        if counts == last_counts:
+            before = pump.contact_strength()
         step_fingers(bench, pump, observer, counts)
-        ratio = pump.contact_strength() / before
-    if by_counts >= FIRMER_COUNTS and ratio < FIRMER:
+    if by_counts >= FIRMER_COUNTS and not (after := pump.contact_strength()) > FIRMER * before:
         doubt_hand(bench, "the fingertips do not show the motion that the gripper reports")
         raise FingerMotionError(
-            f"gripper: it reports {from_counts + by_counts} counts, but the fingertips show the contact as "
-            f"it was one count before (strength ratio {ratio:.3f}, required {FIRMER}): the fingers may not "
-            "move as reported; the arm stays where it is. Look at the fingers, then start again"
+            f"gripper: it reports {last_counts} counts, but the fingertips show the contact as it was one "
+            f"count before (strength {before:.2f}, now {after:.2f}, required {FIRMER} times as much): the "
+            "fingers may not move as reported; the arm stays where it is. Look at the fingers, then start "
+            "again"
         )
-    return from_counts + by_counts
+    return last_counts
 
 
 def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, counts: int) -> None:

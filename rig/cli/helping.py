@@ -76,30 +76,25 @@ class Commands(typer.Typer):
         return registered
 
 
-class Command(TyperCommand):
+class _Helped:
+    """Replaces the help and the completion of typer's commands and groups."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options and arguments; of a group, up to the command."""
+        _skip_checks_for_completion(self, ctx)
+        return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
+        _print_help(self, ctx)
+
+
+class Command(_Helped, TyperCommand):
     """A command with this help."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options and arguments."""
-        _skip_checks_for_completion(self, ctx)
-        return super().parse_args(ctx, args)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help."""
-        _print_help(self, ctx)
-
-
-class Group(TyperGroup):
+class Group(_Helped, TyperGroup):
     """A group of commands with this help."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options, up to the command."""
-        _skip_checks_for_completion(self, ctx)
-        return super().parse_args(ctx, args)
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help."""
-        _print_help(self, ctx)
 
 
 def _completer(parameter: str, info: ParameterInfo) -> Callable[..., list[str]] | None:

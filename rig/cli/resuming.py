@@ -87,7 +87,7 @@ def usual_lift_s(folder: Path, jobs: int) -> float | None:
 def may_be_continued(
     folder: Path, out: Path | None, resume: bool, no_report: bool, partial: Callable[[], None]
 ) -> Iterator[None]:
-    """If a session ends early, print and report what it holds, and say the line that continues it.
+    """If a session ends early, print and report what it holds, and print the command that continues it.
 
     partial: prints the results that are on disk.
     """

@@ -39,7 +39,7 @@ def clip_background(folder: Path) -> Path | None:
 
 
 def require_clip(path: Path) -> None:
-    """Raise `InputError` for what is certainly not a clip of one sensor."""
+    """Raise `InputError` if a path is certainly not a clip of one sensor."""
     is_device = path.exists() and not path.is_dir() and not path.is_file()
     if is_device or (not path.exists() and re.match(r"[a-z][a-z0-9]+:/", str(path))):
         raise InputError(f"{path}: a stream or a device has no end: record a clip of it and give that")

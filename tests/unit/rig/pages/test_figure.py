@@ -23,7 +23,7 @@ SLACK = 1e-6
 
 
 def outside(axes: Axes) -> list[str]:
-    """What is drawn in data coordinates and has a vertex outside the axes' limits."""
+    """Return the artists in data coordinates that have a vertex outside the axes limits."""
     drawn = {f"line {line.get_label()}": [line.get_xydata()] for line in axes.lines
              if line.get_transform() == axes.transData}  # fmt: skip
     for number, part in enumerate(axes.collections):

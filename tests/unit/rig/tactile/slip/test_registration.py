@@ -93,14 +93,14 @@ def test_a_gradient_integrates_to_its_relief() -> None:
     assert np.abs(found - height).max() < 0.08 * height.max()
 
 
-CONVERGES_DEG = 20.0
-"""Largest turn that one alignment finds from a start at zero. Of 3,000 random turns up to 25 degrees, all
-2,400 up to 20 degrees were found, and 96 % of the larger ones; the estimator starts from several angles."""
+ALWAYS_FOUND_DEG = 20.0
+"""Largest turn that one alignment always finds from a start at zero: 2,400 of 2,400 random cases. Of 3,000
+cases from 20 to 25 degrees it missed 101, and reported each of these as not settled."""
 
 
 @settings(max_examples=40)
 @given(
-    turn=st.floats(-CONVERGES_DEG, CONVERGES_DEG),
+    turn=st.floats(-25, 25),
     shift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
     slope=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
     gain=st.floats(0.9, 1.1),
@@ -114,6 +114,8 @@ def test_an_alignment_finds_turn_and_shift(
     tilted = gain * slopes(after) + complex(*slope)
     field = GradientField(tilted.astype(np.complex64), (after > 0.2).astype(np.uint8))
     found = align(key, field, 0.0, 0j)
+    if abs(turn) > ALWAYS_FOUND_DEG and not found.settled:
+        return
     assert math.degrees(found.angle_rad) == pytest.approx(turn, abs=0.3)
     assert (found.shift_px.real, found.shift_px.imag) == pytest.approx(shift, abs=0.15)
     assert found.misfit < 0.2

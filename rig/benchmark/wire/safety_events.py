@@ -65,11 +65,11 @@ class PlannedRun:
     moment: Moment
 
 
-def plan_runs(seed: int, full: bool, repeats: int = 3) -> list[PlannedRun]:
-    """Draw the runs of a benchmark: each event once in any stage, or `repeats` times in every stage."""
+def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
+    """Draw the runs of a benchmark: each event once in a random stage or, if `full`, once in every stage."""
     rng = random.Random(seed)  # noqa: S311 - moments, no secrets
     if full:
-        cells = [(event, stage) for event in EVENTS for stage in Stage] * repeats
+        cells = [(event, stage) for event in EVENTS for stage in Stage]
     else:
         stages = ([*Stage] * math.ceil(len(EVENTS) / len(Stage)))[: len(EVENTS)]
         rng.shuffle(stages)

@@ -24,14 +24,13 @@ from rig.sessions.files import append_line
 GRASP_M = 0.06
 
 
-def test_the_plain_run_has_each_event_once_and_the_full_one_each_in_every_stage() -> None:
+def test_plain_plan_has_each_event_once_and_full_plan_has_it_once_per_stage() -> None:
     plain = plan_runs(0, full=False)
     assert Counter(run.event.name for run in plain) == Counter(event.name for event in EVENTS)
     assert {run.moment.stage for run in plain} == set(Stage)
     full = plan_runs(0, full=True)
-    assert len(full) >= 200
     cells = Counter((run.event.name, run.moment.stage) for run in full)
-    assert set(cells.values()) == {3}
+    assert set(cells.values()) == {1}
     assert len(cells) == len(EVENTS) * len(Stage)
     assert [run.number for run in full] == [*range(1, len(full) + 1)]
     assert plan_runs(0, full=True) == full

@@ -19,8 +19,8 @@ from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.limits import ClipLimits
 from rig.benchmark.estimators.contenders import NO_SKIP
 from rig.benchmark.estimators.lifts import score_lift, session_lifts
-from rig.benchmark.renderer.benchmark import as_json as renderer_json
-from rig.benchmark.renderer.benchmark import run_renderer
+from rig.benchmark.harness import Run
+from rig.benchmark.renderer.study import RendererOptions, measure
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.replay import run_replay, session_settings
@@ -168,10 +168,10 @@ def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.u
     assert result.estimators[1].overall.mean_deg < 3.0
 
 
-def test_the_second_renderer_shows_it_its_lifts(lab: Path) -> None:
-    result = run_renderer([FAILING], lifts=1, jobs=1)
-    assert result.faults[FAILING].frames > 2
-    assert "no gradient today" in json.dumps(renderer_json(result)["faults"])
+def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
+    report = measure(RendererOptions([FAILING], lifts=1), Run(jobs=1))
+    assert report.faults[FAILING].frames > 2
+    assert "no gradient today" in report.faults[FAILING].first
 
 
 def test_the_benchmark_scores_it_beside_the_others(session: Path) -> None:

@@ -16,7 +16,7 @@ import cv2
 from rig.benchmark.clips.labelled import LabelledClip, read_clips
 from rig.benchmark.clips.limits import ClipLimits, judge
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
-from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured
 from rig.frames.estimates import Answer, Estimate, zeroed
 from rig.tactile.estimators import EstimatorChoice

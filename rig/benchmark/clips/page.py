@@ -13,7 +13,7 @@ from drivers.types import Image
 from rig.benchmark.clips.benchmark import ClipRun, ClipsResult
 from rig.benchmark.clips.scores import JudgedLabel
 from rig.benchmark.clips.tables import clip_table, limit_table, overall_table, verdict
-from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.harness import machine
 from rig.pages.figure import Floats, band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH

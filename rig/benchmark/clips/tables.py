@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from drivers.errors import counted
 from rig.benchmark.clips.benchmark import ClipsResult
 from rig.benchmark.clips.scores import ClipScore
-from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.estimators.tables import limit_table as kept_table
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured
 from rig.benchmark.readme import markdown_table
 

@@ -12,8 +12,8 @@ import cv2
 from drivers.errors import EstimatorError, InputError
 from drivers.types import Image
 from rig.benchmark.contact.spans import ContactClip, FrameSpan
-from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.frames.series import FrameSeries, read_frames
 from rig.tactile.contact.background import mean_background

@@ -1,14 +1,10 @@
 """`rig benchmark estimators`: run time against error, on lifts and under stress, in one run."""
 
-import os
-import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-
-import cv2
 
 from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators.contenders import CONTENDERS
@@ -27,6 +23,7 @@ from rig.benchmark.estimators.stress import (
     stress_tasks,
 )
 from rig.benchmark.estimators.timing import TimingReport, time_lifts
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured
 from rig.config import load_bench
 from rig.experiments.lift_attempt import TrialSettings
@@ -182,18 +179,6 @@ def as_json(result: BenchmarkResult) -> dict[str, object]:
         "faults": {name: asdict(faults) for name, faults in result.faults.items()},
         "limits": [asdict(limit) for limit in result.limits],
         "wall_s": round(result.wall_s, 1),
-    }
-
-
-def machine() -> dict[str, object]:
-    """Say what it ran on: processor, cores, Python and OpenCV."""
-    info = Path("/proc/cpuinfo")
-    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
-    return {
-        "processor": names[0].partition(":")[2].strip() if names else platform.processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "opencv": cv2.__version__,
     }
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
+from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.tables import (
     BenchmarkTable,
     estimator_table,
@@ -13,6 +13,7 @@ from rig.benchmark.estimators.tables import (
     stress_table,
     time_table,
 )
+from rig.benchmark.harness import machine
 from rig.pages.page import render
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import counted
-from rig.benchmark.estimators.benchmark import BenchmarkResult, machine
+from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.stress import NAMES, StressRow
 from rig.benchmark.estimators.timing import Spread
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured
 from rig.benchmark.readme import markdown_table
 from rig.results.metrics import HEADING, mare_text

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import RigError, unknown_name
-from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.harness import machine
 from rig.benchmark.others.clients import run_clients
 from rig.benchmark.others.files import run_files
 from rig.benchmark.others.pose_sets import run_kinhec

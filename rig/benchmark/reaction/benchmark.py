@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rig.benchmark.estimators.benchmark import machine
 from rig.benchmark.estimators.tables import BenchmarkTable
+from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.reaction.full import run_further
 from rig.benchmark.reaction.lifts import MOST_FALSE, ReactedLift, lift_both_ways

@@ -10,9 +10,10 @@ import numpy as np
 
 from drivers.errors import InputError
 from protocols.grasps import TRIAL_OBJECTS
-from rig.benchmark.estimators.benchmark import Progress, machine
+from rig.benchmark.estimators.benchmark import Progress
 from rig.benchmark.estimators.lifts import session_lifts
 from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.harness import machine
 from rig.benchmark.trials.passes import TrialPass, pass_lift
 from rig.benchmark.trials.systems import ANGLENET_ON_TEST, PEER_FILES, PLAIN
 from rig.config import load_bench

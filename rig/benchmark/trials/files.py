@@ -5,7 +5,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from rig.benchmark.estimators.benchmark import machine
+from rig.benchmark.harness import machine
 from rig.benchmark.trials.benchmark import TrialsResult, as_json
 from rig.benchmark.trials.paper_tables import notes, table_four, table_three
 from rig.benchmark.trials.picture import draw

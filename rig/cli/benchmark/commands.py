@@ -1,6 +1,10 @@
 """`rig benchmark`: what the rig does, measured, as tables."""
 
+from importlib import import_module
 from typing import Any
+
+from typer.core import TyperCommand
+from typer.main import get_command
 
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
@@ -10,18 +14,42 @@ from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.others import others
 from rig.cli.benchmark.reaction import reaction
-from rig.cli.benchmark.renderer import renderer
 from rig.cli.benchmark.safety import safety
-from rig.cli.benchmark.seeds import seeds
 from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.sessions import sessions
+from rig.cli.benchmark.studies import command_of
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
+STUDIES = {
+    "renderer": (
+        "rig.benchmark.renderer.study",
+        "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.",
+    ),
+    "seeds": (
+        "rig.benchmark.seeds",
+        "Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.",
+    ),
+}
+"""Module and first line of help by name. A module is imported when its command is used: that takes long."""
 
-class EstimatorsByDefault(Group):
-    """`rig benchmark` is `rig benchmark estimators`."""
+
+class Benchmarks(Group):
+    """The benchmarks; `rig benchmark` is `rig benchmark estimators`."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for name, (_, summary) in STUDIES.items():
+            self.commands[name] = TyperCommand(name, help=summary)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; import the study that it belongs to."""
+        if cmd_name not in STUDIES:
+            return super().get_command(ctx, cmd_name)
+        alone = Commands(add_completion=False)
+        alone.command(cmd_name)(command_of(import_module(STUDIES[cmd_name][0]).STUDY))
+        return get_command(alone)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the default subcommand in front of options, and where there is nothing."""
@@ -31,7 +59,7 @@ class EstimatorsByDefault(Group):
 
 
 benchmark = Commands(
-    cls=EstimatorsByDefault,
+    cls=Benchmarks,
     help="Measure what the rig does, and print it as tables. Without a command: estimators.",
 )
 
@@ -46,8 +74,6 @@ benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)
-benchmark.command("renderer")(renderer)
-benchmark.command("seeds")(seeds)
 benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
 benchmark.command("sessions")(sessions)

@@ -1,43 +1,46 @@
-"""`rig benchmark seeds`, on one lift a seed."""
+"""`rig benchmark seeds`, on one lift per seed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import InputError
 from rig.benchmark.estimators.scores import score_series
-from rig.benchmark.seeds.benchmark import SEEDS, SeedLift, judge_lifts, run_seeds, table
-from rig.config import BenchConfig, load_bench
+from rig.benchmark.harness import RESULTS, Run
+from rig.benchmark.seeds import SeedLift, SeedsOptions, judge_lifts, measure
+
+ONE_LIFT = SeedsOptions(objects=["7"], lifts=1)
 
 
 def lift(error_deg: float, sigma_deg: float, wrong: int = 0) -> SeedLift:
     truth = [10.0 * i for i in range(4)]
-    told = [true + error_deg for true in truth]
-    return SeedLift(0, score_series("7/1", told, [sigma_deg] * 4, truth), 30.0, wrong)
+    angles = [true + error_deg for true in truth]
+    return SeedLift(0, score_series("7/1", angles, [sigma_deg] * 4, truth), 30.0, wrong)
 
 
-def test_seeds_go_on_where_they_ended_and_keep_no_recordings(
-    light_bench: BenchConfig, tmp_path: Path
-) -> None:
-    one = run_seeds(tmp_path, light_bench, [3], 1, objects=["7"], lifts=1)
-    both = run_seeds(tmp_path, light_bench, [3, 4], 1, resume=True, objects=["7"], lifts=1)
-    assert [told.seed for told in both.lifts] == [3, 4]
-    assert both.lifts[0] == one.lifts[0]
-    assert [path.name for path in tmp_path.iterdir()] == [SEEDS]
-    assert both.lifts[0].score.re is not None
-    assert both.lifts[0].score.re.mean_deg < 2.0
-    assert [row[0] for row in table(both).rows] == ["all", "3", "4"]
-    with pytest.raises(InputError, match="holds 2 trials"):
-        run_seeds(tmp_path, light_bench, [3], 1)
+@pytest.mark.slow
+def test_seeds_resume_and_keep_no_recordings(tmp_path: Path) -> None:
+    done: list[str] = []
+    run = Run(3, 1, tmp_path, progress=lambda *of: done.append(of[2]))
+    report = measure(ONE_LIFT, run)
+    assert done == ["fake, seed 3, 7/1", "fake, seed 4, 7/1"]
+    assert [path.name for path in tmp_path.iterdir()] == [RESULTS]
+    assert [row[0] for row in report.tables[0].rows] == ["all", "3", "4"]
+    assert all(limit.met for limit in report.limits)
+    assert measure(ONE_LIFT, replace(run, resume=True)) == report
+    assert len(done) == 2
+    with pytest.raises(InputError, match="holds 2 results"):
+        measure(ONE_LIFT, run)
 
 
-def test_seeds_are_for_benches_in_this_process(tmp_path: Path) -> None:
+def test_seeds_reject_bench_outside_this_process(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="in this process"):
-        run_seeds(tmp_path, load_bench("wire"), [0], 1)
+        measure(SeedsOptions(bench="wire"), Run(folder=tmp_path))
     assert not list(tmp_path.iterdir())
 
 
-def test_a_lift_that_is_surely_wrong_misses_a_limit() -> None:
+def test_confidently_wrong_lift_misses_limits() -> None:
     assert all(limit.met for limit in judge_lifts("easy", [lift(0.1, 1.0)]))
     missed = [
         limit.name

@@ -1,0 +1,220 @@
+"""One harness for all benchmarks: cases, resumption, rows, limits and tables.
+
+A benchmark is a `Study`. Its options are a frozen dataclass whose fields are the options of its command. Its
+function `measure` calls `Run.each` with the cases that it measures and returns a `Report`. Everything else is
+done here and in `rig.cli.benchmark`: worker processes, progress, resumption, tables on the terminal, JSON,
+sections of Markdown files and exit codes.
+"""
+
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import cv2
+
+from drivers.errors import InputError, counted
+from rig.benchmark.measured import Measured
+from rig.experiments.process_pool import run_tasks
+from rig.frames.masks import make_folder
+from rig.sessions.codec import Codec, json_line, json_value
+from rig.sessions.files import append_line, drop_torn_line
+from rig.sessions.rows import read_rows
+from rig.tactile.foreign import EstimatorFaults
+
+RESULTS = "results.jsonl"
+"""File of a study's folder: a line per finished case."""
+NONE = "-"
+"""A cell without a value."""
+SCHEMA = 3
+"""Version of a study's JSON."""
+
+Options = TypeVar("Options")
+Case = TypeVar("Case")
+Result = TypeVar("Result")
+
+
+def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "") -> Any:
+    """Declare a field of a row: the heading of its column, how its value is shown, and what it is.
+
+    show: a format specification as ".2f", with which None is shown as "-"; or a function that returns the
+    text of a value, also of None. doc: unit and meaning.
+    """
+    return field(metadata={"heading": heading, "show": show, "doc": doc})
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A title, headings, and rows of as many cells. left: number of columns that are aligned to the left."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    left: int = 1
+    records: tuple[Any, ...] = ()
+
+    def markdown(self) -> str:
+        """Return the columns and rows in Markdown, without the title."""
+        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
+        return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
+    """Return a table of rows. kind: their dataclass; its fields that are declared by `column` are shown."""
+    shown = [(each.name, each.metadata) for each in fields(kind) if "heading" in each.metadata]
+    cells = [tuple(_cell(getattr(row, name), of["show"]) for name, of in shown) for row in rows]
+    return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows))
+
+
+def limit_table(limits: Sequence[Measured], whose: str) -> Table:
+    """Return every limit, what was measured, and whether it was kept. whose: the limits' subject."""
+    verdicts = {True: "kept", False: "MISSED", None: ""}
+    rows = [(of.name, _cell(of.value, ".3g"), of.asked, verdicts[of.met]) for of in limits]
+    return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a study measured.
+
+    tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
+    notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
+    JSON values; the rows of the tables are in the JSON anyway. files: for --out, by name. faults: failures of
+    estimators that are not the rig's own, by estimator.
+    """
+
+    tables: Sequence[Table]
+    limits: Sequence[Measured] = ()
+    limits_of: str = ""
+    notes: Sequence[str] = ()
+    section: str = ""
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Study(Generic[Options]):
+    """A benchmark: `rig benchmark NAME`.
+
+    options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
+    "jobs" and "seed" it has. measure: measures; its docstring is the command's help. cases: what the progress
+    counts, in the plural. section: name of its section in a document; None: the study's name. keeps_results:
+    results are stored, in a default folder if --out is not given. simulated: marks the JSON.
+    """
+
+    name: str
+    options: type[Options]
+    measure: "Callable[[Options, Run], Report]"
+    cases: str
+    shared: tuple[str, ...] = ("jobs", "seed")
+    section: Callable[[Options], str] | None = None
+    keeps_results: bool = False
+    simulated: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How a study is to be run, from the options that studies share.
+
+    folder: of its results; None if it stores none. progress: called with the number of finished cases, of all
+    cases, and a note about the last one. say: prints a line for people.
+    """
+
+    seed: int = 0
+    jobs: int | None = None
+    folder: Path | None = None
+    resume: bool = False
+    progress: Callable[[int, int, str], None] = lambda *_: None
+    say: Callable[[str], None] = lambda _: None
+
+    @property
+    def workers(self) -> int:
+        """Number of worker processes: one per core, unless --jobs was given."""
+        return self.jobs or os.cpu_count() or 1
+
+    def each(
+        self,
+        work: Callable[[Case], Result],
+        cases: Sequence[Case],
+        name: Callable[[Case], str] = str,
+        stored: type[Result] | None = None,
+        workers: int | None = None,
+    ) -> list[Result]:
+        """Return the result of `work` for each case, in the order of the cases.
+
+        name: of a case; unique among all cases that may be stored in one folder. stored: the dataclass of
+        results that are appended to `RESULTS` in the folder as soon as they are there; a stored case is not
+        run again. Raises `InputError` if the folder has results and --resume was not given, and what `work`
+        raises.
+        """
+        names = [name(case) for case in cases]
+        found: dict[str, Result] = {}
+        file = None if self.folder is None or stored is None else self.folder / RESULTS
+        if file is not None and stored is not None:
+            found = {each: result for each, result in self._stored(file, stored).items() if each in names}
+        left = [case for case in cases if name(case) not in found]
+        for case, result in run_tasks(work, left, workers or self.workers):
+            found[name(case)] = result
+            if file is not None:
+                append_line(file, json_line(_StoredCase(name(case), json_value(result))))
+            self.progress(len(found), len(names), name(case))
+        return [found[each] for each in names]
+
+    def _stored(self, file: Path, kind: type[Result]) -> dict[str, Result]:
+        make_folder(file.parent)
+        drop_torn_line(file)
+        lines, results = read_rows(file, Codec[_StoredCase](_StoredCase)), Codec[Result](kind)
+        if lines and not self.resume:
+            raise InputError(
+                f"{file.parent}: holds {counted(len(lines), 'result')}; continue with --resume, or give "
+                "another folder"
+            )
+        return {line.case: results.checked(line.result) for line in lines}
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredCase:
+    """A line of `RESULTS`."""
+
+    case: str
+    result: dict[str, Any]
+
+
+def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
+    """Return a report as JSON values, with what it was measured on."""
+    tables = [{"title": of.title, "rows": [asdict(row) for row in of.records]} for of in report.tables]
+    return {
+        "schema": SCHEMA,
+        "benchmark": study.name,
+        "simulated": study.simulated,
+        "options": asdict(options),
+        **({"seed": run.seed} if "seed" in study.shared else {}),
+        **({"out": str(run.folder)} if run.folder else {}),
+        "machine": machine(),
+        "tables": [of for of in tables if of["rows"]],
+        **report.figures,
+        "faults": {name: asdict(faults) for name, faults in report.faults.items()},
+        "limits": [asdict(limit) for limit in report.limits],
+        "wall_s": round(wall_s, 1),
+    }
+
+
+def machine() -> dict[str, object]:
+    """Return processor, number of cores, and the versions of Python and OpenCV."""
+    info = Path("/proc/cpuinfo")
+    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
+    return {
+        "processor": names[0].partition(":")[2].strip() if names else platform.processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "opencv": cv2.__version__,
+    }
+
+
+def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
+    if callable(show):
+        return show(value)
+    return NONE if value is None else format(value, show)

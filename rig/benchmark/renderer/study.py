@@ -1,0 +1,199 @@
+"""`rig benchmark renderer`: estimators on lifts that the second renderer drew, scored as a trial scores."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import typer
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.benchmark.estimators.lifts import fused_from
+from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
+from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, between
+from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
+from rig.benchmark.renderer.shapes import KIND_NAMES
+from rig.benchmark.wrong_answers import is_confidently_wrong
+from rig.tactile.contact.background import mean_background
+from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.foreign import EstimatorFaults, faults_of, together
+from rig.tactile.sample import SlipSample
+
+MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
+LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
+TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}
+"""The fingertips' signs by name."""
+HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
+LIFTS_PER_SEED = 1000
+"""Seed n draws the lifts from 1000 n on."""
+
+
+@dataclass(frozen=True, slots=True)
+class RendererOptions:
+    """Options of `rig benchmark renderer`."""
+
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            help="Repeat for more, also your own as package.module:Class; limits are for the first. "
+            "Default: slip.",
+        ),
+    ] = None
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="How many are drawn.")] = 45
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnLift:
+    """One lift of one estimator.
+
+    wrong: share of its answers that are confidently wrong. faults: failures of an estimator that is not the
+    rig's own.
+    """
+
+    kind: str
+    score: SeriesScore
+    wrong: float
+    ms: tuple[float, ...]
+    faults: EstimatorFaults | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FaceRow:
+    """The lifts of one estimator with one kind of face, or with all: a row of the table."""
+
+    estimator: str = column("estimator")
+    face: str = column("face")
+    lifts: int = column("lifts")
+    mare_deg: float | None = column("MARE", ".2f", "degrees")
+    worst_deg: float | None = column("worst lift", ".2f", "largest mean error of a lift, degrees")
+    answered: float = column("answered", ".0%", "share of the frames with an angle")
+    within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
+    confidently_wrong: int | None = column("confidently wrong", doc="lifts with such an answer")
+    ms: tuple[float, float] = column(
+        "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.1f}, {ms[1]:.1f}", "time per frame, ms"
+    )
+
+
+def measure(options: RendererOptions, run: Run) -> Report:
+    """Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.
+
+    Its gel, lamps, faces and turns are its own, so what is tuned to one simulator shows here. Exit code 4
+    if a limit of the first estimator was missed.
+
+    Examples:
+      rig benchmark renderer
+
+      rig benchmark renderer --estimator slip --estimator ecc --lifts 16 --json
+
+    """
+    choices = [choose_estimator(name) for name in options.estimator or ["slip"]]
+    first = LIFTS_PER_SEED * run.seed
+    numbers = range(first, first + options.lifts)
+    drawn = run.each(
+        partial(answer_lift, choices), numbers, lambda lift: f"{KIND_NAMES[kind_of(lift)]}/{lift}"
+    )
+    by_name = {choice.name: [lift[choice.name] for lift in drawn] for choice in choices}
+    failed = {name: [lift.faults for lift in lifts if lift.faults] for name, lifts in by_name.items()}
+    return Report(
+        tables=(face_table(by_name),),
+        limits=judge_lifts(by_name[choices[0].name]),
+        limits_of=f"'{choices[0].name}'",
+        faults={name: together(faults) for name, faults in failed.items() if faults},
+    )
+
+
+def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, DrawnLift]:
+    """Draw one lift and return every estimator's answers, scored; what a worker process does."""
+    cv2.setNumThreads(1)
+    samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
+    spent: dict[str, list[float]] = {choice.name: [] for choice in choices}
+    for tip, sign in TIPS.items():
+        empty: list[Image] = []
+        estimators: dict[str, Any] = {}
+        for time_ns, image in frames(lift, int(tip)):
+            if time_ns is None:
+                empty.append(image)
+                continue
+            if not estimators:
+                background = mean_background(empty)
+                estimators = {c.name: c.make(background, 1.0, sign) for c in choices}
+                samples = {name: {**of, tip: []} for name, of in samples.items()}
+            for name, estimator in estimators.items():
+                began = time.perf_counter()
+                samples[name][tip].append(estimator.update(image, time_ns))
+                spent[name].append((time.perf_counter() - began) * 1e3)
+    return {name: _scored(lift, of, spent[name]) for name, of in samples.items()}
+
+
+def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
+    """Return a row per estimator and kind of face, all kinds first."""
+    rows = []
+    for name, lifts in by_estimator.items():
+        groups = {"all": lifts} | {kind: [lift for lift in lifts if lift.kind == kind] for kind in KIND_NAMES}
+        rows += [_row(name if kind == "all" else "", kind, of) for kind, of in groups.items() if of]
+    return table_of("SIMULATED by the second renderer: rotational error in degrees", FaceRow, rows, left=2)
+
+
+def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
+    """Return the limits on the lifts of one estimator."""
+    overall = score_all([lift.score for lift in lifts])
+    return (
+        at_most("MARE, degrees", overall.mare and overall.mare.mean_deg, MOST_MARE_DEG),
+        at_most("worst lift, degrees", overall.worst_deg, MOST_WORST_DEG),
+        at_least("share of frames answered", overall.answered, LEAST_ANSWERED),
+        between("share of answers within two sigma", overall.within_two_sigma, LEAST_WITHIN, MOST_WITHIN),
+        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(overall, lifts), 0),
+    )
+
+
+def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
+    fused = fused_from(LIFT_NS, TIPS, samples)
+    course = draw_course(lift)
+    times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
+    truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]
+    angles, sigmas = [s.angle_deg for s in fused], [s.sigma_deg for s in fused]
+    score = score_series(
+        f"{KIND_NAMES[kind_of(lift)]}/{lift}",
+        angles,
+        sigmas,
+        truth.tolist(),
+        np.array([s.time_ns < HOLD_NS for s in fused], bool),
+    )
+    off = [
+        is_confidently_wrong(angle - true, sigma)
+        for angle, sigma, true in zip(angles, sigmas, truth, strict=True)
+        if angle is not None
+    ]
+    wrong = float(np.mean(off)) if off else 0.0
+    faults = faults_of(sample for tip in samples.values() for sample in tip)
+    return DrawnLift(KIND_NAMES[kind_of(lift)], score, wrong, tuple(ms), faults)
+
+
+def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
+    score = score_all([lift.score for lift in lifts])
+    median_ms, p99_ms = np.percentile([value for lift in lifts for value in lift.ms], [50, 99])
+    return FaceRow(
+        estimator=name,
+        face=face,
+        lifts=len(lifts),
+        mare_deg=score.mare and score.mare.mean_deg,
+        worst_deg=score.worst_deg,
+        answered=score.answered,
+        within_two_sigma=score.within_two_sigma,
+        confidently_wrong=_wrong_lifts(score, lifts),
+        ms=(float(median_ms), float(p99_ms)),
+    )
+
+
+def _wrong_lifts(overall: ContenderScore, lifts: Sequence[DrawnLift]) -> int | None:
+    """Lifts with a confidently wrong answer; None for an estimator without sigma."""
+    return None if overall.within_two_sigma is None else sum(lift.wrong > 0 for lift in lifts)
+
+
+STUDY = Study(name="renderer", options=RendererOptions, measure=measure, cases="lifts")

@@ -1,0 +1,210 @@
+"""`rig benchmark seeds`: the trial's lifts of many seeds, scored as they were answered online."""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from drivers.errors import InputError, RigError
+from protocols.observer import Phase
+from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
+from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.wrong_answers import is_confidently_wrong
+from rig.config import BenchConfig
+from rig.config.calibrations import load_calibrated_bench
+from rig.experiments.attempts import MAX_FAULTS_IN_A_ROW
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.trial import resolve_objects
+from rig.lift.marker_truth import interpolate
+from rig.lift.recorded_truth import recorded_truth
+from rig.results.metrics import HEADING, Mare, mare_text
+from rig.sessions.reading import phase_times, recorded_angles
+from rig.sessions.recorder import FUSED_TOPIC
+from rig.sessions.records import FinishedLift
+from rig.tactile.estimators import choose_estimator
+
+FEW, MANY = 2, 20
+"""Number of seeds, without and with --full."""
+MARE_DEG, WORST_DEG = {"easy": 0.32, "hard": 0.6}, {"easy": 2.2, "hard": 4.0}
+"""Limits by the difficulty of the bench."""
+ANSWERED = 0.95
+TURNED_DEG = 5.0
+"""A lift whose object turned by more counts as turned."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeedsOptions:
+    """Options of `rig benchmark seeds`."""
+
+    full: Annotated[bool, typer.Option("--full", help=f"{MANY} seeds instead of {FEW}.")] = False
+    bench: Annotated[
+        str, typer.Option("--bench", help="fake, hard, or the path of a bench file simulated in process.")
+    ] = "fake"
+    objects: Annotated[
+        list[str] | None, typer.Option("--object", help="By id or name; repeat. Default: the trial's nine.")
+    ] = None
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Lifts of each object.")] = 5
+
+
+@dataclass(frozen=True, slots=True)
+class LiftCase:
+    """One lift of one seed."""
+
+    bench: str
+    seed: int
+    object_id: str
+    lift: int
+
+    def __str__(self) -> str:
+        return f"{self.bench}, seed {self.seed}, {self.object_id}/{self.lift}"
+
+
+@dataclass(frozen=True, slots=True)
+class SeedLift:
+    """One lift: its score, how far the object turned, and its number of confidently wrong frames."""
+
+    seed: int
+    score: SeriesScore
+    turned_deg: float
+    confidently_wrong: int
+
+
+@dataclass(frozen=True, slots=True)
+class SeedRow:
+    """The lifts of one seed, or of all: a row of the table."""
+
+    seed: str = column("seed")
+    lifts: int = column("lifts")
+    turned: int = column("turned", doc="lifts whose object turned by more than 5 degrees")
+    mare_b: Mare | None = column("MARE, B", mare_text, "degrees, over phase B")
+    mare: Mare | None = column("MARE, B and C", mare_text, "degrees, over phases B and C")
+    worst: str = column("worst lift", doc="largest mean error of a lift in degrees, and the lift")
+    answered: float = column("answered", ".1%", "share of the frames with an angle")
+    within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
+    confidently_wrong: int = column("confidently wrong", doc="lifts with such an answer")
+
+
+def measure(options: SeedsOptions, run: Run) -> Report:
+    """Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.
+
+    The estimator is slip, as it answers in the lifts. A trial of 45 lifts takes two minutes on two cores.
+    Recordings are removed once they are scored. Exit code 4 if a limit was missed.
+
+    Examples:
+      rig benchmark seeds
+
+      rig benchmark seeds --full --out seeds --resume
+
+      rig benchmark seeds --bench hard --readme docs/estimators.md
+
+    """
+    bench = load_calibrated_bench(options.bench, run.say)
+    if not bench.in_process:
+        raise InputError(f"bench '{bench.name}': give a bench that is simulated in this process")
+    objects = resolve_objects(options.objects or [], bench.objects)
+    seeds = range(run.seed, run.seed + (MANY if options.full else FEW))
+    cases = [
+        LiftCase(bench.name, seed, object_id, lift)
+        for seed in seeds
+        for object_id in objects
+        for lift in range(1, options.lifts + 1)
+    ]
+    lifts = run.each(partial(carry_out, bench), cases, stored=SeedLift)
+    table = seeds_table(bench.name, lifts)
+    return Report(
+        tables=(table,),
+        limits=judge_lifts(bench.difficulty, lifts),
+        limits_of="slip",
+        section=f"{table.title}.\n\n{table.markdown()}",
+    )
+
+
+def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
+    """Carry out one lift and score the angles that it was answered with; what a worker process does."""
+    settings, fault = TrialSettings(bench, case.seed, choose_estimator()), None
+    for attempt in range(MAX_FAULTS_IN_A_ROW):
+        with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:
+            task = LiftTask(1, case.object_id, case.lift, attempt)
+            done = attempt_lift(settings, task, folder=Path(folder))
+            recording, fault = done.files.get(task.recording), done.fault
+            if isinstance(done.row, FinishedLift) and isinstance(recording, Path):
+                return _scored(recording, case.seed, done.row)
+    raise RigError(
+        f"{case}: each of {MAX_FAULTS_IN_A_ROW} attempts ended with a fault; the last one: {fault}"
+    )
+
+
+def seeds_table(bench: str, lifts: Sequence[SeedLift]) -> Table:
+    """Return a row for each seed, and one for all."""
+    seeds = dict.fromkeys(lift.seed for lift in lifts)
+    by_seed = {str(seed): [lift for lift in lifts if lift.seed == seed] for seed in seeds}
+    groups = {"all": list(lifts), **(by_seed if len(seeds) > 1 else {})}
+    title = f"SIMULATED on bench '{bench}': rotational error in degrees, {HEADING}"
+    return table_of(title, SeedRow, [_row(name, of) for name, of in groups.items()])
+
+
+def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, ...]:
+    """Return the limits on the lifts of a bench, easy or hard."""
+    overall = score_all([lift.score for lift in lifts])
+    return (
+        at_most("MARE, degrees", overall.mare and overall.mare.mean_deg, MARE_DEG[difficulty]),
+        at_most("worst lift, degrees", overall.worst_deg, WORST_DEG[difficulty]),
+        at_least("share of frames answered", overall.answered, ANSWERED),
+        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(lifts), 0),
+    )
+
+
+def _scored(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
+    """Score the angles of a recorded lift over phases B and C."""
+    phases, truth = phase_times(recording), recorded_truth(recording)
+    fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
+    fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
+    true = [interpolate(truth, angle.time_ns) for angle in fused]
+    angles, sigmas = [angle.angle_deg for angle in fused], [angle.sigma_deg for angle in fused]
+    in_b = np.array([angle.time_ns < phases[Phase.HOLD] for angle in fused], bool)
+    wrong = sum(
+        angle is not None and known is not None and is_confidently_wrong(angle - known, sigma)
+        for angle, sigma, known in zip(angles, sigmas, true, strict=True)
+    )
+    score = score_series(f"{row.object}/{row.lift}", angles, sigmas, true, in_b)
+    return SeedLift(seed, score, row.final_truth_deg or 0.0, wrong)
+
+
+def _row(name: str, lifts: Sequence[SeedLift]) -> SeedRow:
+    score = score_all([lift.score for lift in lifts])
+    return SeedRow(
+        seed=name,
+        lifts=len(lifts),
+        turned=sum(abs(lift.turned_deg) > TURNED_DEG for lift in lifts),
+        mare_b=score.mare_b,
+        mare=score.mare,
+        worst=_worst(score),
+        answered=score.answered,
+        within_two_sigma=score.within_two_sigma,
+        confidently_wrong=_wrong_lifts(lifts),
+    )
+
+
+def _worst(score: ContenderScore) -> str:
+    return "-" if score.worst_deg is None else f"{score.worst_deg:.2f} ({score.worst})"
+
+
+def _wrong_lifts(lifts: Sequence[SeedLift]) -> int:
+    return sum(lift.confidently_wrong > 0 for lift in lifts)
+
+
+STUDY = Study(
+    name="seeds",
+    options=SeedsOptions,
+    measure=measure,
+    cases="lifts",
+    shared=("out", "resume", "readme", "jobs", "seed"),
+    section=lambda options: f"seeds {load_calibrated_bench(options.bench, lambda _: None).name}",
+    keeps_results=True,
+)

@@ -1,1 +1,0 @@
-"""`rig benchmark seeds`: simulated trials of many seeds, and which of their lifts go wrong."""

@@ -1,0 +1,114 @@
+"""The harness of benchmarks: cases, rows, limits and the command of a study."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from drivers.errors import InputError
+from rig.benchmark.harness import RESULTS, Report, Run, Study, column, table_of
+from rig.benchmark.measured import at_most
+from rig.cli.benchmark.commands import STUDIES, benchmark
+from rig.cli.benchmark.studies import command_of
+
+
+@dataclass(frozen=True, slots=True)
+class Square:
+    """A row."""
+
+    number: int = column("number")
+    square: float | None = column("its square", ".1f", "of the number")
+    parity: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SquareOptions:
+    """Options of the study."""
+
+    count: Annotated[int, typer.Option("--count", min=1, help="Numbers.")] = 3
+    limit: Annotated[float, typer.Option("--limit", help="Largest square.")] = 100.0
+
+
+def square(number: int) -> Square:
+    if number == 5:
+        raise InputError("5 has no square here")
+    return Square(number, float(number**2), "even" if number % 2 == 0 else "odd")
+
+
+def measure(options: SquareOptions, run: Run) -> Report:
+    """Square numbers."""
+    rows = run.each(square, range(options.count), stored=Square)
+    table = table_of("Squares", Square, rows)
+    limits = (at_most("largest square", max(row.square or 0.0 for row in rows), options.limit),)
+    return Report((table,), limits, "squares", section=table.markdown(), files={"count.txt": str(len(rows))})
+
+
+STUDY = Study("squares", SquareOptions, measure, "numbers", ("out", "resume", "readme", "jobs", "seed"))
+
+
+def test_table_shows_declared_columns_only() -> None:
+    table = table_of("Squares", Square, [square(2), Square(3, None)])
+    assert table.columns == ("number", "its square")
+    assert table.rows == [("2", "4.0"), ("3", "-")]
+    assert table.markdown().splitlines()[0] == "| number | its square |"
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_have_the_order_of_the_cases(jobs: int) -> None:
+    assert [row.number for row in Run(jobs=jobs).each(square, [3, 1, 2])] == [3, 1, 2]
+
+
+def test_interrupted_run_resumes_with_missing_cases(tmp_path: Path) -> None:
+    run = Run(jobs=1, folder=tmp_path)
+    with pytest.raises(InputError, match="no square"):
+        run.each(square, [1, 2, 5], stored=Square)
+    with (tmp_path / RESULTS).open("ab") as file:
+        file.write(b'{"case": "torn')
+    done: list[str] = []
+    again = replace(run, resume=True, progress=lambda *of: done.append(of[2]))
+    assert again.each(square, [1, 2, 3], stored=Square) == [square(1), square(2), square(3)]
+    assert done == ["3"]
+
+
+def test_stored_results_are_not_overwritten_without_resume(tmp_path: Path) -> None:
+    Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
+    with pytest.raises(InputError, match="holds 1 result; continue with --resume"):
+        Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
+
+
+def run_command(*arguments: str) -> object:
+    app = typer.Typer()
+    app.command()(command_of(STUDY))
+    return CliRunner().invoke(app, [*arguments, "--jobs", "1"])
+
+
+def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None:
+    document = tmp_path / "page.md"
+    document.write_text("<!-- rig benchmark squares: begin -->\nold\n<!-- rig benchmark squares: end -->\n")
+    out = tmp_path / "out"
+    result = run_command("--count", "2", "--json", "--out", str(out), "--readme", str(document))
+    assert result.exit_code == 0, result.output  # type: ignore[attr-defined]
+    values = json.loads(result.stdout)  # type: ignore[attr-defined]
+    assert values["options"] == {"count": 2, "limit": 100.0}
+    assert values["tables"][0]["rows"][1] == {"number": 1, "square": 1.0, "parity": "odd"}
+    assert values["limits"][0]["met"] is True
+    assert json.loads((out / "results.json").read_text()) == values
+    assert (out / "count.txt").read_text() == "2"
+    assert "| 1 | 1.0 |" in document.read_text()
+
+
+def test_command_ends_with_exit_code_4_if_a_limit_is_missed() -> None:
+    result = run_command("--limit", "1")
+    assert result.exit_code == 4  # type: ignore[attr-defined]
+    assert "limit missed: largest square: 4, asked at most 1" in result.stderr  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_listed_summary_is_the_first_line_of_the_help(name: str) -> None:
+    result = CliRunner().invoke(benchmark, [name, "--help"])
+    assert result.exit_code == 0
+    assert " ".join(STUDIES[name][1].split()) in " ".join(result.output.split())

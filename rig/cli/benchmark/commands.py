@@ -4,7 +4,6 @@ from typing import Any
 
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
-from rig.cli.benchmark.contact import contact
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
@@ -14,7 +13,6 @@ from rig.cli.benchmark.renderer import renderer
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.seeds import seeds
 from rig.cli.benchmark.segmentation import segmentation
-from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
@@ -45,9 +43,7 @@ benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
-benchmark.command("contact")(contact)
 benchmark.command("renderer")(renderer)
 benchmark.command("seeds")(seeds)
 benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
-benchmark.command("sessions")(sessions)

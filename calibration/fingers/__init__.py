@@ -1,4 +1,4 @@
-"""The gripper's fingers: measured tables of opening over counts and of force over current.
+"""The gripper's fingers: measured tables of opening over counts.
 
 Imports `calibration.verdict` alone.
 """

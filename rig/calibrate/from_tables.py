@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from calibration.fingers.force import fit_force
 from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import time_offset
 from drivers.clock import NS_PER_S
@@ -16,7 +13,7 @@ from rig.calibrate.sources import number, read_stream
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
-    """gripper.csv: counts, opening_mm, direction (closing, opening); force.csv, if there: signal, force_n."""
+    """Calibrate the opening from gripper.csv: counts, opening_mm, direction (closing, opening)."""
     path = folder / "gripper.csv"
     rows = read_csv_rows(path, ("counts", "opening_mm", "direction"))
     samples = []
@@ -39,13 +36,6 @@ def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> 
         str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
         for way, t in result.tables.items()
     }
-    assessment, files = result.assessment, [folder / "gripper.csv"]
-    if (path := folder / "force.csv").exists():
-        rows = [row for _, row in read_csv_rows(path, ("signal", "force_n"))]
-        signal, force = (np.array([number(r, c, str(path)) for r in rows]) for c in ("signal", "force_n"))
-        table = fit_force(signal, force)
-        value["force"] = {"signal": table.signal, "force_n": table.force_n, "misfit_n": table.misfit_n}
-        assessment, files = assessment + table.assessment, [*files, path]
     curves = {str(way): (t.counts, 1e3 * t.opening_m) for way, t in result.tables.items()}
     pictures = (
         [
@@ -75,12 +65,12 @@ def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> 
         {"gripper": serial},
         value,
         quality,
-        assessment,
+        result.assessment,
         numbers,
         str(folder),
         len(samples) - len(result.rejected),
         result.rejected,
-        files,
+        [folder / "gripper.csv"],
         pictures,
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -35,10 +35,6 @@ JobsOption = Annotated[
     int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side; default: cores.")
 ]
 BenchOption = Annotated[str, typer.Option("--bench", help="fake, hard, wire, or the path of a bench file.")]
-VotesOption = Annotated[
-    Literal["none", "wrist", "gripper", "both"],
-    typer.Option("--votes", help="Who has a say on slips beside the fingertips."),
-]
 YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
 ObjectsOption = Annotated[
     Path | None,

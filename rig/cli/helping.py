@@ -35,7 +35,7 @@ OPTION_GROUPS = {
     "Estimation": (
         "--window", "--reference-time", "--lift-from", "--timestamps", "--fps", "--pixel-aspect", "--no-skip",
     ),
-    "Reaction to slip": ("--false-alarms-per-hour", "--max-turn-deg", "--votes"),
+    "Reaction to slip": ("--false-alarms-per-hour", "--max-turn-deg"),
     "Limits": (
         "--max-mare", "--within", "--confidently-wrong", "--two-sigma", "--false-rest", "--mean-deg",
         "--p99-ms", "--reversed-turns",

@@ -18,7 +18,6 @@ from rig.cli.common import (
     ResumeStoredOption,
     SeedOption,
     TagOption,
-    VotesOption,
     YesOption,
     ask,
     emit_json,
@@ -86,7 +85,6 @@ def trial(
             help="React only when the object would else turn by more; without it at once.",
         ),
     ] = None,
-    votes: VotesOption = "none",
     no_skip: Annotated[
         bool,
         typer.Option(
@@ -163,7 +161,7 @@ def trial(
     from rig.live.phases import begin_phase
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
-    from rig.sessions.manifest import TrialManifest, Voters
+    from rig.sessions.manifest import TrialManifest
     from rig.sessions.remarks import remarks_of
     from rig.tactile.estimators import choose_estimator
 
@@ -182,11 +180,10 @@ def trial(
         if not given(context, "false_alarms_per_hour"):
             false_alarms_per_hour = stored.false_alarms_per_hour
         max_turn_deg = max_turn_deg or stored.max_turn_deg
-        votes = votes if given(context, "votes") else stored.votes.value
     choice = choose_estimator(estimator, window, not no_skip)
     begin_phase(f"preparing estimator {choice.name}")
     choice.try_making()
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
     settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
     ids = resolve_objects(objects, config.objects)
     require_reaction(settings, ids)

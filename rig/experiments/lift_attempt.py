@@ -278,7 +278,6 @@ def _head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) ->
         position=plan.position,
         grip_counts=plan.grip_counts,
         lift_height_m=plan.lift_height_m,
-        force_n=None,
         seed=seed,
         simulated=settings.bench.simulated,
         recording=task.recording,

@@ -117,7 +117,6 @@ def attempt_pose(
         images=images,
         seed=seed,
         simulated=settings.bench.simulated,
-        force_n=None,
     )
     timing = PoseTiming(pose=task.number, attempt=task.attempt, wall_s=time.perf_counter() - began)
     return Attempt(row, timing, fault, files)

@@ -162,7 +162,7 @@ def session_settings(folder: Path, estimator: str | None, window: int | None) ->
         manifest.seed,
         _choice(manifest, estimator, window),
         react=manifest.react,
-        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg, manifest.votes),
+        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg),
     )
 
 

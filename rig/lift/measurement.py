@@ -94,8 +94,6 @@ class LiftMeasurement:
     def arm(self, state: ArmState) -> None:
         """Take the arm's state: the wrist's turn is not the object's, and some estimators feel through it."""
         self._tcp = state.base_T_tcp
-        if self.watch is not None:
-            self.watch.arm(state)
         for tip in self.tips.values():
             if tip.estimator is not None:
                 tip.estimator.arm(state)
@@ -103,9 +101,7 @@ class LiftMeasurement:
             self._recorder.arm(state)
 
     def gripper(self, state: GripperState) -> None:
-        """Take the gripper's state, for the record and for a vote on slips."""
-        if self.watch is not None:
-            self.watch.gripper(state)
+        """Record the gripper's state."""
         if self._recorder:
             self._recorder.gripper(state)
 

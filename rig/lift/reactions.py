@@ -73,7 +73,6 @@ def _record(
         command_turn_deg=_turn(truth, command_ns),
         standstill_turn_deg=_turn(truth, still_ns),
         rest_turn_deg=_turn(truth, rest_ns),
-        votes=(dict(event.votes) or None) if event is not None else None,
     )
 
 

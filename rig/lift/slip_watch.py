@@ -5,15 +5,12 @@ Without a reaction `rig.lift.onset.OnsetAlarm` raises its one event; this is for
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S
-from drivers.types import ArmState, GripperState
 from protocols.reaction import ReactionStep
 from rig.lift.fusion import TipAnswer
-from rig.lift.slip_votes import Votes
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
-from rig.sessions.manifest import Voters
 
 CAUGHT_DEG = 5.0
 """A caught object has turned by no more, unless another limit was given."""
@@ -29,26 +26,24 @@ FIRST_CLOSING_S = 0.15
 class SlipSettings:
     """When to react. false_alarms_per_hour: at rest, over all fingertips.
 
-    max_turn_deg: react only when the turn would otherwise become larger; None: at once. votes: who has a
-    say beside the fingertips.
+    max_turn_deg: react only when the turn would otherwise become larger; None: at once.
     """
 
     false_alarms_per_hour: float = 10.0
     max_turn_deg: float | None = None
-    votes: Voters = Voters.NONE
 
 
 @dataclass(frozen=True, slots=True)
 class SlipEvent:
-    """A slip that asks for a reaction. Captures of frames: raised_ns: told of the slip, due_ns: asked.
+    """A slip that needs a reaction.
 
-    votes: by how much each voter moved the angle that told, deg.
+    raised_ns: capture time of the frame in which the slip was detected. due_ns: of the frame from which on a
+    reaction is due.
     """
 
     serial: str
     raised_ns: int
     due_ns: int
-    votes: Mapping[str, float] = field(default_factory=dict)
 
 
 class SlipWatch:
@@ -68,8 +63,6 @@ class SlipWatch:
         self._closing_s = FIRST_CLOSING_S
         self._turned_deg = self._largest_deg = 0.0
         self._counted = False
-        self._votes = Votes(settings.votes)
-        self._cast: Mapping[str, float] = {}
 
     @property
     def max_turn_deg(self) -> float | None:
@@ -86,15 +79,6 @@ class SlipWatch:
         share = self._settings.false_alarms_per_hour / max(len(at_rest), 1)
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
-        self._votes.begin()
-
-    def arm(self, state: ArmState) -> None:
-        """Take the arm's state, for a vote."""
-        self._votes.arm(state)
-
-    def gripper(self, state: GripperState) -> None:
-        """Take the gripper's state, for a vote."""
-        self._votes.gripper(state)
 
     def thresholds(self) -> dict[str, tuple[float, float]]:
         """Return by serial from which angle since rest and which rate on a slip is told, deg and deg/s."""
@@ -107,10 +91,10 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        if self._raised_ns is None:
-            self._look(tip)
+        if self._raised_ns is None and self._slips(tip):
+            self._raised_ns = self._now_ns
         if self._pending is None and self._raised_ns is not None and self._too_late_soon(tip):
-            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns, self._cast)
+            self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
             self.events.append(self._pending)
 
     def slip_ns(self) -> int | None:
@@ -141,12 +125,10 @@ class SlipWatch:
             for tip in self._tips.values():
                 tip.rearm()
 
-    def _look(self, tip: TipWatch) -> None:
-        """Look whether a fingertip's newest answer tells of a slip, and by whose votes."""
-        cast = self._votes.cast(self._now_ns)
+    def _slips(self, tip: TipWatch) -> bool:
+        """Whether a fingertip's newest answer shows a slip."""
         away_deg, agreed_deg = self._away_deg()
-        if tip.slips(away_deg, agreed_deg, sum(cast.values())) and self._goes_on(away_deg):
-            self._raised_ns, self._cast = self._now_ns, cast
+        return tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg)
 
     def _goes_on(self, away_deg: float) -> bool:
         """Whether it will soon have turned as far as only a slip does, as the slowest fingertip sees it."""

@@ -90,15 +90,14 @@ class TipWatch:
         """Its newest rate."""
         return self._seen[-1][2] if self._seen else 0.0
 
-    def slips(self, away_deg: float, agreed_deg: float, moved_deg: float = 0.0) -> bool:
+    def slips(self, away_deg: float, agreed_deg: float) -> bool:
         """Whether it is turning, and has turned so far.
 
-        away_deg: since rest, by all fingertips. agreed_deg: that way, by the one that shows least. moved_deg:
-        by how much votes move the angle that tells.
+        away_deg: since rest, by all fingertips. agreed_deg: that way, by the one that shows least.
         """
         rate = self.newest_rate_deg_s
         turning = abs(rate) >= self.rate_deg_s and away_deg * rate > 0.0
-        least_deg = GIVES_DEG + self.angle_deg + moved_deg
+        least_deg = GIVES_DEG + self.angle_deg
         return turning and min(abs(away_deg), abs(self.away_deg), agreed_deg / AGREES) >= least_deg
 
     def weight(self, now_ns: int) -> float:

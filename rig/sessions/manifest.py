@@ -1,9 +1,8 @@
 """A session's manifest: what was asked for, on which bench, and how far it is."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import InitVar, dataclass, fields, replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -25,15 +24,6 @@ from rig.sessions.remarks import NO_REMARKS, Remarks
 SCHEMA_VERSION = 1
 """Of everything in a session folder."""
 DISTRIBUTION = "visuotactile-slip-rig"
-
-
-class Voters(StrEnum):
-    """Who has a vote on slips beside the fingertips."""
-
-    NONE = "none"
-    WRIST = "wrist"
-    GRIPPER = "gripper"
-    BOTH = "both"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +64,8 @@ class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator leaves out stages it has no need of.
 
     truth: how the markers' corners were found, by which the true angles were measured. react: what was
-    done about slip; false_alarms_per_hour, max_turn_deg, votes: when, see `rig.lift.slip_watch.SlipSettings`.
+    done about slip; false_alarms_per_hour, max_turn_deg: when, see `rig.lift.slip_watch.SlipSettings`.
+    votes: a key of sessions of version 1.0, which is read and ignored.
     """
 
     kind: Literal["trial"]
@@ -86,7 +77,10 @@ class TrialManifest(BenchManifest):
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    votes: Voters = Voters.NONE
+    votes: InitVar[str | None] = None
+
+    def __post_init__(self, votes: str | None) -> None:
+        """Ignore the key that is no longer written."""
 
     @property
     def wanted(self) -> int:

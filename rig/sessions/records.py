@@ -1,12 +1,13 @@
 """What a session keeps, line by line: lifts, poses, replayed lifts.
 
 Degrees, seconds, metres and pixels as the names say; angles are positive counter-clockwise as the
-external camera sees them. The version of all this stands in the session's manifest (`manifest.py`): a
-new key comes with a default, so that sessions without it are read; any other change is a new version.
+external camera sees them. The schema version stands in the session's manifest (`manifest.py`). A new key
+comes with a default, so that sessions without it are read; a key that is no longer written is still read
+and ignored (`InitVar`); any other change is a new version.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
@@ -87,7 +88,7 @@ class ReactionRecord:
     of the slip; serial and event_s are None where another estimator looks at the lift and sees none.
     command_s: the arm was told to stop. standstill_s: of arm and fingers. rest_s: the object was seen at
     rest, None where the lift ended instead. counts_added: to the grip.
-    votes: by how much wrist and gripper moved the angle that told of the slip, deg, where they had a vote.
+    votes: a key of sessions of version 1.0, which is read and ignored.
     """
 
     serial: str | None
@@ -102,7 +103,10 @@ class ReactionRecord:
     command_turn_deg: float | None
     standstill_turn_deg: float | None
     rest_turn_deg: float | None
-    votes: dict[str, float] | None = None
+    votes: InitVar[dict[str, float] | None] = None
+
+    def __post_init__(self, votes: dict[str, float] | None) -> None:
+        """Ignore the key that is no longer written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +114,8 @@ class LiftHead:
     """Which lift it was, and how it was told to go.
 
     number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: as the object's
-    file names it. grip_counts: beyond first contact. force_n: no gripper of this bench measures it.
-    recording: file in the session. react: what was to be done about slip.
+    file names it. grip_counts: beyond first contact. recording: file in the session. react: what was to be
+    done about slip. force_n: a key of sessions of version 1.0, which is read and ignored.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -124,11 +128,14 @@ class LiftHead:
     position: str
     grip_counts: int
     lift_height_m: float
-    force_n: float | None
     seed: int
     simulated: bool
     recording: InnerPath
     react: ReactionKind = ReactionKind.NONE
+    force_n: InitVar[float | None] = None
+
+    def __post_init__(self, force_n: float | None) -> None:
+        """Ignore the key that is no longer written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +216,10 @@ class PoseImage:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseRow:
-    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, else None."""
+    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, else None.
+
+    force_n: a key of sessions of version 1.0, which is read and ignored.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -223,7 +233,10 @@ class PoseRow:
     images: tuple[PoseImage, ...]
     seed: int
     simulated: bool
-    force_n: float | None
+    force_n: InitVar[float | None] = None
+
+    def __post_init__(self, force_n: float | None) -> None:
+        """Ignore the key that is no longer written."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,7 @@ from typing import Any
 
 import pytest
 
-from rig.benchmark.sessions.made import make_session
 from rig.cli.sessions import MOST_CHECKED
-from rig.config import load_bench
 from rig.report.wear import read_wear
 from support.command_line import rig
 
@@ -116,10 +114,9 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     assert rig("sessions", tmp_path).returncode == 0
 
 
-def test_many_are_looked_at_side_by_side_with_the_same_answer(tmp_path: Path) -> None:
-    bench = load_bench("fake")
+def test_many_sessions_are_listed_side_by_side_with_the_same_answer(tmp_path: Path) -> None:
     for number in range(45):
-        make_session(tmp_path / f"{number:02d}", bench, number, 3)
+        shutil.copytree(STORED / "stored_trial", tmp_path / f"{number:02d}")
     code = (
         "import sys; import rig.cli.sessions as s; s.SIDE_BY_SIDE = int(sys.argv.pop(1)); "
         "from rig.cli.main import main; main()"
@@ -135,21 +132,6 @@ def test_many_are_looked_at_side_by_side_with_the_same_answer(tmp_path: Path) ->
     assert answers[0].stdout == answers[1].stdout
     assert "Process" not in answers[1].stderr, "workers are ended without a word"
     assert len(json.loads(answers[1].stdout)["sessions"]) == 45
-
-
-def test_a_long_session_and_many_are_timed_as_asked(tmp_path: Path) -> None:
-    done = rig(
-        "benchmark", "sessions", "--sessions", 3, "--lifts", 2, "--long", 30, "--runs", 1, "--out", tmp_path
-    )
-    assert done.returncode in (0, 4), done.stderr
-    assert "3 sessions of 2 lifts listed" in done.stdout
-    assert len(read_made(tmp_path / "one" / "30_lifts")) == 30
-
-
-def read_made(folder: Path) -> list[Any]:
-    from rig.sessions.rows import read_finished_lifts
-
-    return read_finished_lifts(folder)
 
 
 def test_wear_is_shown_over_time(named: Path, tmp_path: Path) -> None:

@@ -81,7 +81,6 @@ def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt[LiftRow]
     assert isinstance(row, FinishedLift)
     assert row.outcome is LiftOutcome.SLIPPED
     assert row.simulated is True
-    assert row.force_n is None
     assert row.final_truth_deg is not None
     assert row.final_estimate_deg is not None
     assert abs(row.final_truth_deg) > 5.0

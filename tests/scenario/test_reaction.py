@@ -18,7 +18,7 @@ from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary
-from rig.sessions.manifest import TrialManifest, Voters, read_manifest
+from rig.sessions.manifest import TrialManifest, read_manifest
 from rig.sessions.records import FinishedLift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
@@ -27,7 +27,7 @@ from support.command_line import rig
 
 
 def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
-    slip = SlipSettings(max_turn_deg=max_turn_deg, votes=Voters.BOTH)
+    slip = SlipSettings(max_turn_deg=max_turn_deg)
     return TrialSettings(lighter(), 0, choose_estimator(), react=ReactionKind(react), slip=slip)
 
 
@@ -93,7 +93,6 @@ def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught:
     assert first.rest_turn_deg is not None
     assert 0.4 < abs(first.rest_turn_deg) < 2.0
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
-    assert set(first.votes or {}) == {"wrist", "gripper"}
 
 
 def test_replay_reads_what_was_done_and_finds_the_same_events(folder: Path, caught: FinishedLift) -> None:

@@ -42,7 +42,8 @@ def test_what_is_written_again_is_what_was_read() -> None:
         (RECORD / RESULTS["record"], POSES),
         (TRIAL / TIMING, LIFT_TIMINGS),
     ):
-        assert b"".join(map(json_line, read_rows(file, codec))) == file.read_bytes()
+        kept = file.read_bytes().replace(b'"force_n": null, ', b"")  # a key that is no longer written
+        assert b"".join(map(json_line, read_rows(file, codec))) == kept
     assert lifts_csv(read_lifts(TRIAL)).encode() == (TRIAL / "lifts.csv").read_bytes()
 
 

@@ -81,7 +81,7 @@ def a_lift(number: int = 1, **changes: Any) -> FinishedLift:
         phases_s=dict(PHASES_S),
         frames={**dict.fromkeys(TIPS, 150), "camera": 75}, dropped=dict.fromkeys((*TIPS, "camera"), 0),
         states={"tracking": 300, "lost": 0}, skipped={"alignment": 10}, disagreements={"tilt": 0},
-        seed=number, simulated=True, force_n=None,
+        seed=number, simulated=True,
     )  # fmt: skip
     return replace(row, **changes)
 
@@ -149,7 +149,7 @@ def drawn_recording(press: Press) -> Drawn:
 def _pose(pose: int, images: tuple[PoseImage, ...], attempt: int = 0) -> PoseRow:
     return PoseRow(
         pose=pose, attempt=attempt, position="left", orientation_deg=15.0 * pose, accepted=True, fault=None,
-        rejected_frames=3, images=images, seed=0, simulated=True, force_n=None,
+        rejected_frames=3, images=images, seed=0, simulated=True,
     )  # fmt: skip
 
 

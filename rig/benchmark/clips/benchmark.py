@@ -6,7 +6,7 @@ of the estimator that was there before). Whatever is tuned on clips is tuned on 
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -33,18 +33,22 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRun:
-    """One estimator on one clip. estimate: its answers from the clip's reference. frame_ms: (N,) of each."""
+    """One estimator on one clip.
+
+    estimate: its answers from the clip's reference. frame_ms: (N,) time of each frame. contacts: see `score`.
+    """
 
     clip: LabelledClip
     estimate: Estimate
     labels: tuple[JudgedLabel, ...]
     frame_ms: tuple[float, ...]
     has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...]
 
     @property
     def score(self) -> ClipScore:
-        """Figures of the one clip."""
-        return score(self.labels, self.frame_ms, self.has_sigma)
+        """Figures of this clip."""
+        return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +115,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
     estimate = zeroed(answers, answers[clip.reference_frame].time)
     labels = tuple(_judged(clip, estimate))
     has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
-    return ClipRun(clip, estimate, labels, tuple(frame_ms), has_sigma)
+    return ClipRun(clip, estimate, labels, tuple(frame_ms), has_sigma, tuple(_reported(clip, answers)))
 
 
 def as_json(result: ClipsResult) -> dict[str, Any]:
@@ -151,6 +155,13 @@ def _judged(clip: LabelledClip, estimate: Estimate) -> list[JudgedLabel]:
     ]
 
 
+def _reported(clip: LabelledClip, answers: Sequence[Answer]) -> Iterator[tuple[bool, bool]]:
+    """Yield, for each frame of a contact span, whether it is in contact and whether it was reported so."""
+    for span in clip.contacts:
+        for answer in answers[span.first : span.last + 1]:
+            yield span.contact, answer.sample.state is not State.NO_CONTACT
+
+
 def _held(angles: Sequence[float | None]) -> float:
     """Return the last angle answered, 0 before any."""
     return next((angle for angle in reversed(angles) if angle is not None), 0.0)
@@ -165,7 +176,8 @@ def _summed(choice: EstimatorChoice, runs: Sequence[ClipRun]) -> EstimatorRuns:
 def _together(runs: Sequence[ClipRun]) -> ClipScore:
     labels = [label for run in runs for label in run.labels]
     frame_ms = [ms for run in runs for ms in run.frame_ms]
-    return score(labels, frame_ms, any(run.has_sigma for run in runs))
+    contacts = [contact for run in runs for contact in run.contacts]
+    return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
 
 
 def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from rig.frames.public_sets import (
 )
 from rig.frames.series import FrameSeries, make_background, read_frames
 
-TIMES, GROUPS = "timestamps.csv", "groups.csv"
+TIMES, GROUPS, CONTACTS = "timestamps.csv", "groups.csv", "contacts.csv"
 NO_GROUP = "-"
 LABEL_EVERY_NS = NS_PER_S // 2
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
@@ -41,12 +41,21 @@ class ClipLabel:
     sigma_deg: float
 
 
+@dataclass(frozen=True, slots=True)
+class ContactSpan:
+    """Consecutive frames, the last one included, that are all in contact or all without contact."""
+
+    first: int
+    last: int
+    contact: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledClip:
-    """A clip and what is known of it.
+    """A clip and its ground truth.
 
     reference_frame: the frame whose angle is 0. labels: in the order of frames, without the reference.
-    background: (H, W, 3) uint8 RGB.
+    background: (H, W, 3) uint8 RGB. contacts: frames of which it is known whether they are in contact.
     """
 
     name: str
@@ -55,6 +64,7 @@ class LabelledClip:
     background: Image
     reference_frame: int
     labels: tuple[ClipLabel, ...]
+    contacts: tuple[ContactSpan, ...] = ()
 
 
 def read_clips(folder: Path, groups: Path | None = None, sign: int = 1) -> list[LabelledClip]:
@@ -154,8 +164,32 @@ def _clip(folder: Path, groups: Mapping[str, str]) -> LabelledClip:
     background = clip_background(folder)
     if background is None:
         raise InputError(f"{folder}: no background.png: put one there, a frame without contact")
-    named = groups.get(folder.name, group)
-    return LabelledClip(folder.name, named, series, read_image(background), reference, labels)
+    contacts = folder / CONTACTS
+    return LabelledClip(
+        name=folder.name,
+        group=groups.get(folder.name, group),
+        series=series,
+        background=read_image(background),
+        reference_frame=reference,
+        labels=labels,
+        contacts=_contacts(contacts, count) if contacts.exists() else (),
+    )
+
+
+def _contacts(path: Path, frames: int) -> tuple[ContactSpan, ...]:
+    """Read spans of frames with and without contact of a clip of `frames` frames. Raises `InputError`."""
+    spans = []
+    for line, row in _rows(path, ("first", "last", "contact")):
+        first, last = (int(_number(path, line, row, name, whole=True)) for name in ("first", "last"))
+        if not first <= last < frames:
+            raise InputError(
+                f"{path}: line {line}: frames {first} to {last}: the clip has frames 0 to {frames - 1}, "
+                "give them in order"
+            )
+        if row["contact"].strip() not in ("yes", "no"):
+            raise InputError(f"{path}: line {line}: contact {shown(row['contact'])}: give yes or no")
+        spans.append(ContactSpan(first, last, row["contact"].strip() == "yes"))
+    return tuple(spans)
 
 
 def _groups(path: Path) -> dict[str, str]:
@@ -165,7 +199,7 @@ def _groups(path: Path) -> dict[str, str]:
 def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
     rows = read_csv_rows(path, needed)
     if not rows:
-        raise InputError(f"{path}: line 2 is missing: give a row per label")
+        raise InputError(f"{path}: line 2 is missing: give one row or more")
     return rows
 
 

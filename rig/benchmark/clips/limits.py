@@ -20,6 +20,8 @@ class ClipLimits:
     false_rest: float | None = None
     mean_small_deg: float | None = None
     p99_ms: float | None = None
+    empty_as_contact: float | None = None
+    held_as_contact: float | None = None
 
     def check(self, clips: Sequence[LabelledClip]) -> None:
         """Raise `InputError` where no clip is of the group."""
@@ -42,6 +44,18 @@ def judge(score: ClipScore, limits: ClipLimits) -> tuple[Measured, ...]:
         _row(at_most, "share of turned labels told as rest", score.false_rest, limits.false_rest),
         _row(at_most, "mean error up to 30 degrees", score.mean_small_deg, limits.mean_small_deg),
         _row(at_most, "time per frame, 99 %, ms", score.p99_ms, limits.p99_ms),
+        _row(
+            at_most,
+            "share of empty frames reported as contact",
+            score.empty_as_contact,
+            limits.empty_as_contact,
+        ),
+        _row(
+            at_least,
+            "share of held frames reported as contact",
+            score.held_as_contact,
+            limits.held_as_contact,
+        ),
     )
     return tuple(row for row in rows if row is not None)
 

@@ -82,11 +82,12 @@ class JudgedLabel:
 
 @dataclass(frozen=True, slots=True)
 class ClipScore:
-    """Figures over labels; None where there is nothing to take them of. Times are per frame, ms.
+    """Figures over labels; None if there is nothing to measure. Times are per frame, ms.
 
     within_3, within, useful, confidently_wrong: shares of all labels, the last three by the label's sigma
     too where it is asked for. two_sigma: of answers with a sigma. false_rest: of labels turned by 10
-    degrees or more.
+    degrees or more. empty_as_contact, held_as_contact: shares reported as contact, of the frames known to be
+    without contact and in contact.
     """
 
     labels: int
@@ -104,12 +105,20 @@ class ClipScore:
     median_sigma_deg: float | None
     median_ms: float
     p99_ms: float
+    empty_as_contact: float | None = None
+    held_as_contact: float | None = None
 
 
-def score(labels: Sequence[JudgedLabel], frame_ms: Sequence[float], has_sigma: bool) -> ClipScore:
-    """Sum up labels, at least one, and the times of frames, at least one.
+def score(
+    labels: Sequence[JudgedLabel],
+    frame_ms: Sequence[float],
+    has_sigma: bool,
+    contacts: Sequence[tuple[bool, bool]] = (),
+) -> ClipScore:
+    """Summarise labels, at least one, and the times of frames, at least one.
 
-    has_sigma: whether the estimator has one at all; without it what asks for one is None.
+    has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
+    for each frame of a contact span, whether it is in contact and whether it was reported as contact.
     """
     errors = np.array([label.error_deg for label in labels])
     small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
@@ -132,8 +141,14 @@ def score(labels: Sequence[JudgedLabel], frame_ms: Sequence[float], has_sigma: b
         median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
         median_ms=float(np.median(frame_ms)),
         p99_ms=float(np.percentile(frame_ms, 99)),
+        empty_as_contact=_share_or_none([reported for held, reported in contacts if not held]),
+        held_as_contact=_share_or_none([reported for held, reported in contacts if held]),
     )
 
 
 def _share(values: Sequence[bool]) -> float:
     return sum(values) / len(values)
+
+
+def _share_or_none(values: Sequence[bool]) -> float | None:
+    return _share(values) if values else None

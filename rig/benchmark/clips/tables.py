@@ -18,6 +18,8 @@ SCORE_COLUMNS = (
     "median, up to 30 deg", "median, all", "useful", "within 2 sigma", "confidently wrong", "false rest",
     "ms per frame: median, 99 %",
 )  # fmt: skip
+CONTACT_COLUMNS = ("empty reported as contact", "held reported as contact")
+"""Shown if a clip has a file `contacts.csv`."""
 NONE = "-"
 EVERY = "all"
 
@@ -25,21 +27,20 @@ EVERY = "all"
 def overall_table(result: ClipsResult) -> BenchmarkTable:
     """Return a row per estimator and group, all clips first."""
     rows = [
-        (of.name if group == EVERY else "", group, *_cells(found))
+        (of.name if group == EVERY else "", group, *_cells(found, result))
         for of in result.estimators
         for group, found in {EVERY: of.overall, **_groups(of.groups)}.items()
     ]
-    return BenchmarkTable(
-        "Hand-measured angles, errors in degrees", ("estimator", "clips", *SCORE_COLUMNS), rows
-    )
+    columns = ("estimator", "clips", *_columns(result))
+    return BenchmarkTable("Hand-measured angles, errors in degrees", columns, rows)
 
 
 def clip_table(result: ClipsResult) -> BenchmarkTable:
     """Return a row per clip for the first estimator, worst first."""
     first = result.estimators[0]
     worst = sorted(first.runs, key=lambda run: -run.score.mean_deg)
-    rows = [(run.clip.name, run.clip.group, *_cells(run.score)) for run in worst]
-    return BenchmarkTable(f"'{first.name}' by clip, worst first", ("clip", "group", *SCORE_COLUMNS), rows)
+    rows = [(run.clip.name, run.clip.group, *_cells(run.score, result)) for run in worst]
+    return BenchmarkTable(f"'{first.name}' by clip, worst first", ("clip", "group", *_columns(result)), rows)
 
 
 def limit_table(result: ClipsResult) -> BenchmarkTable:
@@ -71,7 +72,16 @@ def _groups(groups: dict[str, ClipScore]) -> dict[str, ClipScore]:
     return groups if len(groups) > 1 else {}
 
 
-def _cells(score: ClipScore) -> tuple[str, ...]:
+def _has_contacts(result: ClipsResult) -> bool:
+    return any(run.contacts for run in result.estimators[0].runs)
+
+
+def _columns(result: ClipsResult) -> tuple[str, ...]:
+    return SCORE_COLUMNS + CONTACT_COLUMNS if _has_contacts(result) else SCORE_COLUMNS
+
+
+def _cells(score: ClipScore, result: ClipsResult) -> tuple[str, ...]:
+    contacts = (_share(score.empty_as_contact, 1), _share(score.held_as_contact, 1))
     return (
         str(score.labels),
         _share(score.within_3),
@@ -85,6 +95,7 @@ def _cells(score: ClipScore) -> tuple[str, ...]:
         _share(score.confidently_wrong),
         _share(score.false_rest),
         f"{score.median_ms:.2f}, {score.p99_ms:.2f}",
+        *(contacts if _has_contacts(result) else ()),
     )
 
 
@@ -96,5 +107,5 @@ def _number(value: float | None) -> str:
     return NONE if value is None else f"{value:.2f}"
 
 
-def _share(value: float | None) -> str:
-    return NONE if value is None else f"{value:.0%}"
+def _share(value: float | None, digits: int = 0) -> str:
+    return NONE if value is None else f"{value:.{digits}%}"

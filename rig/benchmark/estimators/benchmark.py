@@ -11,10 +11,8 @@ from rig.benchmark.estimators.contenders import CONTENDERS
 from rig.benchmark.estimators.endurance import Endurance, measure_endurance
 from rig.benchmark.estimators.lifts import LiftScores, Tips, score_lift, session_lifts
 from rig.benchmark.estimators.limits import closest_of_paper, judge
-from rig.benchmark.estimators.precision import Precision, compare_precision
 from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.stress import (
-    CONTACTS,
     NAMES,
     StressedClip,
     StressRow,
@@ -87,7 +85,6 @@ class BenchmarkResult:
     skip_apart: int
     skipped: dict[str, float]
     timing: TimingReport
-    precision: Precision
     endurance: Endurance | None
     stress: list[StressRow]
     limits: list[Measured]
@@ -130,7 +127,6 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
         skip_apart=apart,
         skipped=_skipped(lifts),
         timing=timing,
-        precision=compare_precision(CONTACTS, settings.seed),
         endurance=endurance,
         stress=stress,
         limits=judge(scores, timing, gap, apart, stress, endurance),
@@ -173,7 +169,6 @@ def as_json(result: BenchmarkResult) -> dict[str, object]:
             "answered_by_one_only": result.skip_apart,
             "skipped_share": result.skipped,
         },
-        "precision": asdict(result.precision),
         "endurance": asdict(result.endurance) if result.endurance else None,
         "stress": [asdict(row) for row in result.stress],
         "faults": {name: asdict(faults) for name, faults in result.faults.items()},

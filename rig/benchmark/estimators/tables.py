@@ -86,8 +86,7 @@ def limit_table(limits: Sequence[Measured], whose: str = f"'{DEFAULT_ESTIMATOR}'
 
 def notes(result: BenchmarkResult) -> list[str]:
     """Return what else was measured, a sentence each."""
-    threads, precision = result.timing.threads, result.precision
-    saved = result.timing.skip_saves
+    threads, saved = result.timing.threads, result.timing.skip_saves
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     return [
         f"Skipping saves {saved:.0%} of the time of --no-skip; the angles differ by at most "
@@ -95,9 +94,6 @@ def notes(result: BenchmarkResult) -> list[str]:
         f"Left out, of all frames: {shares or 'nothing'}.",
         f"One OpenCV thread {threads.one_ms:.2f} ms, two {threads.two_ms:.2f} ms (median of "
         f"{threads.frames} frames); the angles differ by at most {threads.gap_deg:.3g} degrees.",
-        f"Normal equations in float32 against float64: at most {precision.largest_deg:.2g} degrees apart "
-        f"(median {precision.median_deg:.2g}, {precision.frames} alignments, condition at most "
-        f"{precision.condition:.0f}).",
         _against_paper(result),
         "Onsets found afterwards: " + "; ".join(_onset_note(result, key) for key in _usual(result)) + ".",
         "The published methods know no sign: against the size of the true angle alone their MARE is "

@@ -19,7 +19,8 @@ def clips(
         Path,
         typer.Argument(
             help="Folder with a folder per clip: frames/ or a video, background.png, labels.csv, "
-            "timestamps.csv. Or trials of TactileTracking, or sequences of digit-pose-estimation."
+            "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
+            "digit-pose-estimation."
         ),
     ],
     estimator: Annotated[
@@ -73,6 +74,13 @@ def clips(
     p99_ms: Annotated[
         float | None, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")
     ] = None,
+    empty: Annotated[
+        float | None,
+        typer.Option("--empty", help="Highest share of frames without contact reported as contact."),
+    ] = None,
+    held: Annotated[
+        float | None, typer.Option("--held", help="Lowest share of frames in contact reported as contact.")
+    ] = None,
     reversed_turns: Annotated[
         bool,
         typer.Option(
@@ -95,6 +103,9 @@ def clips(
     reference), sigma_deg; frames count from 0; `rig label-angle` makes one. Every label counts: a
     refused one is not within, and enters the means with the last angle answered. Exit code 4 if the
     first estimator misses a limit that was given.
+
+    A clip's contacts.csv, if there is one, has the columns first, last, contact (yes or no): frames that are
+    all in contact or all without contact. It adds two columns: how many of them were reported as contact.
 
     Examples:
       rig benchmark clips clips/ --out clips_page
@@ -124,6 +135,8 @@ def clips(
         "false_rest": false_rest,
         "mean_small_deg": mean_deg,
         "p99_ms": p99_ms,
+        "empty_as_contact": empty,
+        "held_as_contact": held,
     }
     chosen = {name: value for name, value in given.items() if value is not None}
     limits = replace(PROJECT if project_limits else NO_LIMITS, **chosen)

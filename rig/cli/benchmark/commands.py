@@ -8,7 +8,6 @@ from typer.main import get_command
 
 from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
-from rig.cli.benchmark.contact import contact
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
@@ -16,7 +15,6 @@ from rig.cli.benchmark.others import others
 from rig.cli.benchmark.reaction import reaction
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.segmentation import segmentation
-from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.studies import command_of
 from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
@@ -73,7 +71,5 @@ benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
-benchmark.command("contact")(contact)
 benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
-benchmark.command("sessions")(sessions)

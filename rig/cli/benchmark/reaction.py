@@ -6,7 +6,7 @@ import typer
 
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import print_tables
-from rig.cli.common import JobsOption, JsonOption, SeedOption, VotesOption, emit_json
+from rig.cli.common import JobsOption, JsonOption, SeedOption, emit_json
 
 
 def reaction(
@@ -25,7 +25,6 @@ def reaction(
         float | None,
         typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
     ] = None,
-    votes: VotesOption = "none",
     wire_lifts: Annotated[
         int,
         typer.Option("--wire-lifts", min=0, max=100, help="Further lifts behind wires, in real time."),
@@ -60,10 +59,9 @@ def reaction(
     from rig.experiments.lift_attempt import TrialSettings
     from rig.experiments.trial import resolve_objects
     from rig.lift.slip_watch import SlipSettings
-    from rig.sessions.manifest import Voters
     from rig.tactile.estimators import choose_estimator
 
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg, Voters(votes))
+    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
     bench = as_late_as_real(load_bench("fake"))
     settings = TrialSettings(bench, seed, choose_estimator("slip"), react=ReactionKind(react), slip=slip)
     with WorkProgress(0, "lifts") as progress:

@@ -99,8 +99,7 @@ def gripper(
     On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels
     feel them, and open until they do not.
 
-    The folder of --from holds gripper.csv: counts, opening_mm, direction (closing or opening); and,
-    where a scale or force sensor was at hand, force.csv: signal (current or counts), force_n.
+    The folder of --from holds gripper.csv: counts, opening_mm, direction (closing or opening).
 
     Examples:
       rig calibrate gripper --bench fake

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.fingers.force import fit_force
 from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import TimedSignal, make_stream, time_offset, unwrapped
 from calibration.tool_tip import calibrate_pivot
@@ -193,11 +192,3 @@ def test_bad_gripper_samples_are_left_out_and_a_shuffled_table_refused() -> None
     assert "usable measurements" in calibrate_opening([]).assessment.refusals[0]
     one_way = calibrate_opening([s for s in _openings() if s.direction is Direction.CLOSING])
     assert any("hysteresis is unknown" in d for d in one_way.assessment.doubts)
-
-
-def test_zero_force_is_not_zero_newton() -> None:
-    table = fit_force(np.array([0.0, 50, 100, 150, 255]), np.array([15.0, 24, 31, 42, 60]))
-    assert (table.signal[0], table.force_n[0]) == (0.0, 15.0)
-    assert table.force_n.tolist() == [15.0, 24.0, 31.0, 42.0, 60.0]
-    with pytest.raises(CalibrationError, match="3 are the least"):
-        fit_force(np.array([1.0, 2.0]), np.array([1.0, 2.0]))

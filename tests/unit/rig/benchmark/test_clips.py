@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +16,9 @@ from typer.testing import CliRunner
 from drivers.errors import InputError
 from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.labelled import ClipLabel, read_clips
-from rig.benchmark.clips.limits import PROJECT
+from rig.benchmark.clips.limits import NO_LIMITS, PROJECT
 from rig.benchmark.clips.scores import JudgedLabel, score
+from rig.benchmark.clips.tables import overall_table
 from rig.benchmark.readme import markers
 from rig.cli.main import app
 from rig.tactile.estimators import choose_estimator
@@ -198,6 +200,56 @@ def test_own_clips_are_judged_only_by_limits_that_were_given(clips: Path, tmp_pa
     assert judged.exit_code == 4
     assert "asked at least 1.01" in judged.stderr
     assert "time per frame" in judged.output
+
+
+def labelled_contacts(clips: Path, folder: Path, spans: str) -> Path:
+    """A copy of one clip whose frames 0 to 9 and 10 to 24 are labelled as in `spans`."""
+    clip = shutil.copytree(clips / "frames_clip", folder / "frames_clip")
+    (clip / "contacts.csv").write_text(f"first,last,contact\n{spans}")
+    return clip
+
+
+def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint8], tmp_path: Path) -> None:
+    clip = labelled_contacts(clips, tmp_path, "0,4,no\n5,9,yes\n10,24,yes\n")
+    for i in range(5):
+        cv2.imwrite(str(clip / "frames" / f"{i:03d}.png"), blank[..., ::-1])
+    command = ["benchmark", "clips", str(tmp_path), "--estimator", "slip", "--json"]
+    done = CliRunner().invoke(app, [*command, "--empty", "0", "--held", "0.9"])
+    assert done.exit_code == 0, done.output
+    assert "held reported as contact" in " ".join(overall_columns(tmp_path))
+    found = json.loads(done.stdout)["estimators"]["slip"]["all"]
+    assert found["empty_as_contact"] == 0.0
+    assert found["held_as_contact"] == 1.0
+    (clip / "contacts.csv").write_text("first,last,contact\n0,4,yes\n20,24,no\n")
+    missed = CliRunner().invoke(app, [*command, "--empty", "0.05", "--held", "0.95"])
+    assert missed.exit_code == 4
+    assert missed.stderr.count("limit missed") == 2
+
+
+def overall_columns(folder: Path) -> tuple[str, ...]:
+    return overall_table(run_clips(folder, [choose_estimator("pca")], NO_LIMITS)).columns
+
+
+def test_a_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(clips: Path) -> None:
+    assert not any("as contact" in column for column in overall_columns(clips / "frames_clip"))
+    limits = replace(NO_LIMITS, empty_as_contact=0.05, held_as_contact=0.95)
+    result = run_clips(clips / "frames_clip", [choose_estimator("pca")], limits)
+    assert [limit.met for limit in result.limits] == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("spans", "message"),
+    [
+        ("", "line 2 is missing"),
+        ("3,5,maybe\n", "line 2: contact 'maybe': give yes or no"),
+        ("5,3,no\n", "line 2: frames 5 to 3: the clip has frames 0 to 24"),
+        ("3,25,no\n", "line 2: frames 3 to 25: the clip has frames 0 to 24"),
+        ("-1,3,no\n", "line 2: first '-1': give a frame's number"),
+    ],
+)
+def test_wrong_contact_spans_are_rejected(clips: Path, tmp_path: Path, spans: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_clips(labelled_contacts(clips, tmp_path, spans))
 
 
 def test_a_group_that_no_clip_is_of_is_named(clips: Path) -> None:

@@ -46,7 +46,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "FRAMES_PER_LIFT", 120)
         patch.setattr(benchmark, "load_bench", lighter)
-        patch.setattr(benchmark, "CONTACTS", benchmark.CONTACTS[:2])
         return run_benchmark(settings, show), told
 
 

@@ -6,7 +6,6 @@ import pytest
 from drivers.errors import InputError
 from fakes.studio.clips import Clip, Scene, opposite, render_clip
 from rig.benchmark.estimators import disturbances as d
-from rig.benchmark.estimators.precision import compare_precision
 from rig.benchmark.estimators.stress import (
     CONDITIONS,
     NAMES,
@@ -106,10 +105,3 @@ def test_a_turn_is_followed_and_a_ball_refused() -> None:
     assert {row.estimator for row in balls} == set(NAMES)
     assert all(row.refused for row in balls)
     assert [row.score.answered for row in balls if row.estimator == "slip"] == [0.0, 0.0]
-
-
-def test_single_precision_is_enough() -> None:
-    precision = compare_precision(["t1:1"])
-    assert precision.frames > 10
-    assert precision.condition > 1.0
-    assert precision.largest_deg < 0.02

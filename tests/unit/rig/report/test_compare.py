@@ -25,7 +25,7 @@ def row(lift: int, error: float | None, name: str = "wrench", answered: float = 
     return ComparedLift(
         FinishedLift(
             number=lift, attempt=0, object=f"id {name}", name=name, lift=lift, position="left",
-            grip_counts=3, lift_height_m=0.05, force_n=None, seed=0, simulated=True, recording="",
+            grip_counts=3, lift_height_m=0.05, seed=0, simulated=True, recording="",
             outcome=LiftOutcome.SLIPPED, re=part, re_b=part, re_held=part, contact_area_px={},
             answered=answered, final_estimate_deg=None, final_truth_deg=10.0, onset_truth_s=None,
             onset_estimate_s=None, onset_alarm_s=None, phases_s={}, frames={}, dropped={}, states={},

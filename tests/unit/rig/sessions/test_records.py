@@ -16,14 +16,23 @@ from rig.experiments.batch_replay import plan_replays
 from rig.results.listing import SessionState, list_session
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
-from rig.sessions.records import LIFTS, POSES, FailedLift, FinishedLift, LiftHead, LiftOutcome, PoseRow
+from rig.sessions.records import (
+    LIFTS,
+    POSES,
+    FailedLift,
+    FinishedLift,
+    LiftHead,
+    LiftOutcome,
+    PoseRow,
+    ReactionRecord,
+)
 from rig.sessions.rows import read_lifts, readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
 
 MakeRow = Callable[..., FinishedLift]
 POSE = PoseRow(
     pose=1, attempt=0, position="left", orientation_deg=-30.0, accepted=True, fault=None, rejected_frames=0,
-    images=(), seed=0, simulated=True, force_n=None,
+    images=(), seed=0, simulated=True,
 )  # fmt: skip
 
 
@@ -57,6 +66,23 @@ def test_what_is_written_only_where_it_is_so_is_absent_elsewhere(lift_row: MakeR
     asked = RecordManifest(**vars(begun_on(load_bench("fake"), "record", 0, ["7"])), poses=3, images=9)
     assert not {"randomised", "completed"} & json_value(asked).keys()
     assert json_value(replace(asked, randomised=True))["randomised"] is True
+
+
+def test_keys_of_version_1_0_are_read_and_ignored(
+    lift_row: MakeRow, drawn_trial: Any, tmp_path: Path
+) -> None:
+    reaction = ReactionRecord("D1", 0.1, 0.2, 0.3, 0.4, None, 6, 0.5, 0.6, 0.7, 0.8, None)
+    row = lift_row(1, reactions=(reaction,))
+    values = json_value(row)
+    values["force_n"] = None
+    values["reactions"][0]["votes"] = {"wrist": -0.1}
+    assert LIFTS.parsed(json.dumps(values).encode()) == row
+    assert POSES.parsed(json.dumps({**json_value(POSE), "force_n": None}).encode()) == POSE
+    path = drawn_trial(tmp_path / "s", (12.0,)) / "session.json"
+    manifest = read_manifest(path.parent)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "votes": "both"}))
+    assert read_manifest(path.parent) == manifest
+    assert not {"force_n", "votes"} & {*json_value(row), *json_value(POSE), *json_value(manifest)}
 
 
 @pytest.mark.parametrize(

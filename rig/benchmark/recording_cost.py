@@ -1,6 +1,6 @@
 """Time that recording a frame takes from the control loop.
 
-`python -m rig.benchmark.sessions.recording_cost FOLDER`. Frames come at a bench's rates and sizes, and their
+`python -m rig.benchmark.recording_cost FOLDER`. Frames come at a bench's rates and sizes, and their
 recording is timed in the calling thread: into a file that a thread of its own writes, as lifts are recorded,
 into a file that the caller writes itself, and into memory, which shows what a loaded host adds.
 """

@@ -8,7 +8,7 @@ sections of Markdown files and exit codes.
 
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -36,13 +36,24 @@ Case = TypeVar("Case")
 Result = TypeVar("Result")
 
 
-def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "") -> Any:
+def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
     """Declare a field of a row: the heading of its column, how its value is shown, and what it is.
 
     show: a format specification as ".2f", with which None is shown as "-"; or a function that returns the
-    text of a value, also of None. doc: unit and meaning.
+    text of a value, also of None. doc: unit and meaning. optional: the column is left out if it has no value
+    in any row.
     """
-    return field(metadata={"heading": heading, "show": show, "doc": doc})
+    return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
+
+
+def columns_of(kind: type[Any]) -> Any:
+    """Declare a field of a row whose value is a dataclass with columns of its own."""
+    return field(metadata={"columns": kind})
+
+
+def silent() -> Any:
+    """Declare a field of a row that has no column; it is in the JSON."""
+    return field()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +74,29 @@ class Table:
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
     """Return a table of rows. kind: their dataclass; its fields that are declared by `column` are shown."""
-    shown = [(each.name, each.metadata) for each in fields(kind) if "heading" in each.metadata]
-    cells = [tuple(_cell(getattr(row, name), of["show"]) for name, of in shown) for row in rows]
+    shown = [
+        (place, of) for place, of in _columns(kind)
+        if not of["optional"] or any(_value(row, place) is not None for row in rows)
+    ]  # fmt: skip
+    cells = [tuple(_cell(_value(row, place), of["show"]) for place, of in shown) for row in rows]
     return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows))
+
+
+def _columns(
+    kind: type[Any], place: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Yield the fields that lead to each column of a row, and what `column` declared."""
+    for each in fields(kind):
+        if "columns" in each.metadata:
+            yield from _columns(each.metadata["columns"], (*place, each.name))
+        elif "heading" in each.metadata:
+            yield (*place, each.name), each.metadata
+
+
+def _value(row: Any, place: tuple[str, ...]) -> Any:
+    for name in place:
+        row = getattr(row, name)
+    return row
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
@@ -190,7 +221,9 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": asdict(options),
+        "options": {
+            name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()
+        },
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),
@@ -218,3 +251,7 @@ def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
     if callable(show):
         return show(value)
     return NONE if value is None else format(value, show)
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value

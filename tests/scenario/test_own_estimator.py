@@ -14,13 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
-from rig.benchmark.clips.benchmark import as_json as clips_json
-from rig.benchmark.clips.benchmark import run_clips
-from rig.benchmark.clips.limits import ClipLimits
+from rig.benchmark.clips import study as clips
 from rig.benchmark.estimators.contenders import NO_SKIP
 from rig.benchmark.estimators.lifts import score_lift, session_lifts
 from rig.benchmark.harness import Run
-from rig.benchmark.renderer.study import RendererOptions, measure
+from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
 from rig.experiments.lift_attempt import TrialSettings
 from rig.experiments.replay import run_replay, session_settings
@@ -161,15 +159,13 @@ def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.u
     (clip / "labels.csv").write_text(
         "reference_frame,keyframe,angle_deg,sigma_deg\n5,9,20,0.5\n5,11,30,0.5\n"
     )
-    choices = [choose_estimator(name) for name in (FAILING, "lab-pca")]
-    result = run_clips(clip.parent, choices, ClipLimits())
-    assert list(result.faults) == [FAILING]
-    assert clips_json(result)["faults"][FAILING]["frames"] == 1
-    assert result.estimators[1].overall.mean_deg < 3.0
+    report = clips.measure(clips.ClipsOptions(clip.parent, [FAILING, "lab-pca"]), Run())
+    assert {name: faults.frames for name, faults in report.faults.items()} == {FAILING: 1}
+    assert report.tables[1].records[1].score.mean_deg < 3.0
 
 
 def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
-    report = measure(RendererOptions([FAILING], lifts=1), Run(jobs=1))
+    report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
     assert report.faults[FAILING].frames > 2
     assert "no gradient today" in report.faults[FAILING].first
 

@@ -1,6 +1,7 @@
 """The page of `rig benchmark clips`: each clip's curve, sigma band, labels and frames, worst first."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from drivers.types import Image
-from rig.benchmark.clips.benchmark import ClipRun, ClipsResult
-from rig.benchmark.clips.scores import JudgedLabel
-from rig.benchmark.clips.tables import clip_table, limit_table, overall_table, verdict
-from rig.benchmark.harness import machine
+from rig.benchmark.clips.labelled import LabelledClip
+from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
+from rig.benchmark.harness import Table, machine
+from rig.frames.estimates import Estimate
 from rig.pages.figure import Floats, band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
@@ -27,31 +28,49 @@ _BEFORE, _AFTER = 10, 5
 """Frames shown before the reference and after the last label."""
 
 
-def page(result: ClipsResult) -> str:
-    """Return the HTML page."""
-    clips = sorted(
-        zip(*(of.runs for of in result.estimators), strict=True), key=lambda runs: -runs[0].score.mean_deg
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRun:
+    """One estimator on one clip.
+
+    estimate: its answers from the clip's reference. frame_ms: (N,) of each frame. contacts: for each frame of
+    a contact span, whether it is in contact and whether it was reported as contact.
+    """
+
+    clip: LabelledClip
+    estimate: Estimate
+    labels: tuple[JudgedLabel, ...]
+    frame_ms: tuple[float, ...]
+    has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...] = ()
+
+    @property
+    def score(self) -> ClipScore:
+        """Figures of the one clip."""
+        return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
+
+
+def page(title: str, runs: Mapping[str, Sequence[ClipRun]], verdict: str, tables: Sequence[Table]) -> str:
+    """Return the HTML page. runs: of each estimator, in the same order of clips."""
+    clips = sorted(zip(*runs.values(), strict=True), key=lambda of: -of[0].score.mean_deg)
     return render(
         "rig.benchmark.clips",
         "clips.html",
-        folder=result.folder.name,
+        folder=title,
         of=machine(),
-        verdict=verdict(result.limits),
-        tables=[*([limit_table(result)] if result.limits else []), overall_table(result), clip_table(result)],
-        clips=[_clip(result, runs) for runs in clips],
+        verdict=verdict,
+        tables=tables,
+        clips=[_clip([*runs], of) for of in clips],
     )
 
 
-def _clip(result: ClipsResult, runs: Sequence[ClipRun]) -> dict[str, object]:
-    first, score = runs[0], runs[0].score
-    names = [of.name for of in result.estimators]
+def _clip(names: Sequence[str], runs: Sequence[ClipRun]) -> dict[str, object]:
+    first, found = runs[0], runs[0].score
     return {
         "name": first.clip.name,
         "group": first.clip.group,
         "figure": chart(names, runs),
         "stills": stills(first),
-        "caption": f"{names[0]}: mean error {score.mean_deg:.1f} degrees, {score.within:.0%} within limits, "
+        "caption": f"{names[0]}: mean error {found.mean_deg:.1f} degrees, {found.within:.0%} within limits, "
         f"zero: {first.estimate.zero_note}",
     }
 
@@ -98,7 +117,7 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
 def stills(run: ClipRun) -> list[Still]:
     """Return the reference and the labelled frames as small pictures."""
     wanted: dict[int, str] = {run.clip.reference_frame: "reference"}
-    wanted |= {judged.label.frame: _told(judged) for judged in run.labels}
+    wanted |= {judged.label.frame: _caption(judged) for judged in run.labels}
     return [
         still(_small(frame.image), f"frame {number}: {wanted[number]}")
         for number, frame in enumerate(run.clip.series)
@@ -110,7 +129,7 @@ def _numbers(values: Sequence[float | None]) -> Floats:
     return np.array(values, float)
 
 
-def _told(judged: JudgedLabel) -> str:
+def _caption(judged: JudgedLabel) -> str:
     sigma = "" if judged.sigma_deg is None else f" ± {judged.sigma_deg:.1f}"
     answer = "refused" if judged.angle_deg is None else f"{judged.angle_deg:+.1f}{sigma}"
     return f"{judged.label.angle_deg:+.1f} ± {judged.label.sigma_deg:.1f} measured, {answer} answered"

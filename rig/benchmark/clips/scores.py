@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.benchmark.clips.labelled import ClipLabel
+from rig.benchmark.harness import column, silent
 from rig.benchmark.wrong_answers import is_confidently_wrong
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
@@ -90,23 +91,29 @@ class ClipScore:
     without contact and in contact.
     """
 
-    labels: int
-    answered: float
-    within_3: float
-    within: float
-    mean_small_deg: float | None
-    median_small_deg: float | None
-    mean_deg: float
-    median_deg: float
-    useful: float | None
-    two_sigma: float | None
-    confidently_wrong: float | None
-    false_rest: float | None
-    median_sigma_deg: float | None
-    median_ms: float
-    p99_ms: float
-    empty_as_contact: float | None = None
-    held_as_contact: float | None = None
+    labels: int = column("labels")
+    answered: float = silent()
+    within_3: float = column("within 3 deg", ".0%")
+    within: float = column("within 3 deg or 2 label sigmas", ".0%")
+    mean_small_deg: float | None = column("mean, up to 30 deg", ".2f")
+    mean_deg: float = column("mean, all", ".2f")
+    median_small_deg: float | None = column("median, up to 30 deg", ".2f")
+    median_deg: float = column("median, all", ".2f")
+    useful: float | None = column("useful", ".0%")
+    two_sigma: float | None = column("within 2 sigma", ".0%")
+    confidently_wrong: float | None = column("confidently wrong", ".0%")
+    false_rest: float | None = column("false rest", ".0%")
+    median_sigma_deg: float | None = silent()
+    frame_ms: tuple[float, float] = column(
+        "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.2f}, {ms[1]:.2f}"
+    )
+    empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
+    held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)
+
+    @property
+    def p99_ms(self) -> float:
+        """Time per frame, 99th percentile, ms."""
+        return self.frame_ms[1]
 
 
 def score(
@@ -139,8 +146,7 @@ def score(
         confidently_wrong=_share([label.confidently_wrong for label in labels]) if has_sigma else None,
         false_rest=_share([label.false_rest for label in turned]) if has_sigma and turned else None,
         median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
-        median_ms=float(np.median(frame_ms)),
-        p99_ms=float(np.percentile(frame_ms, 99)),
+        frame_ms=(float(np.median(frame_ms)), float(np.percentile(frame_ms, 99))),
         empty_as_contact=_share_or_none([reported for held, reported in contacts if not held]),
         held_as_contact=_share_or_none([reported for held, reported in contacts if held]),
     )

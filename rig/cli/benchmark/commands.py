@@ -7,7 +7,6 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from rig.cli.benchmark.calibration import calibration
-from rig.cli.benchmark.clips import clips
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
@@ -21,6 +20,10 @@ from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
+    "clips": (
+        "rig.benchmark.clips.study",
+        "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
+    ),
     "renderer": (
         "rig.benchmark.renderer.study",
         "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.",
@@ -70,6 +73,5 @@ benchmark.command("endurance")(endurance)
 benchmark.command("calibration")(calibration)
 benchmark.command("segmentation")(segmentation)
 benchmark.command("trials")(trials)
-benchmark.command("clips")(clips)
 benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)

@@ -4,7 +4,6 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,14 +13,12 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.labelled import ClipLabel, read_clips
-from rig.benchmark.clips.limits import NO_LIMITS, PROJECT
 from rig.benchmark.clips.scores import JudgedLabel, score
-from rig.benchmark.clips.tables import overall_table
+from rig.benchmark.clips.study import ClipsOptions, measure
+from rig.benchmark.harness import Run
 from rig.benchmark.readme import markers
 from rig.cli.main import app
-from rig.tactile.estimators import choose_estimator
 
 Draw = Callable[..., NDArray[np.uint8]]
 ROOT = Path(__file__).resolve().parents[4]
@@ -75,16 +72,16 @@ def test_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
     assert len(read_clips(clips / "video_clip")) == 1
 
 
-def test_what_is_known_is_measured(clips: Path) -> None:
-    result = run_clips(clips, [choose_estimator("slip"), choose_estimator("pca")], PROJECT)
-    slip, pca = result.estimators
-    assert slip.overall.within_3 == slip.overall.answered == slip.overall.useful == 1.0
-    assert slip.overall.mean_deg < 1.0
-    assert slip.overall.false_rest == slip.overall.confidently_wrong == 0.0
-    assert pca.overall.useful is None
-    assert pca.overall.within_3 == 1.0
-    assert set(slip.groups) == {"clean", "coded"}
-    assert {limit.name: limit.met for limit in result.limits}["share of answers within two sigma"]
+def test_known_turns_are_measured(clips: Path) -> None:
+    report = measure(ClipsOptions(clips, ["slip", "pca"], limits=True), Run())
+    (slip, coded, _), pca = report.tables[1].records[:3], report.tables[1].records[3]
+    assert [slip.clips, coded.clips, pca.estimator] == ["all", "clean", "pca"]
+    assert slip.score.within_3 == slip.score.answered == slip.score.useful == 1.0
+    assert slip.score.mean_deg < 1.0
+    assert slip.score.false_rest == slip.score.confidently_wrong == 0.0
+    assert pca.score.useful is None
+    assert pca.score.within_3 == 1.0
+    assert {limit.name: limit.met for limit in report.limits}["share of answers within two sigma"]
 
 
 def test_every_label_counts_and_a_refused_one_with_the_last_answer() -> None:
@@ -100,7 +97,7 @@ def test_every_label_counts_and_a_refused_one_with_the_last_answer() -> None:
     assert found.mean_small_deg == pytest.approx((0.5 + 2.0) / 2)
     assert found.useful == 0.5
     assert found.two_sigma == 1.0
-    assert found.median_ms == 2.0
+    assert found.frame_ms[0] == 2.0
 
 
 @pytest.mark.parametrize(
@@ -177,7 +174,7 @@ def test_the_command_writes_page_json_and_table_and_misses_limits_with_4(clips: 
     page = (out / "index.html").read_text()
     assert page.count("<svg") == 2
     assert page.count("data:image/jpeg") == 2 * len(LABELS)
-    assert json.loads((out / "results.json").read_text()).keys() == figures.keys() - {"out"}
+    assert json.loads((out / "results.json").read_text()).keys() == figures.keys()
     assert "old" not in readme.read_text()
     assert "| ellipse |" in readme.read_text()
     readme.write_text(f"{begin}\n{end}\n")
@@ -227,14 +224,13 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
 
 
 def overall_columns(folder: Path) -> tuple[str, ...]:
-    return overall_table(run_clips(folder, [choose_estimator("pca")], NO_LIMITS)).columns
+    return measure(ClipsOptions(folder, ["pca"]), Run()).tables[1].columns
 
 
-def test_a_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(clips: Path) -> None:
+def test_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(clips: Path) -> None:
     assert not any("as contact" in column for column in overall_columns(clips / "frames_clip"))
-    limits = replace(NO_LIMITS, empty_as_contact=0.05, held_as_contact=0.95)
-    result = run_clips(clips / "frames_clip", [choose_estimator("pca")], limits)
-    assert [limit.met for limit in result.limits] == [False, False]
+    options = ClipsOptions(clips / "frames_clip", ["pca"], empty=0.05, held=0.95)
+    assert [limit.met for limit in measure(options, Run()).limits] == [False, False]
 
 
 @pytest.mark.parametrize(
@@ -255,7 +251,7 @@ def test_wrong_contact_spans_are_rejected(clips: Path, tmp_path: Path, spans: st
 def test_a_group_that_no_clip_is_of_is_named(clips: Path) -> None:
     done = CliRunner().invoke(app, ["benchmark", "clips", str(clips), "--group", "dirty"])
     assert isinstance(done.exception, InputError)
-    assert "groups are clean, coded" in str(done.exception)
+    assert "choose one of clean, coded" in str(done.exception)
 
 
 def test_the_halves_are_by_object_and_of_equal_size() -> None:
@@ -270,7 +266,7 @@ def test_the_halves_are_by_object_and_of_equal_size() -> None:
 @pytest.mark.timeout(600)
 def test_real_clips_are_judged_in_two_halves(real_clips: Path) -> None:
     """The figures on recordings that nobody tuned on; limits are those of `rig benchmark clips`."""
-    limits = replace(PROJECT, group="held back", p99_ms=None)
-    result = run_clips(real_clips, [choose_estimator("slip")], limits, HALVES)
-    assert result.estimators[0].overall.labels == 120
-    assert [limit.name for limit in result.limits if not limit.met] == []
+    options = ClipsOptions(real_clips, ["slip"], HALVES, "held back", limits=True, p99_ms=100.0)
+    report = measure(options, Run())
+    assert report.tables[1].records[0].score.labels == 120
+    assert [limit.name for limit in report.limits if not limit.met] == []

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.benchmark.clips.benchmark import run_clips
 from rig.benchmark.clips.labelled import read_clips
-from rig.benchmark.clips.limits import ClipLimits
+from rig.benchmark.clips.study import ClipsOptions, measure
+from rig.benchmark.harness import Run
 from rig.contract_checks.test_estimator import gel
 from rig.frames.public_sets import _unpickled, read_bag, trial_turns_deg
 from rig.frames.series import make_background, read_frames
-from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
 from support.public_sets import about_z, turns_deg, write_bag, write_trial
 
@@ -83,12 +82,11 @@ def test_a_sequence_of_digit_pose_estimation_is_a_clip_per_finger(poses: Path) -
 
 def test_estimators_are_compared_with_the_known_turns(tracking: Path, poses: Path) -> None:
     for root, name in ((tracking, "slip"), (poses, "pca")):
-        result = run_clips(root, [choose_estimator(name)], ClipLimits())
-        overall = result.estimators[0].overall
+        overall = measure(ClipsOptions(root, [name]), Run()).tables[1].records[0].score
         assert overall.mean_deg < 3.0, root
         assert overall.within >= 0.8
-    reversed_turns = run_clips(poses, [choose_estimator("pca")], ClipLimits(), sign=-1)
-    assert reversed_turns.estimators[0].overall.mean_deg > 20.0
+    reversed_turns = measure(ClipsOptions(poses, ["pca"], reversed_turns=True), Run())
+    assert reversed_turns.tables[1].records[0].score.mean_deg > 20.0
 
 
 def test_the_commands_take_them(tracking: Path, poses: Path) -> None:

@@ -1,0 +1,350 @@
+"""`rig benchmark clips`: estimators on labelled clips, side by side.
+
+`rotation_clip_halves.csv` divides 24 real clips of a GelSight Mini by object into two halves that were about
+equally hard for an earlier estimator. Constants are tuned on the half `development` only.
+"""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import typer
+
+from drivers.errors import InputError, counted, unknown_name
+from rig.benchmark.clips.labelled import LabelledClip, read_clips
+from rig.benchmark.clips.page import ClipRun, page
+from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
+from rig.benchmark.harness import (
+    Report,
+    Run,
+    Study,
+    Table,
+    column,
+    columns_of,
+    limit_table,
+    machine,
+    table_of,
+)
+from rig.benchmark.measured import Measured, at_least, at_most
+from rig.frames.estimates import Answer, Estimate, zeroed
+from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.foreign import faults_of
+from rig.tactile.sample import SlipSample, State, TactileEstimator
+
+ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
+"""Compared by default."""
+PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88, "p99_ms": 8.0}
+"""The project's limits for its own clips, by option."""
+ALL = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class ClipsOptions:
+    """Options of `rig benchmark clips`. A limit of None is not checked."""
+
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder with a folder per clip: frames/ or a video, background.png, labels.csv, "
+            "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
+            "digit-pose-estimation."
+        ),
+    ]
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            help="Repeat for more; limits are for the first. Default: slip, ecc, polar, ellipse, pca, "
+            "anglenet. Your own: package.module:Class.",
+        ),
+    ] = None
+    groups: Annotated[
+        Path | None,
+        typer.Option(
+            "--groups",
+            help="CSV with columns clip,group. Default: groups.csv in the folder, or a column of labels.csv.",
+        ),
+    ] = None
+    group: Annotated[
+        str | None,
+        typer.Option("--group", help="The group whose figures limits are for. Default: all clips."),
+    ] = None
+    limits: Annotated[
+        bool,
+        typer.Option(
+            "--limits",
+            help="Apply the project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
+            "--two-sigma 0.88, --p99-ms 8. Default: only the limits given here.",
+        ),
+    ] = False
+    within: Annotated[
+        float | None,
+        typer.Option("--within", help="Lowest share of labels within max(3 degrees, 2 label sigmas)."),
+    ] = None
+    confidently_wrong: Annotated[
+        float | None,
+        typer.Option(
+            "--confidently-wrong", help="Highest share of labels more than 10 degrees and 3 sigma off."
+        ),
+    ] = None
+    two_sigma: Annotated[
+        float | None, typer.Option("--two-sigma", help="Lowest share of answers within two sigma.")
+    ] = None
+    false_rest: Annotated[
+        float | None,
+        typer.Option("--false-rest", help="Highest share of turned labels reported as at rest."),
+    ] = None
+    mean_deg: Annotated[
+        float | None, typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn.")
+    ] = None
+    p99_ms: Annotated[float | None, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = (
+        None
+    )
+    empty: Annotated[
+        float | None,
+        typer.Option("--empty", help="Highest share of frames without contact reported as contact."),
+    ] = None
+    held: Annotated[
+        float | None, typer.Option("--held", help="Lowest share of frames in contact reported as contact.")
+    ] = None
+    reversed_turns: Annotated[
+        bool,
+        typer.Option(
+            "--reversed-turns",
+            help="Take public sets' known turns the other way: digit-pose-estimation does not say which.",
+        ),
+    ] = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorRuns:
+    """One estimator on all clips. groups: its figures by group, in the order of names; `ALL` first."""
+
+    name: str
+    runs: tuple[ClipRun, ...]
+    groups: Mapping[str, ClipScore]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupRow:
+    """The clips of one group for one estimator: a row of the first table."""
+
+    estimator: str = column("estimator")
+    clips: str = column("clips", doc="group, or all")
+    score: ClipScore = columns_of(ClipScore)
+
+
+@dataclass(frozen=True, slots=True)
+class ClipRow:
+    """One clip: a row of the second table."""
+
+    clip: str = column("clip")
+    group: str = column("group")
+    score: ClipScore = columns_of(ClipScore)
+
+
+def measure(options: ClipsOptions, run: Run) -> Report:
+    """Let estimators answer labelled clips, real or simulated, and compare with the labels.
+
+    labels.csv has the columns reference_frame, keyframe, angle_deg (counter-clockwise as seen, 0 at the
+    reference), sigma_deg; frames count from 0; `rig label-angle` makes one. Every label counts: a
+    refused one is not within, and enters the means with the last angle answered. Exit code 4 if the
+    first estimator misses a limit that was given.
+
+    A clip's contacts.csv, if there is one, has the columns first, last, contact (yes or no): frames that are
+    all in contact or all without contact. It adds two columns: how many of them were reported as contact.
+
+    Examples:
+      rig benchmark clips clips/ --out clips_page
+
+      rig benchmark clips TactileTracking/ --estimator slip --out tracking_page
+
+      rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
+
+    """
+    cv2.setNumThreads(1)
+    choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
+    clips = read_clips(options.folder, options.groups, -1 if options.reversed_turns else 1)
+    names = sorted({clip.group for clip in clips})
+    if options.group is not None and options.group not in names:
+        raise InputError(unknown_name("group", options.group, names))
+    # Times per frame are measured: one clip after the other.
+    runs = run.each(lambda clip: [run_clip(clip, choice) for choice in choices], clips, _name_of, workers=1)
+    estimators = [_summed(choice, of) for choice, of in zip(choices, zip(*runs, strict=True), strict=True)]
+    limits = judge(estimators[0].groups[options.group or ALL], options)
+    return _report(options, estimators, limits)
+
+
+def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
+    """Let one estimator answer one clip."""
+    answers, frame_ms = _timed(clip, choice.make(clip.background))
+    estimate = zeroed(answers, answers[clip.reference_frame].time)
+    has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
+    return ClipRun(
+        clip,
+        estimate,
+        tuple(_judged(clip, estimate)),
+        tuple(frame_ms),
+        has_sigma,
+        tuple(_reported(clip, answers)),
+    )
+
+
+def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
+    """Return the limits that were given, and whether they were kept."""
+    rows = (
+        ("within", at_least, "share of labels within max(3 degrees, 2 label sigmas)", of.within),
+        ("confidently_wrong", at_most, "share of labels confidently wrong", of.confidently_wrong),
+        ("two_sigma", at_least, "share of answers within two sigma", of.two_sigma),
+        ("false_rest", at_most, "share of turned labels reported as at rest", of.false_rest),
+        ("mean_deg", at_most, "mean error up to 30 degrees", of.mean_small_deg),
+        ("p99_ms", at_most, "time per frame, 99 %, ms", of.p99_ms),
+        ("empty", at_most, "share of empty frames reported as contact", of.empty_as_contact),
+        ("held", at_least, "share of held frames reported as contact", of.held_as_contact),
+    )
+    asked = dict(PROJECT) if options.limits else {}
+    asked |= {name: given for name, *_ in rows if (given := getattr(options, name)) is not None}
+    return tuple(compare(text, value, asked[name]) for name, compare, text, value in rows if name in asked)
+
+
+def verdict(limits: Sequence[Measured]) -> str:
+    """Return which limits were missed, as a sentence; "" without limits."""
+    missed = [
+        f"{limit.name} {'-' if limit.value is None else f'{limit.value:.3g}'}, asked {limit.asked}"
+        for limit in limits
+        if not limit.met
+    ]
+    kept = "All limits were kept." if limits else ""
+    return f"Limits missed: {'; '.join(missed)}." if missed else kept
+
+
+def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
+    """Return a row per estimator and group, all clips first; one group is all clips and has no row."""
+    rows = [
+        GroupRow(of.name if group == ALL else "", group, found)
+        for of in estimators
+        for group, found in of.groups.items()
+        if group == ALL or len(of.groups) > 2
+    ]
+    return table_of("Hand-measured angles, errors in degrees", GroupRow, rows, left=2)
+
+
+def _report(
+    options: ClipsOptions, estimators: Sequence[EstimatorRuns], limits: tuple[Measured, ...]
+) -> Report:
+    first, overall = estimators[0], overall_table(estimators)
+    worst = sorted(first.runs, key=lambda run: -run.score.mean_deg)
+    rows = [ClipRow(run.clip.name, run.clip.group, run.score) for run in worst]
+    by_clip = table_of(f"'{first.name}' by clip, worst first", ClipRow, rows, left=2)
+    limits_of = f"'{first.name}', {options.group or 'all clips'}"
+    shown = [limit_table(limits, limits_of)] if limits else []
+    by_name = {of.name: of.runs for of in estimators}
+    section = _section(first, overall, limits)
+    samples = {
+        name: [answer.sample for run in of for answer in run.estimate.answers] for name, of in by_name.items()
+    }
+    faults = {name: faults_of(of) for name, of in samples.items()}
+    return Report(
+        tables=(by_clip, overall),
+        limits=limits,
+        limits_of=limits_of,
+        section=section,
+        figures={"estimators": {of.name: _estimator_json(of) for of in estimators}},
+        files={
+            "index.html": page(options.folder.name, by_name, verdict(limits), [*shown, overall, by_clip]),
+            "table.md": section + "\n",
+        },
+        faults={name: fault for name, fault in faults.items() if fault},
+    )
+
+
+def _section(first: EstimatorRuns, table: Table, limits: Sequence[Measured]) -> str:
+    labels, of = first.groups[ALL].labels, machine()
+    head = (
+        f"{counted(len(first.runs), 'clip')}, {counted(labels, 'label')}, {of['processor']}, "
+        f"{of['cores']} cores, one thread. Errors in degrees."
+    )
+    return "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
+
+
+def _timed(clip: LabelledClip, estimator: TactileEstimator) -> tuple[list[Answer], list[float]]:
+    answers: list[Answer] = []
+    frame_ms: list[float] = []
+    for frame in clip.series:
+        sample = SlipSample(frame.time.time_ns, State.LOST)
+        if frame.image is not None:
+            began = time.perf_counter()
+            sample = estimator.update(frame.image, frame.time.time_ns)
+            frame_ms.append(1e3 * (time.perf_counter() - began))
+        answers.append(Answer(frame.time, sample))
+    return answers, frame_ms
+
+
+def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:
+    angles, sigmas = estimate.angles_deg, estimate.sigmas_deg
+    for label in clip.labels:
+        before = reversed(angles[clip.reference_frame : label.frame + 1])
+        held = next((angle for angle in before if angle is not None), 0.0)
+        yield JudgedLabel(clip.name, label, angles[label.frame], sigmas[label.frame], held)
+
+
+def _reported(clip: LabelledClip, answers: Sequence[Answer]) -> Iterator[tuple[bool, bool]]:
+    """Yield, for each frame of a contact span, whether it is in contact and whether it was reported so."""
+    for span in clip.contacts:
+        for answer in answers[span.first : span.last + 1]:
+            yield span.contact, answer.sample.state is not State.NO_CONTACT
+
+
+def _summed(choice: EstimatorChoice, runs: Sequence[ClipRun]) -> EstimatorRuns:
+    names = sorted({run.clip.group for run in runs})
+    groups = {name: _together([run for run in runs if run.clip.group == name]) for name in names}
+    return EstimatorRuns(choice.name, tuple(runs), {ALL: _together(runs), **groups})
+
+
+def _together(runs: Sequence[ClipRun]) -> ClipScore:
+    labels = [label for run in runs for label in run.labels]
+    frame_ms = [ms for run in runs for ms in run.frame_ms]
+    contacts = [contact for run in runs for contact in run.contacts]
+    return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
+
+
+def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
+    groups = {name: asdict(found) for name, found in of.groups.items()}
+    return {
+        "all": groups.pop(ALL),
+        "groups": groups,
+        "clips": {run.clip.name: _clip_json(run) for run in of.runs},
+    }
+
+
+def _clip_json(run: ClipRun) -> dict[str, Any]:
+    labels = [
+        {
+            "frame": judged.label.frame,
+            "label_deg": judged.label.angle_deg,
+            "label_sigma_deg": judged.label.sigma_deg,
+            "angle_deg": judged.angle_deg,
+            "sigma_deg": judged.sigma_deg,
+            "error_deg": judged.error_deg,
+        }
+        for judged in run.labels
+    ]
+    zero = run.estimate.zero_note
+    return {"group": run.clip.group, "zero": zero, **asdict(run.score), "by_label": labels}
+
+
+def _name_of(clip: LabelledClip) -> str:
+    return clip.name
+
+
+STUDY = Study(
+    name="clips",
+    options=ClipsOptions,
+    measure=measure,
+    cases="clips",
+    shared=("out", "readme"),
+    simulated=False,
+)

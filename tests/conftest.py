@@ -38,21 +38,41 @@ phases.SILENT_S = 600.0
 settings.register_profile("rig", deadline=None)
 settings.load_profile("rig")
 
+FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
+"""Damaged inputs drawn for each format, without and with --long."""
 ROOT = Path(__file__).parent.parent
 
 
 def pytest_configure(config: pytest.Config) -> None:
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
-    cases = config.getoption("--fuzz-cases")
+    cases = config.getoption("--fuzz-cases") or (
+        LONG_FUZZ_CASES if config.getoption("--long") else FUZZ_CASES
+    )
     settings.register_profile(
         PROFILE, max_examples=cases, deadline=None, suppress_health_check=quiet, database=None
     )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--fuzz-cases", type=int, metavar="N", help="damaged inputs drawn for each format")
     parser.addoption(
-        "--fuzz-cases", type=int, default=1000, metavar="N", help="damaged inputs drawn for each format"
+        "--long",
+        action="store_true",
+        help=f"run only the tests marked 'long', and the fuzz tests with {LONG_FUZZ_CASES} cases each",
     )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the long tests to `pytest --long`, which runs nothing else but the fuzz tests."""
+    wanted = config.getoption("--long")
+    left_out = [item for item in items if not _belongs(item, wanted)]
+    items[:] = [item for item in items if _belongs(item, wanted)]
+    config.hook.pytest_deselected(items=left_out)
+
+
+def _belongs(item: pytest.Item, long: bool) -> bool:
+    is_long = item.get_closest_marker("long") is not None
+    return is_long == long or (long and item.get_closest_marker("fuzz") is not None)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -5,7 +5,7 @@ import pytest
 from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
 from rig.config import BenchConfig
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 
 
 def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:

@@ -9,7 +9,7 @@ from rig.benchmark.wire.fault_cases import CASES, both
 from rig.benchmark.wire.moments import Moment, Stage
 from rig.config import BenchConfig
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 
 
 def test_two_faults_at_once_are_come_through_kept_and_filmed(

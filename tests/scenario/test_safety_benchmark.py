@@ -13,7 +13,7 @@ from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun
 from rig.benchmark.wire.safety_limits import judge_runs
 from rig.config import BenchConfig
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 
 
 def test_killed_lift_and_blocked_fingers_keep_every_limit(

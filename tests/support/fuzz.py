@@ -3,22 +3,23 @@
 from collections.abc import Callable, Sequence
 from time import thread_time
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
 from drivers.errors import RigError
 
 PROFILE = "fuzz"
-"""As many cases as `--fuzz-cases` says; see `tests/conftest.py`."""
+"""Its number of cases is set in `tests/conftest.py`."""
 SLOWEST_S = 1.0
 """Of this thread's own time: a busy computer does not count."""
 LONGEST_MESSAGE = 1000
 BYTES = (b"", b"\0", b"\xff", b"\x7f", b"\x80", b"\xff" * 8, b"\0" * 8, b"\x7f" + b"\xff" * 7)
 
 
-def fuzzed() -> settings:
-    """Return the settings of a fuzz test."""
-    return settings.get_profile(PROFILE)
+def fuzzed() -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a fuzz test its settings and its marker."""
+    return lambda test: pytest.mark.fuzz(settings.get_profile(PROFILE)(test))
 
 
 def changed(whole: Sequence[bytes], pieces: Sequence[bytes] = BYTES) -> st.SearchStrategy[bytes]:

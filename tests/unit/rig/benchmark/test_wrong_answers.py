@@ -7,7 +7,7 @@ from typing import cast
 import pytest
 
 from protocols.observer import Phase
-from rig.benchmark.seeds import benchmark as seeds
+from rig.benchmark import seeds
 from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.sessions.recorder import FUSED_TOPIC, RecordedAngle
 from rig.sessions.records import FinishedLift

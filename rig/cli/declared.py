@@ -5,9 +5,13 @@ the dataclass. So commands share options without repeating them.
 """
 
 from collections.abc import Callable
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, field, fields, is_dataclass, replace
 from inspect import Parameter, Signature, signature
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
+
+import typer
+
+Options = TypeVar("Options")
 
 
 def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -31,6 +35,31 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
     set_signature(called, flat)
     called.__name__, called.__doc__ = command.__name__, command.__doc__
     return called
+
+
+def stored_as(name: str, default: Any, read: Callable[[Any], Any] = lambda value: value) -> Any:
+    """Declare an option whose value is stored with a session, for its resumption.
+
+    name: of the manifest's field. default: of the option. read: returns the option's value from the field's.
+    """
+    return field(default=default, metadata={"stored": name, "read": read})
+
+
+def resumed(options: Options, manifest: Any, context: typer.Context) -> Options:
+    """Return options for a session that is resumed: those of the command line, all others as stored."""
+    of: Any = options
+    stored = {
+        each.name: each.metadata["read"](getattr(manifest, each.metadata["stored"]))
+        for each in fields(of)
+        if "stored" in each.metadata and not is_given(context, each.name)
+    }
+    return replace(of, **stored)
+
+
+def is_given(context: typer.Context, option: str) -> bool:
+    """Return whether an option is on the command line; if not, its value is the default."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def option_parameters(kind: Any) -> list[Parameter]:

@@ -1,6 +1,6 @@
 """`--dry-run`: every device reached by reading, the whole plan shown, and nothing moved or kept."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -9,14 +9,6 @@ from rig.cli.common import Exit, emit_json, say
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
-
-DryRunOption = Annotated[
-    bool,
-    typer.Option(
-        "--dry-run",
-        help="Read every device, show the whole plan and what of it would be refused; move and keep nothing.",
-    ),
-]
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:

@@ -14,6 +14,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.models import OptionInfo, ParameterInfo
 
 from rig.cli.completing import COMPLETED
+from rig.cli.declared import with_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -66,7 +67,8 @@ class Commands(typer.Typer):
         """Register a function as a command."""
         register = super().command(name, cls=Command, **settings)
 
-        def registered(function: Any) -> Any:
+        def registered(declared: Any) -> Any:
+            function = with_options(declared)
             for parameter, kind in function.__annotations__.items():
                 for info in getattr(kind, "__metadata__", ()):
                     if isinstance(info, ParameterInfo):

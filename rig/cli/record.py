@@ -1,72 +1,58 @@
 """`rig record`: grasp an object in many poses and keep the tactile images."""
 
+import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.errors import counted
-from rig.cli.common import (
-    BenchOption,
-    JsonOption,
-    NameOption,
-    NoteOption,
-    ObjectsOption,
-    OperatorOption,
-    OutOption,
-    ResumeStoredOption,
-    SeedOption,
-    TagOption,
-    YesOption,
-    ask,
-    emit_json,
-    say,
-)
-from rig.cli.dry_run import DryRunOption, dry_run
-from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued
-from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption, Work, telling, watched
+from drivers.errors import InputError, counted
+from rig.cli.common import ask, emit_json, say
+from rig.cli.declared import resumed, stored_as
+from rig.cli.dry_run import dry_run
+from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
+from rig.cli.report import report_after
+from rig.cli.resuming import continued, may_be_continued
+from rig.cli.watching import Work, telling, watched
 
 if TYPE_CHECKING:
+    from rig.experiments.pose_attempt import RecordSettings
     from rig.sessions.records import PoseRow
+    from rig.sessions.remarks import Remarks
 
 
-def record(
-    context: typer.Context,
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What is grasped, and how often."""
+
     object_name: Annotated[
         str | None, typer.Option("--object", help="Object id or name; needed unless a session is continued.")
-    ] = None,
+    ] = stored_as("objects", None, lambda objects: objects[0])
     poses: Annotated[
         int | None,
         typer.Option(
             "--poses", min=1, max=720, help="Accepted grasp poses; default: all of the object's file, 15."
         ),
-    ] = None,
+    ] = stored_as("poses", None)
     images: Annotated[
         int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
-    ] = 225,
-    own_objects: ObjectsOption = None,
+    ] = stored_as("images", 225)
     randomise: Annotated[
         bool,
         typer.Option(
             "--randomise",
             help="Simulated sensors unlike those of a bench; another seed, other sensors.",
         ),
-    ] = False,
-    seed: SeedOption = 0,
-    bench: BenchOption = "fake",
-    name: NameOption = None,
-    note: NoteOption = None,
-    tags: TagOption = None,
-    operator: OperatorOption = None,
-    out: OutOption = None,
-    resume: ResumeStoredOption = False,
-    no_report: NoReportOption = False,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
+    ] = stored_as("randomised", False)
+
+
+def record(
+    context: typer.Context,
+    what: RecordOptions,
+    bench: BenchOptions,
+    session: SessionOptions,
+    watch: WatchOptions,
 ) -> None:
     """Grasp one object in all poses of its file at varied grip, and keep the images.
 
@@ -87,76 +73,97 @@ def record(
       rig record --object 7 --watch-at 127.0.0.1:8080
 
     """
-    import time
+    from rig.experiments.record import recording_plan
+    from rig.sessions.remarks import remarks_of
 
-    from drivers.errors import InputError
+    remarks = remarks_of(session.name, session.note, session.tags, session.operator)
+    folder, settings = _prepare(context, what, bench, session)
+    if bench.dry:
+        dry_run(settings.bench, recording_plan(settings), session.json)
+    _record_all(context, folder, settings, remarks, session, watch, agreed=bench.yes)
+
+
+def _prepare(
+    context: typer.Context, what: RecordOptions, bench: BenchOptions, session: SessionOptions
+) -> "tuple[Path, RecordSettings]":
+    """Read the bench and the session to resume; return folder and settings. Raises `InputError`."""
     from protocols.grasps import find_grasp_file, grasp_poses
-    from rig.bench.operators import ConsoleOperator
-    from rig.bench.source import session_bench
-    from rig.cli.printing import OneMessage, WorkProgress
     from rig.config.calibrations import load_calibrated_bench
     from rig.config.objects import with_more, with_objects
     from rig.experiments.pose_attempt import RecordSettings
-    from rig.experiments.record import recording_plan, run_record
-    from rig.live.feed import LiveFeed
     from rig.sessions.manifest import RecordManifest
-    from rig.sessions.remarks import remarks_of
-    from rig.sessions.rows import read_poses
 
-    began = time.perf_counter()
-    remarks = remarks_of(name, note, tags, operator)
-    config = load_calibrated_bench(bench, say)
-    config = with_objects(config, bench, own_objects)
-    grasps = None if object_name is None else find_grasp_file(object_name, config.objects)
-    folder, stored = continued(
-        RecordManifest, "record", config.name, out, resume, grasps.id if grasps else None
-    )
+    config = with_objects(load_calibrated_bench(bench.bench, say), bench.bench, bench.own_objects)
+    named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
+    folder, stored = continued(RecordManifest, "record", config.name, session.out, session.resume, named)
     if stored is not None:
         config = with_more(config, stored.config.objects)
-        grasps = grasps or find_grasp_file(stored.objects[0], config.objects)
-        poses = poses or stored.poses
-        images = images if given(context, "images") else stored.images
-        randomise = randomise or stored.randomised
-        seed = seed if given(context, "seed") else stored.seed
-    if grasps is None:
+        what, bench = resumed(what, stored, context), resumed(bench, stored, context)
+    if what.object_name is None:
         raise InputError("--object is missing: which object is grasped?")
-    poses = poses or len(grasp_poses(grasps))
-    settings = RecordSettings(config, seed, grasps, poses, images, randomise)
-    simulated = "SIMULATED " if config.simulated else ""
-    say(f"{simulated}bench '{config.name}', seed {seed}, object {grasps.id} {grasps.name}, session {folder}")
-    plan = recording_plan(settings)
-    if dry:
-        dry_run(config, plan, json)
-    person = ConsoleOperator(ask, agreed=yes)
-    said = OneMessage(_note, lambda row: row.fault)
-    work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", poses)
+    grasps = find_grasp_file(what.object_name, config.objects)
+    poses = what.poses or len(grasp_poses(grasps))
+    settings = RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise)
+    say(
+        f"{_mark(settings)}bench '{config.name}', seed {bench.seed}, object {grasps.id} {grasps.name}, "
+        f"session {folder}"
+    )
+    return folder, settings
+
+
+def _record_all(
+    context: typer.Context,
+    folder: Path,
+    settings: "RecordSettings",
+    remarks: "Remarks",
+    session: SessionOptions,
+    watch: WatchOptions,
+    agreed: bool,
+) -> None:
+    """Record the poses that are missing, and print and report the results."""
+    from rig.bench.operators import ConsoleOperator
+    from rig.bench.source import session_bench
+    from rig.cli.printing import OneMessage, WorkProgress
+    from rig.experiments.record import recording_plan, run_record
+    from rig.live.feed import LiveFeed
+    from rig.sessions.rows import read_poses
+
+    began, mark, config = time.perf_counter(), _mark(settings), settings.bench
+    question = f"{recording_plan(settings).text()}\nBegin?"
+    person, said = ConsoleOperator(ask, agreed=agreed), OneMessage(_note, lambda row: row.fault)
+    work = Work(f"{mark}recording on bench '{config.name}', {folder}", "poses", settings.poses)
     with (
         may_be_continued(
-            folder, out, resume, no_report, lambda: say(simulated + _images_text(read_poses(folder)))
+            folder,
+            session.out,
+            session.resume,
+            session.no_report,
+            lambda: say(mark + _images_text(read_poses(folder))),
         ),
-        watched(context, work, watch, watch_at, notify) as listeners,
-        session_bench(
-            config, person, f"{plan.text()}\nBegin?", variation_seed=settings.variation_seed
-        ) as benches,
-        WorkProgress(poses, "poses") as bar,
+        watched(context, work, watch) as listeners,
+        session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
+        WorkProgress(settings.poses, "poses") as bar,
     ):
         rows = run_record(
             folder,
             settings,
-            resume,
+            session.resume,
             benches,
             telling(lambda done, total, row: bar.show(done, total, said(row)), _note, lambda row: row.fault),
             remarks,
             LiveFeed(listeners),
         )
     wall_s = round(time.perf_counter() - began, 2)
-    figures = {"session": str(folder), **_figures(rows), "wall_s": wall_s}
-    say(f"{simulated}{_images_text(rows)}, {wall_s:.1f} s")
-    page = report_after(folder, no_report)
-    if json:
-        emit_json({**figures, "report": page})
+    say(f"{mark}{_images_text(rows)}, {wall_s:.1f} s")
+    page = report_after(folder, session.no_report)
+    if session.json:
+        emit_json({"session": str(folder), **_figures(rows), "wall_s": wall_s, "report": page})
     else:
         print(folder)
+
+
+def _mark(settings: "RecordSettings") -> str:
+    return "SIMULATED " if settings.bench.simulated else ""
 
 
 def _figures(rows: "list[PoseRow]") -> dict[str, int]:

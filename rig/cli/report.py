@@ -9,10 +9,6 @@ from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
 from rig.live.phases import begin_phase
 
-NoReportOption = Annotated[
-    bool, typer.Option("--no-report", help="Leave the report out: rig report makes it later.")
-]
-
 
 def report_after(folder: Path, unwanted: bool) -> str | None:
     """Write the report at the end of a trial or recording; return its path, None where there is none.

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import typer
-
 from drivers.errors import DeviceError, OperatorStopError, RecordingError, counted
 from rig.cli.common import say
 from rig.cli.report import report_after
@@ -17,12 +15,6 @@ if TYPE_CHECKING:
     from rig.sessions.manifest import Manifest
 
 Wanted = TypeVar("Wanted", bound="Manifest")
-
-
-def given(context: typer.Context, option: str) -> bool:
-    """Whether an option stands on the command line; else its value is the default."""
-    source = context.get_parameter_source(option)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def continued(

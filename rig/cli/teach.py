@@ -1,28 +1,18 @@
 """`rig teach`: where an object is grasped, shown to the rig at the bench instead of typed."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import (
-    BenchOption,
-    Exit,
-    JsonOption,
-    ObjectsOption,
-    SeedOption,
-    YesOption,
-    ask,
-    emit_json,
-    press,
-    say,
-    waited,
-)
-from rig.cli.dry_run import DryRunOption, dry_run
+from rig.cli.common import Exit, JsonOption, ask, emit_json, press, say, waited
+from rig.cli.dry_run import dry_run
+from rig.cli.options import BenchOptions
 
 if TYPE_CHECKING:
-    from rig.calibrate.teaching import TaughtPosition
+    from rig.calibrate.teaching import Lesson, TaughtPosition
 
 
 class By(StrEnum):
@@ -32,29 +22,28 @@ class By(StrEnum):
     KEYS = "keys"
 
 
-def teach(
-    name: Annotated[str, typer.Argument(metavar="OBJECT", help="One of your own objects: id or name.")],
+@dataclass(frozen=True, slots=True)
+class TeachOptions:
+    """What is taught, and how."""
+
+    name: Annotated[str, typer.Argument(metavar="OBJECT", help="One of your own objects: id or name.")]
     positions: Annotated[
         list[str] | None,
         typer.Option("--position", help="Teach this one, old or new; repeat. Default: all of the file."),
-    ] = None,
-    by: Annotated[
-        By, typer.Option("--by", help="Lead the arm by hand (freedrive), or step it by keys.")
-    ] = By.HAND,
+    ] = None
+    by: Annotated[By, typer.Option("--by", help="Lead the arm by hand (freedrive), or step it by keys.")] = (
+        By.HAND
+    )
     lift_height: Annotated[
         float | None,
         typer.Option("--lift-height", min=0.0, max=0.3, help="m; do not ask for it at the bench."),
-    ] = None,
+    ] = None
     timeout: Annotated[
         float, typer.Option("--timeout", min=5.0, max=600.0, help="s; the arm gives way no longer than this.")
-    ] = 120.0,
-    own_objects: ObjectsOption = None,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
-) -> None:
+    ] = 120.0
+
+
+def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> None:
     """Show the rig where an object is grasped, how wide it is there, and how far it is lifted.
 
     At each position you lead the arm by hand, or step it by keys, until the open fingers stand around the
@@ -73,27 +62,34 @@ def teach(
       rig teach my_box --bench my_bench.toml --by keys --position left --lift-height 0.05
 
     """
-    from rig.bench.operators import ConsoleOperator
-    from rig.calibrate.teaching import Lesson, teach, teaching_plan
+    from rig.calibrate.teaching import Lesson
     from rig.config.calibrations import load_calibrated_bench
     from rig.config.objects import own_object, with_objects
 
-    config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
-    file, grasps = own_object(name, bench, own_objects)
-    places = tuple(dict.fromkeys(positions or [place.name for place in grasps.position]))
-    lesson = Lesson(config, grasps, places, by is By.HAND, timeout, lift_height)
+    config = with_objects(load_calibrated_bench(bench.bench, say), bench.bench, bench.own_objects)
+    file, grasps = own_object(what.name, bench.bench, bench.own_objects)
+    places = tuple(dict.fromkeys(what.positions or [place.name for place in grasps.position]))
     mark = "SIMULATED " if config.simulated else ""
     say(f"{mark}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")
-    if dry:
-        dry_run(config, teaching_plan(lesson), json)
-    person = ConsoleOperator(ask, agreed=yes, wait=waited, press=press)
-    found = teach(lesson, person, say, seed)
-    written = _written(file, found, yes)
+    lesson = Lesson(config, grasps, places, what.by is By.HAND, what.timeout, what.lift_height)
+    _teach(file, lesson, bench, json)
+
+
+def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> None:
+    """Teach the positions and write them. Raises `typer.Exit` if one of them was not written."""
+    from rig.bench.operators import ConsoleOperator
+    from rig.calibrate.teaching import teach, teaching_plan
+
+    if bench.dry:
+        dry_run(lesson.config, teaching_plan(lesson), json)
+    person = ConsoleOperator(ask, agreed=bench.yes, wait=waited, press=press)
+    found = teach(lesson, person, say, bench.seed)
+    written = _written(file, found, bench.yes)
     if json:
         emit_json(
             {
                 "file": str(file),
-                "simulated": config.simulated,
+                "simulated": lesson.config.simulated,
                 "written": [each.name for each in written],
                 "positions": [{"name": f.name, **f.values, "problems": list(f.problems)} for f in found],
             }

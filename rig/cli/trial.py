@@ -1,43 +1,55 @@
 """`rig trial`: lift objects, measure how they turn, compare with the markers."""
 
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from drivers.errors import counted
-from rig.cli.common import (
-    BenchOption,
-    Exit,
-    JsonOption,
-    NameOption,
-    NoteOption,
-    ObjectsOption,
-    OperatorOption,
-    OutOption,
-    ResumeStoredOption,
-    SeedOption,
-    TagOption,
-    YesOption,
-    ask,
-    emit_json,
-    say,
-    trial_jobs,
-)
-from rig.cli.dry_run import DryRunOption, dry_run
+from rig.cli.common import Exit, ask, emit_json, say, trial_jobs
+from rig.cli.declared import resumed, stored_as
+from rig.cli.dry_run import dry_run
+from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.places import file_place
-from rig.cli.report import NoReportOption, report_after
-from rig.cli.resuming import continued, given, may_be_continued, named_again, say_done, usual_lift_s
-from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption, Work, telling, watched
+from rig.cli.report import report_after
+from rig.cli.resuming import continued, may_be_continued, named_again, say_done, usual_lift_s
+from rig.cli.watching import Work, telling, watched
+
+if TYPE_CHECKING:
+    from rig.config import BenchConfig
+    from rig.experiments.lift_attempt import TrialSettings
+    from rig.results.summary import TrialSummary
+    from rig.sessions.remarks import Remarks
 
 
-def trial(
-    context: typer.Context,
-    lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="Accepted lifts per object.")] = 5,
+@dataclass(frozen=True, slots=True)
+class TrialOptions:
+    """What is lifted, how often, and what is asked of the result."""
+
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="Accepted lifts per object.")] = (
+        stored_as("lifts_per_object", 5)
+    )
     objects: Annotated[
         list[str] | None,
         typer.Option("--object", help="Object id or name; repeat for more. Default: the trial's nine."),
-    ] = None,
+    ] = stored_as("objects", None, list)
+    max_mare: Annotated[
+        float | None,
+        typer.Option("--max-mare", min=0.0, help="Exit 4 when the MARE over B and C is above, degrees."),
+    ] = None
+    realtime: Annotated[bool, typer.Option("--realtime", help="Pace a simulated bench by the clock.")] = False
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, max=64, help="Simulated lifts side by side; default: cores."),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorOptions:
+    """The estimator that is used online."""
+
     estimator: Annotated[
         str | None,
         typer.Option(
@@ -45,7 +57,7 @@ def trial(
             help="slip (default), skeleton, ellipse, pca; these three also with -published; ecc, polar, "
             "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators).",
         ),
-    ] = None,
+    ] = stored_as("estimator", None)
     window: Annotated[
         int | None,
         typer.Option(
@@ -54,11 +66,19 @@ def trial(
             max=100,
             help="Mean of the last n angles; 2 for the paper's methods, none for slip.",
         ),
-    ] = None,
-    max_mare: Annotated[
-        float | None,
-        typer.Option("--max-mare", min=0.0, help="Exit 4 when the MARE over B and C is above, degrees."),
-    ] = None,
+    ] = stored_as("window", None)
+    no_skip: Annotated[
+        bool,
+        typer.Option(
+            "--no-skip", help="Run every stage on every frame, needed or not (the paper's methods always do)."
+        ),
+    ] = stored_as("skip", False, lambda skip: not skip)
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionOptions:
+    """The reaction to slip."""
+
     react: Annotated[
         Literal["none", "stop", "tighten", "lower"],
         typer.Option(
@@ -66,7 +86,7 @@ def trial(
             help="On slip: stop the arm; tighten the grip, then lift on; or lower the object. "
             "A real bench's file has to allow it.",
         ),
-    ] = "none",
+    ] = stored_as("react", "none", lambda kind: kind.value)
     false_alarms_per_hour: Annotated[
         float,
         typer.Option(
@@ -75,7 +95,7 @@ def trial(
             max=1e5,
             help="How often a resting object may count as slipping, for --react.",
         ),
-    ] = 10.0,
+    ] = stored_as("false_alarms_per_hour", 10.0)
     max_turn_deg: Annotated[
         float | None,
         typer.Option(
@@ -84,43 +104,31 @@ def trial(
             max=180.0,
             help="React only when the object would else turn by more; without it at once.",
         ),
-    ] = None,
-    no_skip: Annotated[
-        bool,
-        typer.Option(
-            "--no-skip", help="Run every stage on every frame, needed or not (the paper's methods always do)."
-        ),
-    ] = False,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Pace a simulated bench by the clock.")
-    ] = False,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", min=1, max=64, help="Simulated lifts side by side; default: cores."),
-    ] = None,
-    own_objects: ObjectsOption = None,
-    seed: SeedOption = 0,
-    bench: BenchOption = "fake",
-    name: NameOption = None,
-    note: NoteOption = None,
-    tags: TagOption = None,
-    operator: OperatorOption = None,
-    out: OutOption = None,
-    resume: ResumeStoredOption = False,
-    no_report: NoReportOption = False,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    ] = stored_as("max_turn_deg", None)
+
+
+@dataclass(frozen=True, slots=True)
+class RerunOptions:
+    """The viewer rerun."""
+
     live: Annotated[
         bool, typer.Option("--live", help="Open rerun: pictures, markers, angles, arm (extra 'live').")
-    ] = False,
+    ] = False
     live_to: Annotated[
         Path | None,
         typer.Option("--live-to", help="The same into FILE.rrd, without a display.", callback=file_place),
-    ] = None,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
+    ] = None
+
+
+def trial(
+    context: typer.Context,
+    what: TrialOptions,
+    estimator: EstimatorOptions,
+    reaction: ReactionOptions,
+    bench: BenchOptions,
+    session: SessionOptions,
+    rerun: RerunOptions,
+    watch: WatchOptions,
 ) -> None:
     """Lift each object several times and measure its rotation from both fingertips.
 
@@ -146,105 +154,186 @@ def trial(
       rig trial --lifts 5 --watch --notify notify-send
 
     """
-    import time
+    lifting = _prepare(context, what, estimator, reaction, bench, session)
+    if bench.dry:
+        dry_run(lifting.bench, lifting.plan(), session.json)
+    _lift_all(context, lifting, session, rerun, watch, agreed=bench.yes)
 
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """A trial to begin or to resume. began: when the command did. usual_s: mean time per lift so far."""
+
+    settings: "TrialSettings"
+    folder: Path
+    objects: list[str]
+    lifts: int
+    jobs: int
+    max_mare: float | None
+    remarks: "Remarks"
+    began: float
+    done: int = 0
+    usual_s: float | None = None
+
+    @property
+    def bench(self) -> "BenchConfig":
+        """The bench."""
+        return self.settings.bench
+
+    @property
+    def simulated(self) -> str:
+        """The mark of simulated results; "" on a real bench."""
+        return "SIMULATED " if self.bench.simulated else ""
+
+    @property
+    def wanted(self) -> int:
+        """Number of lifts that were asked for."""
+        return len(self.objects) * self.lifts
+
+    def plan(self) -> Any:
+        """Return the plan that is shown before anything moves. Raises `InputError`."""
+        from rig.experiments.trial import trial_plan
+
+        return trial_plan(self.settings, self.objects, self.lifts)
+
+
+def _prepare(
+    context: typer.Context,
+    what: TrialOptions,
+    estimator: EstimatorOptions,
+    reaction: ReactionOptions,
+    bench: BenchOptions,
+    session: SessionOptions,
+) -> _Trial:
+    """Read the bench and the session to resume, and make the settings. Raises `InputError`."""
+    from rig.config.calibrations import load_calibrated_bench
+    from rig.config.objects import with_more, with_objects
+    from rig.experiments.reactions import require_reaction
+    from rig.experiments.trial import resolve_objects
+    from rig.sessions.manifest import TrialManifest
+    from rig.sessions.remarks import remarks_of
+
+    began = time.perf_counter()
+    remarks = remarks_of(session.name, session.note, session.tags, session.operator)
+    config = with_objects(load_calibrated_bench(bench.bench, say), bench.bench, bench.own_objects)
+    folder, stored = continued(TrialManifest, "trial", config.name, session.out, session.resume)
+    if stored is not None:
+        config = with_more(config, stored.config.objects)
+        named_again(estimator.estimator, stored.estimator)
+        what, bench = resumed(what, stored, context), resumed(bench, stored, context)
+        estimator, reaction = resumed(estimator, stored, context), resumed(reaction, stored, context)
+    settings = _settings(config, what, estimator, reaction, bench.seed)
+    objects = resolve_objects(what.objects, config.objects)
+    require_reaction(settings, objects)
+    trial = _Trial(
+        settings=settings,
+        folder=folder,
+        objects=objects,
+        lifts=what.lifts,
+        jobs=trial_jobs(what.jobs, config.in_process, what.realtime),
+        max_mare=what.max_mare,
+        remarks=remarks,
+        began=began,
+    )
+    reacting = "" if reaction.react == "none" else f", reaction to slip '{reaction.react}'"
+    say(
+        f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {settings.estimator.name}"
+        f"{reacting}, session {folder}"
+    )
+    if stored is None:
+        return trial
+    return replace(trial, done=say_done(folder, trial.wanted), usual_s=usual_lift_s(folder, trial.jobs))
+
+
+def _settings(
+    config: "BenchConfig",
+    what: TrialOptions,
+    estimator: EstimatorOptions,
+    reaction: ReactionOptions,
+    seed: int,
+) -> "TrialSettings":
     from protocols.reaction import ReactionKind
+    from rig.experiments.lift_attempt import TrialSettings
+    from rig.lift.slip_watch import SlipSettings
+    from rig.live.phases import begin_phase
+    from rig.tactile.estimators import choose_estimator
+
+    choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
+    begin_phase(f"preparing estimator {choice.name}")
+    choice.try_making()
+    slip = SlipSettings(reaction.false_alarms_per_hour, reaction.max_turn_deg)
+    return TrialSettings(config, seed, choice, what.realtime, ReactionKind(reaction.react), slip)
+
+
+def _lift_all(
+    context: typer.Context,
+    trial: _Trial,
+    session: SessionOptions,
+    rerun: RerunOptions,
+    watch: WatchOptions,
+    agreed: bool,
+) -> None:
+    """Carry out the lifts that are missing, and print, report and check the results."""
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.cli.printing import OneMessage, lift_fault, lift_note, summary_json, trial_table
-    from rig.config.calibrations import load_calibrated_bench
-    from rig.config.objects import with_more, with_objects
-    from rig.experiments.lift_attempt import TrialSettings
-    from rig.experiments.reactions import require_reaction
-    from rig.experiments.trial import resolve_objects, run_trial, trial_plan
-    from rig.lift.slip_watch import SlipSettings
-    from rig.live.phases import begin_phase
+    from rig.experiments.trial import run_trial
     from rig.live.session import live_session
     from rig.live.terminal import TrialView
-    from rig.sessions.manifest import TrialManifest
-    from rig.sessions.remarks import remarks_of
-    from rig.tactile.estimators import choose_estimator
 
-    began = time.perf_counter()
-    remarks = remarks_of(name, note, tags, operator)
-    config = with_objects(load_calibrated_bench(bench, say), bench, own_objects)
-    folder, stored = continued(TrialManifest, "trial", config.name, out, resume)
-    if stored is not None:
-        config = with_more(config, stored.config.objects)
-        lifts = lifts if given(context, "lifts") else stored.lifts_per_object
-        objects = objects or list(stored.objects)
-        estimator, window = named_again(estimator, stored.estimator), window or stored.window
-        no_skip = no_skip or not stored.skip
-        seed = seed if given(context, "seed") else stored.seed
-        react = react if given(context, "react") else stored.react.value
-        if not given(context, "false_alarms_per_hour"):
-            false_alarms_per_hour = stored.false_alarms_per_hour
-        max_turn_deg = max_turn_deg or stored.max_turn_deg
-    choice = choose_estimator(estimator, window, not no_skip)
-    begin_phase(f"preparing estimator {choice.name}")
-    choice.try_making()
-    slip = SlipSettings(false_alarms_per_hour, max_turn_deg)
-    settings = TrialSettings(config, seed, choice, realtime, ReactionKind(react), slip)
-    ids = resolve_objects(objects, config.objects)
-    require_reaction(settings, ids)
-    simulated = "SIMULATED " if config.simulated else ""
-    told = "" if react == "none" else f", reaction to slip '{react}'"
-    say(f"{simulated}bench '{config.name}', seed {seed}, estimator {choice.name}{told}, session {folder}")
-    jobs = trial_jobs(jobs, config.in_process, realtime)
-    lifts_done = say_done(folder, len(ids) * lifts) if stored else 0
-    usual_s = usual_lift_s(folder, jobs) if stored else None
-    plan = trial_plan(settings, ids, lifts)
-    if dry:
-        dry_run(config, plan, json)
-    person = ConsoleOperator(ask, agreed=yes)
-    work = Work(f"{simulated}trial on bench '{config.name}', {folder}", "lifts", len(ids) * lifts, lifts_done)
+    folder, realtime, plan = trial.folder, trial.settings.realtime, trial.plan()
+    person = ConsoleOperator(ask, agreed=agreed)
+    work = Work(
+        f"{trial.simulated}trial on bench '{trial.bench.name}', {folder}", "lifts", trial.wanted, trial.done
+    )
+    message = OneMessage(lift_note, lift_fault)
     with (
         may_be_continued(
-            folder, out, resume, no_report, lambda: _partial(folder, len(ids) * lifts, simulated, began, json)
+            folder,
+            session.out,
+            session.resume,
+            session.no_report,
+            lambda: _print_partial(trial, session.json),
         ),
-        watched(context, work, watch, watch_at, notify) as others,
-        session_bench(config, person, f"{plan.text()}\nBegin?", realtime) as benches,
-        live_session(live, live_to, others) as (feed, inbox),
-        TrialView(
-            len(ids) * lifts, inbox, OneMessage(lift_note, lift_fault), lifts_done, usual_s
-        ) as progress,
+        watched(context, work, watch) as others,
+        session_bench(trial.bench, person, f"{plan.text()}\nBegin?", realtime) as benches,
+        live_session(rerun.live, rerun.live_to, others) as (feed, inbox),
+        TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as progress,
     ):
         summary = run_trial(
             folder,
-            settings,
-            ids,
-            lifts,
-            jobs=jobs,
-            resume=resume,
+            trial.settings,
+            trial.objects,
+            trial.lifts,
+            jobs=trial.jobs,
+            resume=session.resume,
             benches=benches,
             progress=telling(progress, lift_note, lift_fault),
             live=feed,
-            remarks=remarks,
+            remarks=trial.remarks,
         )
-    wall_s = time.perf_counter() - began
-    trial_table(summary, simulated, wall_s, to_stderr=json)
-    page = report_after(folder, no_report)
-    if json:
+    wall_s = time.perf_counter() - trial.began
+    trial_table(summary, trial.simulated, wall_s, to_stderr=session.json)
+    page = report_after(folder, session.no_report)
+    if session.json:
         figures = {**summary_json(summary), "wall_s": round(wall_s, 2), "report": page}
         emit_json({"session": str(folder), **figures})
-    _check_limit(summary, max_mare)
+    _check_limit(summary, trial.max_mare)
 
 
-def _partial(folder: Path, wanted: int, simulated: str, began: float, json: bool) -> None:
-    """Print the table of the lifts that are done when a trial ends early."""
-    import time
-
+def _print_partial(trial: _Trial, json: bool) -> None:
+    """Print the table of the finished lifts when a trial ends early."""
     from rig.cli.printing import trial_table
     from rig.results.summary import summarize_trial
     from rig.sessions.rows import read_lifts
 
-    summary = summarize_trial(read_lifts(folder))
-    say(f"{summary.lifts_accepted} of {counted(wanted, 'lift')} are done")
+    summary = summarize_trial(read_lifts(trial.folder))
+    say(f"{summary.lifts_accepted} of {counted(trial.wanted, 'lift')} are done")
     if summary.objects:
-        trial_table(summary, simulated, time.perf_counter() - began, to_stderr=json)
+        trial_table(summary, trial.simulated, time.perf_counter() - trial.began, to_stderr=json)
 
 
-def _check_limit(summary: Any, max_mare: float | None) -> None:
+def _check_limit(summary: "TrialSummary", max_mare: float | None) -> None:
     if max_mare is None:
         return
     reached = summary.mare.mean_deg if summary.mare else float("inf")

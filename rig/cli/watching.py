@@ -1,31 +1,19 @@
-"""Options of commands that may be looked on at: a page in a browser, a command that is run on events."""
+"""Let people watch a command: a page in the browser, and a command that is run on events."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 from rig.cli.common import say
+from rig.cli.options import WatchOptions
 from rig.live.onlookers import Event, looking_on, tell
 
 if TYPE_CHECKING:
     from rig.live.feed import Listener
 
-WatchOption = Annotated[
-    bool, typer.Option("--watch", help="Show it on a page in the browser, on this computer.")
-]
-WatchAtOption = Annotated[
-    str | None,
-    typer.Option("--watch-at", help="The same at HOST:PORT; 0.0.0.0:8080 lets other computers look on."),
-]
-NotifyOption = Annotated[
-    str | None,
-    typer.Option(
-        "--notify", help="Command to run as COMMAND EVENT TEXT on each fault, question and the end."
-    ),
-]
 Row = TypeVar("Row")
 
 
@@ -40,24 +28,22 @@ class Work:
 
 
 @contextmanager
-def watched(
-    context: typer.Context, work: Work, watch: bool, watch_at: str | None, notify: str | None
-) -> "Iterator[tuple[Listener, ...]]":
-    """Let people look on as they asked for, and give who takes what lifts and poses send.
+def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
+    """Serve the page and start the command that were asked for; yield the listeners of lifts and poses.
 
     The page stays until the command has ended, its report written. Raises `InputError`.
     """
     with ExitStack() as stack:
         listeners: tuple[Listener, ...] = ()
-        if notify is not None:
+        if options.notify is not None:
             from rig.live.notify import Notifier
 
-            notifier = stack.enter_context(Notifier(notify, say))
+            notifier = stack.enter_context(Notifier(options.notify, say))
             stack.enter_context(looking_on(notifier.tell))
-        if watch or watch_at is not None:
+        if options.watch or options.watch_at is not None:
             from rig.live.watch import WatchPage, watch_address
 
-            at = watch_address(watch_at)
+            at = watch_address(options.watch_at)
             page = WatchPage(at, work.title, work.what, work.done, work.total)
             context.call_on_close(page.close)
             stack.enter_context(looking_on(page.tell))

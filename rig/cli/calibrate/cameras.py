@@ -17,8 +17,7 @@ from rig.cli.calibrate.options import (
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
-from rig.cli.dry_run import DryRunOption
-from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption
+from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption
 
 
 def camera(

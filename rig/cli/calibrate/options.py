@@ -10,6 +10,7 @@ import typer
 
 from rig.cli.common import ask, emit_json, say, tell
 from rig.cli.dry_run import dry_run
+from rig.cli.options import WatchOptions
 from rig.cli.places import folder_place
 from rig.cli.watching import Work, watched
 from rig.live.phases import begin_phase
@@ -57,9 +58,9 @@ def station(context: typer.Context, what: str, total: int, agreed: bool = False)
     config = with_objects(load_bench(bench), bench, typed.get("objects"))
     simulated = "SIMULATED " if config.simulated else ""
     title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
-    asked = (False, None, None) if dry else (typed["watch"], typed["watch_at"], typed["notify"])
+    asked = WatchOptions() if dry else WatchOptions(typed["watch"], typed["watch_at"], typed["notify"])
     with ExitStack() as stack:
-        listeners = stack.enter_context(watched(context, Work(title, what, total), *asked))
+        listeners = stack.enter_context(watched(context, Work(title, what, total), asked))
         yield Station(
             config, typed["seed"], _folder(typed["out"], bench),
             ConsoleOperator(ask, agreed or typed["yes"], tell), say,

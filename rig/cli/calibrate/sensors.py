@@ -13,9 +13,8 @@ from rig.cli.calibrate.options import (
     station,
 )
 from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
-from rig.cli.dry_run import DryRunOption
-from rig.cli.resuming import given
-from rig.cli.watching import NotifyOption, WatchAtOption, WatchOption
+from rig.cli.declared import is_given
+from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
@@ -164,7 +163,7 @@ def tcp(
     from rig.config import load_bench
 
     if source is not None:
-        tool = load_bench(bench).arm.flange_T_tcp() if given(context, "bench") else None
+        tool = load_bench(bench).arm.flange_T_tcp() if is_given(context, "bench") else None
         found = tip_from_folder(recorded(context, source), serial, tool, accept_change)
         file_and_say(found, out, bench, json)
     else:

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.models import OptionInfo, ParameterInfo
 
+from drivers.errors import nearest
 from rig.cli.completing import COMPLETED
 
 if TYPE_CHECKING:
@@ -82,7 +83,11 @@ class _Helped:
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options and arguments; of a group, up to the command."""
         _skip_checks_for_completion(self, ctx)
-        return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
+        except typer.BadParameter as error:
+            error.message = _with_nearest_choice(error.message)
+            raise
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help."""
@@ -111,6 +116,15 @@ def _skip_checks_for_completion(command: Any, ctx: Any) -> None:
     if ctx.resilient_parsing:
         for param in command.get_params(ctx):
             param.process_value = lambda _, value: value
+
+
+def _with_nearest_choice(message: str) -> str:
+    """Add the most similar choice to the message about a value that is none of an option's choices."""
+    wrong = re.search("'(.*)' is not one of (.*)[.]", message)
+    if wrong is None:
+        return message
+    near = nearest(wrong[1], re.findall("'(.*?)'", wrong[2]))
+    return f"{wrong[0][:-1]}{near}."
 
 
 def _print_help(command: Any, ctx: Any) -> None:

@@ -29,7 +29,7 @@ _MOST_REJECTED = 0.34
 _DRAWS = 6
 _WORST_RMS_PX = 5.0
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
-_LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
+_LOOSE = "samples are missed by {value:.2f} px: is the target firm, the robot still?"
 BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
 
 

@@ -123,7 +123,7 @@ def file_all(results: Sequence["CalibrationResult"], out: Path | None, bench: st
 
 
 def file_and_say(result: "CalibrationResult", out: Path | None, bench: str, json: bool) -> None:
-    """File an result, say what it is worth, and print where file and page are."""
+    """File a result, and print its verdict, figures and paths."""
     filed = filed_and_said(result, out, bench)
     if json:
         emit_json(filed.figures)
@@ -133,12 +133,12 @@ def file_and_say(result: "CalibrationResult", out: Path | None, bench: str, json
 
 
 def filed_and_said(result: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
-    """File an result and say what it is worth. Raises `CalibrationError` for a refused one."""
+    """File a result and print its verdict and figures. Raises `CalibrationError` for a refused one."""
     from rig.calibrate.result import file_result
 
     filed = file_result(result, _folder(out, bench))
     about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} of {about}: {result.assessment}")
+    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} calibration, {about}: {result.assessment}")
     for name, text in result.numbers.items():
         say(f"  {name}: {text}")
     for left_out in result.rejected:

@@ -15,6 +15,7 @@ from typer.models import OptionInfo, ParameterInfo
 
 from drivers.errors import nearest
 from rig.cli.completing import COMPLETED
+from rig.live.phases import begin_phase
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,15 +32,16 @@ COMMAND_GROUPS = {
 OPTION_GROUPS = {
     "Options": (
         "--object", "--lifts", "--poses", "--images", "--from", "--target", "--estimator", "--background",
-        "--data", "--arch", "--fold", "--react", "--bench", "--out", "--resume", "--full", "--json", "--help",
+        "--data", "--arch", "--fold", "--react", "--bench", "--lift", "--sensor", "--out", "--page",
+        "--resume", "--full", "--json", "--help",
     ),
     "Estimation": (
         "--window", "--reference-time", "--lift-from", "--timestamps", "--fps", "--pixel-aspect", "--no-skip",
     ),
     "Reaction to slip": ("--false-alarms-per-hour", "--max-turn-deg", "--votes"),
     "Limits": (
-        "--max-mare", "--within", "--confidently-wrong", "--two-sigma", "--false-rest", "--mean-deg",
-        "--p99-ms", "--reversed-turns",
+        "--limits", "--max-mare", "--within", "--confidently-wrong", "--two-sigma", "--false-rest",
+        "--mean-deg", "--p99-ms",
     ),
     "Session": ("--name", "--note", "--tag", "--operator", "--no-report"),
     "Bench": ("--dry-run", "--yes", "--objects", "--serial", "--seed", "--realtime", "--jobs", "--randomise"),
@@ -52,6 +54,9 @@ FEW = 9
 NAME_COLUMNS = 28
 """A longer name has its own line, above its description."""
 
+
+SIMULATED_BENCHES = ("fake", "hard", "wire")
+"""The built-in benches."""
 
 Rows = list[tuple[str, str]]
 """Names and their descriptions."""
@@ -96,6 +101,14 @@ class _Helped:
 
 class Command(_Helped, TyperCommand):
     """A command with this help."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options; from here on the phase of loading says whether the bench is simulated."""
+        rest = super().parse_args(ctx, args)
+        bench = ctx.params.get("bench")
+        if bench in SIMULATED_BENCHES and not (ctx.resilient_parsing or ctx.params.get("source")):
+            begin_phase(f"SIMULATED bench '{bench}': loading")
+        return rest
 
 
 class Group(_Helped, TyperGroup):

@@ -57,6 +57,7 @@ def station(context: typer.Context, what: str, total: int, agreed: bool = False)
     config = with_objects(load_bench(bench), bench, typed.get("objects"))
     simulated = "SIMULATED " if config.simulated else ""
     title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
+    say(title)
     asked = (False, None, None) if dry else (typed["watch"], typed["watch_at"], typed["notify"])
     with ExitStack() as stack:
         listeners = stack.enter_context(watched(context, Work(title, what, total), *asked))

@@ -231,9 +231,8 @@ def _checked(kind: str, arguments: dict[str, Any]) -> tuple[dict[str, Any], floa
     known = ", ".join(f"{name}({', '.join(takes)})" for name, takes in FAULTS.items())
     if kind not in FAULTS or not set(arguments) <= {*FAULTS[kind], "duration_s"}:
         near = nearest(kind, set(FAULTS) - {kind})
-        raise InputError(
-            f"simulated gripper: no fault '{kind}'{near} with {sorted(arguments)}; use {known}, clear"
-        )
+        given = f" with {', '.join(sorted(arguments))}" if arguments else ""
+        raise InputError(f"simulated gripper: no fault '{kind}'{near}{given}; use {known}, clear")
     for name, value in arguments.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= HIGHEST[name]:
             raise InputError(

@@ -15,7 +15,7 @@ import yaml
 
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers import formats
-from drivers.errors import CalibrationError, FormatError, RecordingError
+from drivers.errors import CalibrationError, FormatError, RecordingError, counted
 from drivers.whole_files import write_whole
 
 SCHEMA = 1
@@ -58,7 +58,7 @@ def age_days(created: str, now: datetime) -> float:
 
 def age_text(days: float) -> str:
     """An age in words."""
-    return f"{days:.0f} days" if days >= 2 else f"{max(days, 0.0) * 24:.0f} hours"
+    return f"{days:.0f} days" if days >= 2 else counted(round(max(days, 0.0) * 24), "hour")
 
 
 def save(file: CalibrationFile, path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.verdict import Assessment, limit
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, counted
 
 Array = NDArray[np.floating]
 
@@ -71,7 +71,9 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     fresh = np.append(True, np.diff(times) > 0) if len(times) else np.zeros(0, bool)
     times, signal = times[fresh], signal[fresh]
     if len(times) < FEWEST:
-        raise CalibrationError(f"sync: {name}: {len(times)} usable samples, {FEWEST} are the least")
+        raise CalibrationError(
+            f"sync: {name}: {counted(len(times), 'usable sample')}, {FEWEST} are the least"
+        )
     longest_s = float(np.diff(times).max()) / 1e9
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
@@ -97,7 +99,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
     inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s) & _measured(t1, t2, search_s)
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
-        text = f"the streams overlap by {len(t2)} samples (search ±{search_s:g} s): record longer"
+        text = f"the streams overlap by {counted(len(t2), 'sample')} (search ±{search_s:g} s): record longer"
         return TimeOffset(Assessment((text,)), used=len(t2))
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.poses import pose_fault
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from drivers.errors import counted
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -41,7 +42,7 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     """Least squares of R_i tip + p_i = point over named `base_T_tool` poses, bad ones left out."""
     good, rejected = sift(poses, lambda named: named[0], _fault)
     if len(good) < FEWEST:
-        text = f"{len(good)} usable distinct poses, {FEWEST} are the least and 10 are good"
+        text = f"{counted(len(good), 'usable distinct pose')}, {FEWEST} are the least and 10 are good"
         return PivotResult(Assessment((text,)), tuple(rejected))
     names = [name for name, _ in good]
     turns = np.array([pose.rotation.as_matrix() for _, pose in good])
@@ -66,7 +67,8 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejecte
     cone, condition = _observability(turns)
     gate = _gate(cone, condition)
     if gate.refusals or len(names) < FEWEST:
-        left = gate if gate.refusals else Assessment((f"{len(names)} poses agree, {FEWEST} are the least",))
+        few = f"{counted(len(names), 'agreeing pose')}, {FEWEST} are the least"
+        left = gate if gate.refusals else Assessment((few,))
         return PivotResult(left, tuple(rejected), cone_deg=cone, condition=condition)
     tip, point = solve_pivot(turns, moves)
     missed = turns @ tip + moves - point
@@ -79,7 +81,7 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejecte
     assessment += limit(
         1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known to {value:.2f} mm only"
     )
-    assessment += floor(len(names), 8, FEWEST, "{value} poses used; 10 are good")
+    assessment += floor(len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good")
     if assessment.refusals:
         return PivotResult(assessment, tuple(rejected), cone_deg=cone, condition=condition)
     residual = dict(zip(names, distance.tolist(), strict=True))

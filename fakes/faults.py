@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import unknown_name
 
 OVERSHOOT_COUNTS = 30.0
 """How far a gripper with the fault `overshoot` moves beyond its target: about 19 mm of opening."""
@@ -41,9 +41,7 @@ class ScriptedFault:
     def __post_init__(self) -> None:
         known = KINDS.get(self.device, KINDS["tactile"])
         if self.kind not in known:
-            raise InputError(
-                f"fault '{self.kind}' is unknown for device '{self.device}': use one of {', '.join(known)}"
-            )
+            raise unknown_name(f"fault of device '{self.device}'", self.kind, known)
 
     def concerns(self, lift: str, attempt: int) -> bool:
         """Whether this fault belongs to an attempt at a lift."""

@@ -7,6 +7,7 @@ from calibration.camera.intrinsics import CameraFit, neighbour_correlation
 from calibration.camera.projection_sigma import projection_sigma_px
 from calibration.targets.views import Array, coverage
 from calibration.verdict import Assessment, floor, limit
+from drivers.errors import counted
 
 GOOD_VIEWS = 10
 
@@ -40,7 +41,10 @@ def assess_camera(result: CameraFit) -> Assessment:
         0.0,
         "corners cover {value:.0%} of the picture; beyond them the lens is extrapolated: add views there",
     )
-    enough = floor(len(result.fit.views), GOOD_VIEWS, 3, "{value} distinct views; ten to twenty are good")
+    enough = floor(
+        len(result.fit.views), GOOD_VIEWS, 3,
+        f"{counted(len(result.fit.views), 'distinct view')}; ten to twenty are good",
+    )  # fmt: skip
     mapped = limit(
         float(sigma_px.max()), 0.5, np.inf,
         "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, counted
 
 Array = NDArray[np.floating]
 
@@ -82,7 +82,8 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
             missed.append(rest)
     if not tables:
         text = (
-            f"{len(good)} usable measurements; at least {FEWEST_COUNTS} different counts one way are needed"
+            f"{counted(len(good), 'usable measurement')}; at least {FEWEST_COUNTS} different counts one way "
+            "are needed"
         )
         return GripperResult(Assessment((text,)), {}, tuple(rejected))
     misfit = float(np.sqrt((np.concatenate(missed) ** 2).mean()))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.presses import Press, rim_radius
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, counted
 
 Array = NDArray[np.floating]
 
@@ -71,7 +71,9 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     good, rejected = sift(presses, lambda p: p.press.id, lambda p, _: _fault(p, mm_per_px))
     if len(good) < FEWEST_PRESSES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
-        raise CalibrationError(f"gel: {len(good)} usable presses, {FEWEST_PRESSES} are the least ({why})")
+        raise CalibrationError(
+            f"gel: {counted(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
+        )
     good = find_centres(good, mm_per_px)
     held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
     normal_rms = float(np.sqrt(np.mean(np.square(errors))))
@@ -196,8 +198,9 @@ def _assess(result: BallFit) -> Assessment:
         "slope where nothing touches: {value:.3f}",
     )
     assessment += floor(
-        len(result.true_mm), 20, FEWEST_PRESSES, "{value} presses; 30 all over the gel are good"
-    )
+        len(result.true_mm), 20, FEWEST_PRESSES,
+        f"{counted(len(result.true_mm), 'picture')} of presses; 30 all over the gel are good",
+    )  # fmt: skip
     if len(errors) < 2:
         assessment += Assessment(
             doubts=("only one ball diameter: a wrong scale or diameter would go unseen",)

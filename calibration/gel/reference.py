@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.verdict import Assessment, floor, limit
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -55,7 +55,9 @@ def make_reference(frames: Sequence[Image]) -> Reference:
     picture that is dark or uniform.
     """
     if len(frames) < FEWEST_FRAMES:
-        raise CalibrationError(f"tactile reference: {len(frames)} frames, {FEWEST_FRAMES} are the least")
+        raise CalibrationError(
+            f"tactile reference: {counted(len(frames), 'frame')}, {FEWEST_FRAMES} are the least"
+        )
     check_light(frames[0], "tactile reference")
     if any(frame.shape != frames[0].shape or frame.dtype != np.uint8 for frame in frames):
         raise CalibrationError("tactile reference: its frames differ in size or type; is it one sensor?")

@@ -81,8 +81,8 @@ def assess_motion(seen: Observability) -> Assessment:
             seen.rotation_gap,
             GOOD_GAP,
             1e-4,
-            "the rotation is weakly determined (gap {value:.1e}): " + _HINT,
-            "how well the turns determine the rotation, as a gap of eigenvalues: {value:.1e}",
+            "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
+            "how well the turns determine the rotation, as a gap of eigenvalues: {value:.2g}",
         )
     )
 

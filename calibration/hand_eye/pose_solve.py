@@ -25,6 +25,7 @@ from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import FEWEST_SAMPLES, as_pose
 from calibration.hand_eye.uncertainty import larger_of
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from drivers.errors import counted
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -104,7 +105,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
     """
     good, rejected = sift(samples, lambda s: s.id, sample_fault)
     if len(good) < FEWEST_SAMPLES:
-        text = f"{len(good)} usable pairs of poses, {FEWEST_SAMPLES} are the least and 15 are good"
+        text = f"{counted(len(good), 'usable pair')} of poses, {FEWEST_SAMPLES} are the least and 15 are good"
         return PosePairResult(setup, Assessment((text,)), tuple(rejected))
     pairs = thinned(make_pairs(good, setup), _MOST_PAIRS)
     motion = observability(thinned(pairs, _FOR_STARTS).a_R)
@@ -133,8 +134,8 @@ def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: flo
     return (
         limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
         + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
-        + floor(count, 10, FEWEST_SAMPLES, "{value} pairs used; 15 are good")
-        + limit(left_out, 0.15 * pairs, np.inf, "{value} pairs left out; see why")
+        + floor(count, 10, FEWEST_SAMPLES, f"{counted(count, 'pair')} used; 15 are good")
+        + limit(left_out, 0.15 * pairs, np.inf, f"{counted(left_out, 'pair')} left out; see why")
         + limit(
             alike, 0.3, np.inf,
             "errors of neighbouring pairs are alike ({value:.2f}; noise: 0), which widens sigma: does the "

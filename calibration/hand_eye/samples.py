@@ -11,6 +11,7 @@ from calibration.camera.model import CameraModel
 from calibration.poses import pose_fault
 from calibration.targets.views import View
 from calibration.verdict import Rejected, sift
+from drivers.errors import counted
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -121,7 +122,7 @@ def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
         return "a corner is not a finite number"
     if len(view.ids) < 4:
-        return f"{len(view.ids)} points of the target seen, 4 are needed"
+        return f"{counted(len(view.ids), 'point')} of the target seen, 4 are needed"
     if view.size != camera.size:
         return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
     spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)

@@ -15,6 +15,7 @@ from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_pro
 from calibration.hand_eye.target_pose import consistent_choice, target_poses
 from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
 from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
+from drivers.errors import counted
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -28,7 +29,7 @@ _MOST_REJECTED = 0.34
 _DRAWS = 6
 _WORST_RMS_PX = 5.0
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
-_LOOSE = "samples are missed by {value:.1f} px: is the target firm, the robot still?"
+_LOOSE = "samples are missed by {value:.2f} px: is the target firm, the robot still?"
 BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
 
 
@@ -78,7 +79,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     good, rejected = usable_samples(samples, camera)
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
-        text = f"{len(good)} usable samples, {FEWEST_SAMPLES} are the least and 15 are good"
+        text = f"{counted(len(good), 'usable sample')}, {FEWEST_SAMPLES} are the least and 15 are good"
         return HandEyeResult(setup, Assessment((text + (f" ({why})" if why else ""),)), tuple(rejected))
     problem = make_problem(good, camera, setup)
     motion = observability(problem.a_R)
@@ -128,8 +129,14 @@ def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraMo
         limit(final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX, _LOOSE)
         + _assess_sigma(1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, _POSITION)
         + _assess_sigma(np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), _ORIENTATION)
-        + floor(spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES, "{value} samples used; 15 are good")
-        + limit(rejected, 0.15 * (spread.samples + rejected), np.inf, "{value} samples left out; see why")
+        + floor(
+            spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES,
+            f"{counted(spread.samples, 'sample')} used; 15 are good",
+        )
+        + limit(
+            rejected, 0.15 * (spread.samples + rejected), np.inf,
+            f"{counted(rejected, 'sample')} left out; see why",
+        )
         + rests_on("camera", camera.doubts)
     )  # fmt: skip
 

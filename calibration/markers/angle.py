@@ -23,7 +23,7 @@ from calibration.markers.planar import (
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
 from calibration.verdict import Assessment, floor, limit, rests_on
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -72,8 +72,9 @@ class MarkerAngle:
         if len(still) < FEWEST_FRAMES:
             refusals = Counter(str(reason) for reason in found if isinstance(reason, Refusal))
             raise CalibrationError(
-                f"markers: {len(still)} of {len(pictures)} pictures show both, {FEWEST_FRAMES} are the least "
-                f"(refused: {dict(refusals)}); check ids, dictionary, light and size"
+                f"markers: both are found in {len(still)} of {counted(len(pictures), 'picture')}, "
+                f"{FEWEST_FRAMES} are the least (refused: {dict(refusals)}); "
+                "check ids, dictionary, light and size"
             )
         return self.set_reference(still)
 
@@ -122,7 +123,7 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     """
     if len(pictures) < 2 * FEWEST_FRAMES:
         raise CalibrationError(
-            f"markers: {len(pictures)} pictures at rest, {2 * FEWEST_FRAMES} are the least"
+            f"markers: {counted(len(pictures), 'picture')} at rest, {2 * FEWEST_FRAMES} are the least"
         )
     half = max(FEWEST_FRAMES, len(pictures) // 2)
     plane = angle.take_reference(pictures[:half])
@@ -131,7 +132,8 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     refused = dict(Counter(str(a) for a in answers if isinstance(a, Refusal)))
     if len(rest) < 5:
         raise CalibrationError(
-            f"markers: {len(rest)} of {len(answers)} pictures at rest give an angle ({refused})"
+            f"markers: an angle is found in {len(rest)} of {counted(len(answers), 'picture')} at rest "
+            f"({refused})"
         )
     quarter = max(len(rest) // 4, 1)
     drift = float(rest[-quarter:].mean() - rest[:quarter].mean())

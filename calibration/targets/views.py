@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.verdict import Rejected, sift
+from drivers.errors import counted
 
 Array = NDArray[np.floating]
 
@@ -44,7 +45,7 @@ def _fault(view: View, size: tuple[int, int]) -> str | None:
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
         return "a corner is not a finite number"
     if len(view.ids) < FEWEST_POINTS:
-        return f"{len(view.ids)} corners found, {FEWEST_POINTS} are needed"
+        return f"{counted(len(view.ids), 'corner')} found, {FEWEST_POINTS} are needed"
     if view.size != size:
         return f"size {view.size[0]} x {view.size[1]} differs from the others' {size[0]} x {size[1]}"
     for points in (view.board_m[:, :2], view.image_px):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.markers.tracker import MarkerTracker
 from calibration.store import write_text
 from calibration.targets.aruco import Refusal
-from drivers.errors import CalibrationError, InputError
+from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
 from drivers.types import ArmState, Frame
 from protocols.capture_touch import Touch
@@ -134,7 +134,9 @@ class WiggleObserver(TouchObserver):
         for serial in self.serials:
             pictures = self._pictures.get(serial, [])
             if len(pictures) < 3:
-                raise CalibrationError(f"{serial}: {len(pictures)} frames of the wiggle; does it stream?")
+                raise CalibrationError(
+                    f"{serial}: {counted(len(pictures), 'frame')} of the wiggle; does it stream?"
+                )
             times = np.array([time_ns for time_ns, _ in pictures], np.int64)
             found[serial] = times, strongest_change(np.array([p.ravel() for _, p in pictures]))
         return found

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from calibration.store import write_text
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from protocols.capture_touch import Touch, capture_openings
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.from_tables import gripper_from_folder
@@ -36,7 +36,8 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
         for mm in sorted(blocks_mm)
     ]
     with station.connected(
-        f"The fingers will close gently on {len(touches)} blocks, one by one, until both gels feel them.",
+        f"The fingers will close gently on {counted(len(touches), 'block')}, one by one, until "
+        "both gels feel them.",
         from_home=True,
         motions=touch_motions(config, touches),
     ) as (bench, operator):

@@ -1,6 +1,7 @@
 """Hand-eye calibration on a bench: poses are chosen and visited, samples kept as files, then solved."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,7 @@ from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.hand_eye import hand_eye_result
 from rig.calibrate.result import CalibrationResult
+from rig.calibrate.sources import picture_files
 from rig.config import BenchConfig
 
 FIRST_POSES = 6
@@ -65,7 +67,8 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
     result = hand_eye_result(
         session.samples, camera, serial, setup, str(session.raw), session.rejected, target
     )
-    return result.marked(config.simulated)
+    files = [*picture_files(session.raw), session.raw / "poses.csv"]
+    return replace(result, files=files).marked(config.simulated)
 
 
 def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:

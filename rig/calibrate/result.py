@@ -98,7 +98,7 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
     if result.assessment.verdict is Verdict.REFUSED:
         reasons = "; ".join(result.assessment.refusals)
         about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-        raise CalibrationError(f"{result.kind} of {about}: refused: {reasons} (page: {page})")
+        raise CalibrationError(f"{result.kind} calibration, {about}: refused: {reasons} (page: {page})")
     return Filed(path, page, figures)
 
 

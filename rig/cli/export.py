@@ -20,7 +20,7 @@ def export(
     ] = None,
     every: Annotated[
         int,
-        typer.Option("--every", min=1, help="coco, labelme: each so-many-th tactile frame of a trial."),
+        typer.Option("--every", min=1, help="coco, labelme: every Nth tactile frame of a trial."),
     ] = 10,
     json: JsonOption = False,
 ) -> None:

@@ -13,8 +13,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.models import OptionInfo, ParameterInfo
 
+from drivers.errors import nearest
 from rig.cli.completing import COMPLETED
 from rig.cli.declared import with_options
+from rig.live.phases import begin_phase
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,15 +33,16 @@ COMMAND_GROUPS = {
 OPTION_GROUPS = {
     "Options": (
         "--object", "--lifts", "--poses", "--images", "--from", "--target", "--estimator", "--background",
-        "--data", "--arch", "--fold", "--react", "--bench", "--out", "--resume", "--full", "--json", "--help",
+        "--data", "--arch", "--fold", "--react", "--bench", "--lift", "--sensor", "--out", "--page",
+        "--resume", "--full", "--json", "--help",
     ),
     "Estimation": (
         "--window", "--reference-time", "--lift-from", "--timestamps", "--fps", "--pixel-aspect", "--no-skip",
     ),
     "Reaction to slip": ("--false-alarms-per-hour", "--max-turn-deg"),
     "Limits": (
-        "--max-mare", "--within", "--confidently-wrong", "--two-sigma", "--false-rest", "--mean-deg",
-        "--p99-ms", "--reversed-turns",
+        "--limits", "--max-mare", "--within", "--confidently-wrong", "--two-sigma", "--false-rest",
+        "--mean-deg", "--p99-ms",
     ),
     "Session": ("--name", "--note", "--tag", "--operator", "--no-report"),
     "Bench": ("--dry-run", "--yes", "--objects", "--serial", "--seed", "--realtime", "--jobs", "--randomise"),
@@ -52,6 +55,9 @@ FEW = 9
 NAME_COLUMNS = 28
 """A longer name has its own line, above its description."""
 
+
+SIMULATED_BENCHES = ("fake", "hard", "wire")
+"""The built-in benches."""
 
 Rows = list[tuple[str, str]]
 """Names and their descriptions."""
@@ -84,7 +90,11 @@ class _Helped:
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options and arguments; of a group, up to the command."""
         _skip_checks_for_completion(self, ctx)
-        return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
+        except typer.BadParameter as error:
+            error.message = _with_nearest_choice(error.message)
+            raise
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help."""
@@ -93,6 +103,14 @@ class _Helped:
 
 class Command(_Helped, TyperCommand):
     """A command with this help."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options; from here on the phase of loading says whether the bench is simulated."""
+        rest = super().parse_args(ctx, args)
+        bench = ctx.params.get("bench")
+        if bench in SIMULATED_BENCHES and not (ctx.resilient_parsing or ctx.params.get("source")):
+            begin_phase(f"SIMULATED bench '{bench}': loading")
+        return rest
 
 
 class Group(_Helped, TyperGroup):
@@ -113,6 +131,15 @@ def _skip_checks_for_completion(command: Any, ctx: Any) -> None:
     if ctx.resilient_parsing:
         for param in command.get_params(ctx):
             param.process_value = lambda _, value: value
+
+
+def _with_nearest_choice(message: str) -> str:
+    """Add the most similar choice to the message about a value that is none of an option's choices."""
+    wrong = re.search("'(.*)' is not one of (.*)[.]", message)
+    if wrong is None:
+        return message
+    near = nearest(wrong[1], re.findall("'(.*?)'", wrong[2]))
+    return f"{wrong[0][:-1]}{near}."
 
 
 def _print_help(command: Any, ctx: Any) -> None:

@@ -111,10 +111,11 @@ def _choice(
     begun = drawn.choice
     if count not in (None, len(begun.frames)) or reference not in (None, begun.reference):
         raise InputError(
-            f"{LINES} was begun with {len(begun.frames)} frames and the reference {begun.reference}: leave "
-            "--count and --reference out to go on, or move the file away to begin anew"
+            f"{LINES} was begun with {counted(len(begun.frames), 'frame')} and the reference "
+            f"{begun.reference}: leave --count and --reference out to go on, or move the file "
+            "away to start again"
         )
-    say(f"going on with {len(drawn.clicks)} clicks from before")
+    say(f"going on with {counted(len(drawn.clicks), 'click')} from before")
     return begun
 
 

@@ -26,14 +26,15 @@ Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
 def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
     """Read a bench with the calibrations of `calibrations/` beside its file (built-in benches: here).
 
-    say: told of each file in use, its age and verdict. Raises `InputError` for the bench file,
+    say: prints each file in use with its age and verdict. Raises `InputError` for the bench file,
     `CalibrationError` for a calibration that belongs to another device or is damaged.
     """
     config = load_bench(name_or_path)
     found = find_calibrations(config, calibrations_folder(name_or_path))
+    mark = "SIMULATED " if config.simulated else ""
     for file in found.files.values():
         age = age_text(age_days(file.created, datetime.now(UTC)))
-        say(f"calibration in use: {file.file}, {age} old, {file.verdict}")
+        say(f"{mark}calibration in use: {file.file}, {age} old, {file.verdict}")
     return config.model_copy(update={"calibrations": found}) if found.files else config
 
 

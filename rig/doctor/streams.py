@@ -88,7 +88,7 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceReco
     except RigError as error:
         return error
     if len(times) < 2:
-        return DeviceError(f"{source.serial}: {len(times)} frames in {duration_s:g} s")
+        return DeviceError(f"{source.serial}: too few frames ({len(times)} in {duration_s:g} s)")
     counted = {name: count - before.get(name, 0) for name, count in source.counters().items()}
     return SourceRecord(times, ages, last, tally.dropped, counted)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, counted
 from rig.experiments.process_pool import run_tasks
 from rig.sessions.session import Session
 from rig.sessions.timing import TimingLine
@@ -117,7 +117,8 @@ def repeat_until_accepted(
         if faults >= MAX_FAULTS_IN_A_ROW:
             raise DeviceError(
                 f"{wording.session}: {_in_a_row(faults, len(kinds))}: {attempt.fault}; "
-                f"{done} of {total} {wording.piece}s are done: mend the fault, then continue with --resume"
+                f"{done} of {counted(total, wording.piece)} are done: mend the fault, then continue "
+                "with --resume"
             )
 
 
@@ -128,7 +129,7 @@ def fault_text(error: Exception) -> str:
 
 
 def _in_a_row(faults: int, kinds: int) -> str:
-    return f"{faults} rig faults in a row, " + ("all the same" if kinds == 1 else "the last")
+    return f"{counted(faults, 'rig fault')} in a row, " + ("all the same" if kinds == 1 else "the last")
 
 
 def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.frames.series import (
@@ -222,7 +222,9 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
 
     series = FrameSeries(str(files[0].parent), read)
     if background is None and len(files) < ENOUGH_FRAMES:
-        raise InputError(f"{series.name}: {len(files)} images make no background: give --background IMAGE")
+        raise InputError(
+            f"{series.name}: {counted(len(files), 'image')} cannot make a background: give --background IMAGE"
+        )
     # images of a data set are no recording: their order says nothing
     return ImageGroup(tuple(files), *make_background(background or "auto", series))
 

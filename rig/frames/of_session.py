@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.frames.series import FrameSeries, TimedFrame
@@ -79,8 +79,7 @@ def of_sensor(tips: Sequence[SessionSeries], serial: str | None) -> Sequence[Ses
     """Return one sensor's series, all without a serial. Raises `InputError` for one that is not there."""
     found = [tip for tip in tips if serial in (None, tip.serial)]
     if not found:
-        there = ", ".join(dict.fromkeys(tip.serial for tip in tips))
-        raise InputError(f"--sensor {serial}: there is no such fingertip: give one of {there}")
+        raise unknown_name("sensor", str(serial), dict.fromkeys(tip.serial for tip in tips))
     return found
 
 

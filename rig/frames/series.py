@@ -130,7 +130,9 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     """
     frames, first = untouched_frames(images, spread)
     if frames and first:
-        return mean_background(frames), f"background: mean of the first {len(frames)} frames, which are alike"
+        return mean_background(
+            frames
+        ), f"background: mean of the first {counted(len(frames), 'frame')}, which are alike"
     if frames:
         share = f"{len(frames)} of {len(spread)} frames, evenly spread"
         return mean_background(frames), f"background: mean of the {share}, that are most alike"
@@ -147,7 +149,7 @@ def _first(spec: str, series: FrameSeries) -> tuple[Image, str]:
         raise InputError(f"--background {spec}: give the number of frames without contact, as in first:10")
     images = [image for _, image in zip(range(count), series.images(), strict=False)]
     if len(images) < count:
-        raise InputError(f"--background {spec}: only {len(images)} frames can be read: give fewer")
+        raise InputError(f"--background {spec}: only {counted(len(images), 'frame')} can be read: give fewer")
     return mean_background(images), f"background: mean of the first {counted(count, 'frame')}"
 
 

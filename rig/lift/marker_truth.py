@@ -19,7 +19,7 @@ from calibration.markers.planar import FEWEST_FRAMES, PlanarAngle, PlaneReferenc
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
-from drivers.errors import CalibrationError, InputError
+from drivers.errors import CalibrationError, InputError, counted
 from drivers.types import Image, Pose
 from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
 
@@ -243,13 +243,13 @@ class MarkerTruth:
         came = count + sum(reasons.values())
         if came < FEWEST_FRAMES:
             return (
-                f"external camera: only {came} frames came in {span_s:.2f} s ({count} show both markers), "
-                f"the zero needs {FEWEST_FRAMES}: the computer is too busy, or the camera's connection "
-                "too slow; end other programs, then see rig doctor"
+                f"external camera: only {counted(came, 'frame')} came in {span_s:.2f} s ({count} with both "
+                f"markers), the zero needs {FEWEST_FRAMES}: the computer is too busy, or the "
+                "camera's connection too slow; end other programs, then see rig doctor"
             )
         return (
-            f"external camera: {count} frames in {span_s:.2f} s show both markers ({misses}), the zero "
-            f"needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
+            f"external camera: {counted(count, 'frame')} with both markers in {span_s:.2f} s ({misses}), the "
+            f"zero needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
         )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, counted
+from drivers.errors import counted, unknown_name
 from drivers.short_repr import short_repr
 from drivers.types import Image
 from protocols.observer import Phase
@@ -181,7 +181,7 @@ class Lift:
 
     def _require(self, serial: str) -> None:
         if serial not in self._manifest.signs:
-            raise InputError(f"{self!r}: no fingertip '{serial}'; there are {', '.join(self.serials)}")
+            raise unknown_name(f"fingertip of {self!r}", serial, self.serials)
 
 
 class Session:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.formats import CsvTable, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
@@ -125,7 +125,7 @@ def _columns(path: Path) -> dict[str, Floats]:
             there = ", ".join(map(shown, heads[:8])) or "nothing"
             raise InputError(f"{path}: no column {' or '.join(names)}; it has {there}")
     if len(table.lines) < 2:
-        raise InputError(f"{path}: holds {len(table.lines)} rows; a curve needs two at least")
+        raise InputError(f"{path}: holds {counted(len(table.lines), 'row')}; a curve needs at least two")
     return found
 
 

@@ -37,13 +37,22 @@ class Film:
 def film_place(out: Path) -> Path:
     """Return where a film goes: where asked, but as .webm for an .mp4 if OpenCV has no H.264.
 
-    Raises `InputError` for an ending that no codec is known for, or a folder that is not there.
+    Raises `InputError` for an ending without a codec, a missing folder, or a .webm that exists already and
+    was not asked for.
     """
     if out.suffix.lower() not in CODECS:
         raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
-    return out if out.suffix.lower() != ".mp4" or has_h264() else out.with_suffix(".webm")
+    if out.suffix.lower() != ".mp4" or has_h264():
+        return out
+    other = out.with_suffix(".webm")
+    if other.exists():
+        raise InputError(
+            f"{out}: the installed OpenCV has no H.264 encoder for .mp4, and {other} is there already: give "
+            "an --out that ends in .webm"
+        )
+    return other
 
 
 @cache

@@ -210,7 +210,7 @@ def key(states: bool = True, truth: bool = True) -> list[dict[str, str]]:
         {
             "kind": "dash",
             "colour": INK.css,
-            "text": "upright: where the slip begins, in the colour of who says so",
+            "text": "vertical: where the slip begins, in the colour of the curve that shows it",
         },
     ]
     claims = [

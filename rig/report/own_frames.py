@@ -87,10 +87,10 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
                 str(found.frames),
                 f"{found.answered / found.frames:.0%}",
                 refused,
-                "none" if found.reference_time_s is None else f"{found.reference_time_s:g}",
+                "none" if found.reference_time_s is None else f"{found.reference_time_s:.3f}",
                 angle_text(angle),
                 f"{sigma:.1f}°" if np.isfinite(sigma) else "unknown",
-                "none" if found.slip_s is None else f"{found.slip_s:g}",
+                "none" if found.slip_s is None else f"{found.slip_s:.3f}",
             ]
         )
     return Table(columns, rows, text=(0, 3))

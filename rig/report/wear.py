@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import InputError, SessionError
+from drivers.errors import InputError, SessionError, counted
 from drivers.images import load_image
 from protocols.observer import Phase
 from rig.report.session import UNREADABLE
@@ -131,7 +131,8 @@ def lift_at_rest(path: Path, serial: str) -> Rest:
         frames.append(frame.image.astype(np.float32))
     if len(frames) < 2:
         raise SessionError(
-            f"{path}: {len(frames)} frames of {serial} before the grasp: too few to tell its noise"
+            f"{path}: {counted(len(frames), 'frame')} of {serial} before the grasp: too few to measure "
+            "its noise"
         )
     return Rest(np.mean(frames, axis=0), float(np.std(frames, axis=0, ddof=1).mean()))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.images import read_image
 from drivers.types import Image
 from rig.labels.datasets import LabelledFile, read_dataset
@@ -47,7 +47,7 @@ def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, 
     group = [other.image for other in files if other.group == file.group]
     if len(group) < MIN_FRAMES:
         raise InputError(
-            f"{file.group}: {len(group)} images make no frame without contact: put one in "
+            f"{file.group}: {counted(len(group), 'image')} cannot make a frame without contact: put one in "
             f"{Path(file.group) / REFERENCES}"
         )
     spread = np.unique(np.linspace(0, len(group) - 1, MAX_FRAMES).round().astype(int))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import InputError
+from drivers.errors import InputError, nearest
 from fakes.wire.gripper import modbus_frames as frames
 from fakes.wire.gripper.model import IMAGE_BYTES, REFRESH_NS, GripperModel
 from fakes.wire.net.background import VitalThread
@@ -230,7 +230,9 @@ def _checked(kind: str, arguments: dict[str, Any]) -> tuple[dict[str, Any], floa
     """Settings and duration of a fault. Raises `InputError` naming what there is."""
     known = ", ".join(f"{name}({', '.join(takes)})" for name, takes in FAULTS.items())
     if kind not in FAULTS or not set(arguments) <= {*FAULTS[kind], "duration_s"}:
-        raise InputError(f"simulated gripper: no fault '{kind}' with {sorted(arguments)}; use {known}, clear")
+        near = nearest(kind, set(FAULTS) - {kind})
+        given = f" with {', '.join(sorted(arguments))}" if arguments else ""
+        raise InputError(f"simulated gripper: no fault '{kind}'{near}{given}; use {known}, clear")
     for name, value in arguments.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= HIGHEST[name]:
             raise InputError(

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from fakes.wire.net.arguments import duration_ns
 from fakes.wire.ur.robot import Robot
 
@@ -39,7 +39,7 @@ class Faults:
     def check(self, kind: str, arguments: dict[str, Any]) -> None:
         """Raise `InputError` for a fault that does not exist, or arguments that are not its own."""
         if kind not in KINDS:
-            raise InputError(f"simulated controller: no fault '{kind}'; use one of {', '.join(KINDS)}")
+            raise unknown_name("fault of the simulated controller", kind, KINDS)
         known = _ARGUMENTS.get(kind, set()) | ({"duration_s"} if kind in _LASTING else set())
         if unknown := set(arguments) - known:
             raise InputError(

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.errors import counted
 from rig.cli.benchmark.missed import exit_where_missed
 from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import Exit, JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
@@ -112,8 +113,9 @@ def _campaign(
     )
 
     plan = plan_campaign(seed, count)
-    told = f"SIMULATED, {count_faults(plan)} faults in {len(plan)} lifts at random moments, seed {seed}"
-    say(f"{told}; bench '{config.name}', folder {folder}")
+    planned = f"{counted(count_faults(plan), 'fault')} in {counted(len(plan), 'lift')}"
+    title = f"SIMULATED, {planned} at random moments, seed {seed}"
+    say(f"{title}; bench '{config.name}', folder {folder}")
     rows = run_campaign(folder, plan, resume, lambda row: say(f"  {_line(row)}"), config, jobs)
     limits = judge_campaign(rows)
     if json:
@@ -126,7 +128,7 @@ def _campaign(
         if found := worst(rows):
             say(f"longest until standstill: {_line(found)}")
     if readme is not None:
-        write_section(readme, "faults", campaign_section(told, rows))
+        write_section(readme, "faults", campaign_section(title, rows))
     exit_where_missed(limits)
 
 
@@ -158,7 +160,7 @@ def _each_once(config: "BenchConfig", cases: list[str] | None, folder: Path, jso
     if not wanted:
         names = ", ".join(case.name for case in CASES)
         raise InputError(f"no case contains {' or '.join(cases or [])}; cases are: {names}")
-    say(f"SIMULATED bench '{config.name}', {len(wanted)} faults in mid-lift, session {folder}")
+    say(f"SIMULATED bench '{config.name}', {counted(len(wanted), 'fault')} in mid-lift, session {folder}")
     planned = [(case, MID_LIFT) for case in wanted]
     results = run_faults(
         folder, planned, lambda result: say(f"  {result.case.name}: {_outcome(result)}"), config

@@ -7,22 +7,20 @@ import typer
 from rig.cli.calibrate.options import (
     CameraFile,
     CameraSerial,
-    FromOption,
-    OutFolder,
     PicturesOption,
     PosesOption,
+    StationOptions,
     TargetOption,
     file_and_say,
     recorded,
     station,
 )
-from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
-from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption
+from rig.cli.common import ObjectsOption
 
 
 def camera(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100",
     pattern: PicturesOption = "*",
     serial: CameraSerial = "unknown",
@@ -30,15 +28,6 @@ def camera(
         bool, typer.Option("--keep-all", help="Keep views that contradict the others.")
     ] = False,
     poses: PosesOption = 20,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
 
@@ -65,31 +54,22 @@ def camera(
     from rig.calibrate.camera import camera_from_folder
 
     wanted = parse_target(target)
-    if source is None:
-        with station(context, "views", poses) as at:
-            file_and_say(collect_camera(at, wanted, poses), out, bench, json)
+    if common.source is None:
+        with station(context, common, "views", poses) as at:
+            file_and_say(collect_camera(at, wanted, poses), common)
     else:
-        result = camera_from_folder(recorded(context, source), pattern, wanted, serial, keep_all)
-        file_and_say(result, out, bench, json)
+        result = camera_from_folder(recorded(common.source, common), pattern, wanted, serial, keep_all)
+        file_and_say(result, common)
 
 
 def hand_eye(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     target: TargetOption = "marker:60:DICT_4X4_50:0",
     camera_file: CameraFile = None,
     setup: Annotated[str, typer.Option("--setup", help="eye-to-hand or eye-in-hand.")] = "eye-to-hand",
     serial: CameraSerial = "unknown",
     poses: PosesOption = 20,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Find where the camera is: base_T_camera of one that stands, tcp_T_camera of one in the hand.
 
@@ -123,25 +103,25 @@ def hand_eye(
     if setup not in list(Setup):
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
     wanted = parse_target(target)
-    if source is None:
-        with station(context, "poses", poses) as at:
-            file_and_say(collect_hand_eye(at, wanted, Setup(setup), poses), out, bench, json)
+    if common.source is None:
+        with station(context, common, "poses", poses) as at:
+            file_and_say(collect_hand_eye(at, wanted, Setup(setup), poses), common)
         return
-    if (recorded(context, source) / TARGETS).is_file():
-        result = hand_eye_from_poses(source, serial, Setup(setup))
+    if (recorded(common.source, common) / TARGETS).is_file():
+        result = hand_eye_from_poses(common.source, serial, Setup(setup))
     else:
         if camera_file is None:
             raise InputError(
                 "hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)"
             )
         known = read_camera(camera_file, None if serial == "unknown" else serial)
-        result = hand_eye_from_folder(source, wanted, known, serial, Setup(setup))
-    file_and_say(result, out, bench, json)
+        result = hand_eye_from_folder(common.source, wanted, known, serial, Setup(setup))
+    file_and_say(result, common)
 
 
 def markers(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     ids: Annotated[tuple[int, int], typer.Option("--ids", help="The two marker ids.")] = (0, 1),
     dictionary: Annotated[
         str, typer.Option("--dictionary", help="OpenCV's name, or a file.")
@@ -151,15 +131,6 @@ def markers(
     serial: CameraSerial = "unknown",
     object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
     objects: ObjectsOption = None,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Measure how well the two-marker angle is known, from pictures of the object at rest.
 
@@ -177,10 +148,10 @@ def markers(
     from rig.calibrate.bench_camera import collect_markers
     from rig.calibrate.markers import markers_from_folder
 
-    if source is None:
-        with station(context, "objects", 1) as at:
-            file_and_say(collect_markers(at, object_name), out, bench, json)
+    if common.source is None:
+        with station(context, common, "objects", 1, objects=objects) as at:
+            file_and_say(collect_markers(at, object_name), common)
     else:
         lens = None if camera_file is None else read_camera(camera_file)
-        result = markers_from_folder(recorded(context, source), pattern, ids, dictionary, lens, serial)
-        file_and_say(result, out, bench, json)
+        result = markers_from_folder(recorded(common.source, common), pattern, ids, dictionary, lens, serial)
+        file_and_say(result, common)

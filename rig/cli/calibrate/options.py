@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.common import ask, emit_json, say, tell
+from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption, ask, emit_json, say, tell
 from rig.cli.dry_run import dry_run
-from rig.cli.options import WatchOptions
+from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption, WatchOptions
 from rig.cli.places import folder_place
 from rig.cli.watching import Work, watched
 from rig.live.phases import begin_phase
@@ -22,11 +23,6 @@ if TYPE_CHECKING:
     from rig.calibrate.result import CalibrationResult, Filed
     from rig.live.feed import Listener
 
-FromOption = Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")]
-OutFolder = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder of the calibration file and its page.", callback=folder_place),
-]
 TargetOption = Annotated[
     str,
     typer.Option(
@@ -40,33 +36,68 @@ PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures 
 PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
 
 
-@contextmanager
-def station(context: typer.Context, what: str, total: int, agreed: bool = False) -> "Iterator[Station]":
-    """Where a calibration is collected, who is asked before something moves, and who looks on.
+@dataclass(frozen=True, slots=True)
+class StationOptions:
+    """Where the samples of a calibration come from, and where its file goes."""
 
-    context: of the command, whose options of a bench are read by their names. what, total: what its pieces
-    of work are called, and how many there are. agreed: to everything, as with --yes. With --dry-run the
-    plan is shown, as `dry_run` does, and that is all. Raises `InputError`.
+    source: Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")] = None
+    bench: BenchOption = "fake"
+    seed: SeedOption = 0
+    dry: DryRunOption = False
+    yes: YesOption = False
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder of the calibration file and its page.", callback=folder_place),
+    ] = None
+    json: JsonOption = False
+    watch: WatchOption = False
+    watch_at: WatchAtOption = None
+    notify: NotifyOption = None
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the calibration files: --out, or where trials on the bench read them."""
+        from rig.config.calibrations import calibrations_folder
+
+        return self.out or calibrations_folder(self.bench)
+
+
+@contextmanager
+def station(
+    context: typer.Context,
+    common: StationOptions,
+    what: str,
+    total: int,
+    agreed: bool = False,
+    objects: Path | None = None,
+) -> "Iterator[Station]":
+    """Yield the place of a collection: the bench, the person who is asked, and the folder of the results.
+
+    what, total: name and number of the pieces of work. agreed: to every question, as with --yes. objects:
+    folder of own objects. With --dry-run the plan is shown, as by `dry_run`, and the command ends. Raises
+    `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
     from rig.config import load_bench
     from rig.config.objects import with_objects
 
-    typed = context.params
-    bench, dry = typed["bench"], typed["dry"]
-    config = with_objects(load_bench(bench), bench, typed.get("objects"))
+    config = with_objects(load_bench(common.bench), common.bench, objects)
     simulated = "SIMULATED " if config.simulated else ""
     title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
-    asked = WatchOptions() if dry else WatchOptions(typed["watch"], typed["watch_at"], typed["notify"])
+    say(title)
+    watch = WatchOptions() if common.dry else WatchOptions(common.watch, common.watch_at, common.notify)
     with ExitStack() as stack:
-        listeners = stack.enter_context(watched(context, Work(title, what, total), asked))
+        listeners = stack.enter_context(watched(context, Work(title, what, total), watch))
         yield Station(
-            config, typed["seed"], _folder(typed["out"], bench),
-            ConsoleOperator(ask, agreed or typed["yes"], tell), say,
-            partial(dry_run, config, json=typed["json"]) if dry else _nothing,
+            config,
+            common.seed,
+            common.folder,
+            ConsoleOperator(ask, agreed or common.yes, tell),
+            say,
+            partial(dry_run, config, json=common.json) if common.dry else _nothing,
             _show(stack, listeners),
-        )  # fmt: skip
+        )
 
 
 def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Frame], None] | None":
@@ -79,14 +110,14 @@ def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Fra
     return stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
 
 
-def recorded(context: typer.Context, source: Path) -> Path:
-    """Return the folder of --from. Raises `InputError` where somebody is to look on at it."""
+def recorded(source: Path, common: StationOptions) -> Path:
+    """Return the folder of --from. Raises `InputError` if an option to watch a bench was given with it."""
     from drivers.errors import InputError
 
     for option in ("watch", "watch_at", "notify"):
-        if context.params[option]:
+        if getattr(common, option):
             named = option.replace("_", "-")
-            raise InputError(f"--{named} looks on at a bench, and --from {source} needs none: leave it out")
+            raise InputError(f"--{named} watches a bench, and --from {source} needs none: leave it out")
     begin_phase(f"calibrating from {source}")
     return source
 
@@ -95,14 +126,7 @@ def _nothing(plan: "Plan") -> None:
     """Go on."""
 
 
-def _folder(out: Path | None, bench: str) -> Path:
-    """Where calibrations go: --out, or where trials on the bench look for them."""
-    from rig.config.calibrations import calibrations_folder
-
-    return out or calibrations_folder(bench)
-
-
-def file_all(results: Sequence["CalibrationResult"], out: Path | None, bench: str, json: bool) -> None:
+def file_all(results: Sequence["CalibrationResult"], common: StationOptions) -> None:
     """File the results of one collection; one that is refused is raised after all are on disk."""
     from drivers.errors import CalibrationError
 
@@ -110,11 +134,11 @@ def file_all(results: Sequence["CalibrationResult"], out: Path | None, bench: st
     refused: list[CalibrationError] = []
     for result in results:
         try:
-            filed.append(filed_and_said(result, out, bench))
+            filed.append(filed_and_said(result, common))
         except CalibrationError as error:
             refused.append(error)
             say(str(error))
-    if json:
+    if common.json:
         emit_json({"calibrations": [each.figures for each in filed], "refused": [str(e) for e in refused]})
     else:
         for each in filed:
@@ -123,23 +147,23 @@ def file_all(results: Sequence["CalibrationResult"], out: Path | None, bench: st
         raise CalibrationError(f"{len(refused)} of {len(results)} were refused; see their pages")
 
 
-def file_and_say(result: "CalibrationResult", out: Path | None, bench: str, json: bool) -> None:
-    """File an result, say what it is worth, and print where file and page are."""
-    filed = filed_and_said(result, out, bench)
-    if json:
+def file_and_say(result: "CalibrationResult", common: StationOptions) -> None:
+    """File a result, and print its verdict, figures and paths."""
+    filed = filed_and_said(result, common)
+    if common.json:
         emit_json(filed.figures)
     else:
         print(filed.path)
         print(filed.page)
 
 
-def filed_and_said(result: "CalibrationResult", out: Path | None, bench: str) -> "Filed":
-    """File an result and say what it is worth. Raises `CalibrationError` for a refused one."""
+def filed_and_said(result: "CalibrationResult", common: StationOptions) -> "Filed":
+    """File a result and print its verdict and figures. Raises `CalibrationError` for a refused one."""
     from rig.calibrate.result import file_result
 
-    filed = file_result(result, _folder(out, bench))
+    filed = file_result(result, common.folder)
     about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} of {about}: {result.assessment}")
+    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} calibration, {about}: {result.assessment}")
     for name, text in result.numbers.items():
         say(f"  {name}: {text}")
     for left_out in result.rejected:

@@ -5,23 +5,21 @@ from typing import Annotated
 import typer
 
 from rig.cli.calibrate.options import (
-    FromOption,
-    OutFolder,
+    StationOptions,
     file_all,
     file_and_say,
     recorded,
     station,
 )
-from rig.cli.common import BenchOption, JsonOption, ObjectsOption, SeedOption, YesOption
+from rig.cli.common import ObjectsOption
 from rig.cli.declared import is_given
-from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
 
 def tactile(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     balls_mm: Annotated[
         list[float] | None,
         typer.Option("--ball-mm", help="Diameter of a ball to press on a bench; two sizes are good. Repeat."),
@@ -32,15 +30,6 @@ def tactile(
         typer.Option("--mm-per-px", help="With --from: scale along x and y, where it is known."),
     ] = None,
     serial: Annotated[str, typer.Option("--serial", help="Of the sensor.")] = "unknown",
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Find a gel's scale along x and y, and how its colours tell its slopes, from ball presses.
 
@@ -64,34 +53,25 @@ def tactile(
     from rig.calibrate.bench_tactile import collect_presses, collect_references
     from rig.calibrate.tactile import tactile_from_folder
 
-    if source is not None:
-        file_and_say(tactile_from_folder(recorded(context, source), serial, mm_per_px), out, bench, json)
+    if common.source is not None:
+        file_and_say(tactile_from_folder(recorded(common.source, common), serial, mm_per_px), common)
     elif balls_mm:
-        with station(context, "presses", presses * len(balls_mm)) as at:
-            file_all(collect_presses(at, balls_mm, presses), out, bench, json)
+        with station(context, common, "presses", presses * len(balls_mm)) as at:
+            file_all(collect_presses(at, balls_mm, presses), common)
     else:
         # nothing moves, so there is nothing to agree to
-        with station(context, "fingertips", 2, agreed=True) as at:
-            file_all(collect_references(at), out, bench, json)
+        with station(context, common, "fingertips", 2, agreed=True) as at:
+            file_all(collect_references(at), common)
 
 
 def gripper(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     blocks_mm: Annotated[
         list[float] | None,
         typer.Option("--block-mm", help="Width of a block to close on at a bench. Repeat."),
     ] = None,
     serial: Annotated[str, typer.Option("--serial", help="Of the gripper.")] = "unknown",
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Make the table of opening over counts, closing and opening, monotone, with its hysteresis.
 
@@ -109,17 +89,17 @@ def gripper(
     from rig.calibrate.bench_fingers import collect_openings
     from rig.calibrate.from_tables import gripper_from_folder
 
-    if source is not None:
-        file_and_say(gripper_from_folder(recorded(context, source), serial), out, bench, json)
+    if common.source is not None:
+        file_and_say(gripper_from_folder(recorded(common.source, common), serial), common)
     else:
         blocks_mm = blocks_mm or _BLOCKS_MM
-        with station(context, "contacts", 2 * len(blocks_mm)) as at:
-            file_and_say(collect_openings(at, blocks_mm), out, bench, json)
+        with station(context, common, "contacts", 2 * len(blocks_mm)) as at:
+            file_and_say(collect_openings(at, blocks_mm), common)
 
 
 def tcp(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     poses: Annotated[int, typer.Option("--poses", min=4, max=60, help="Tilts on a bench.")] = 12,
     serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
     accept_change: Annotated[
@@ -128,15 +108,6 @@ def tcp(
             "--accept-change", help="Accept a tip over 50 mm from the bench file's tcp_m; --yes does not."
         ),
     ] = False,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Find the point of a tip clamped in the fingers, on the flange, by pivoting in one small hole.
 
@@ -162,18 +133,18 @@ def tcp(
     from rig.calibrate.clamped_tip import tip_from_folder
     from rig.config import load_bench
 
-    if source is not None:
-        tool = load_bench(bench).arm.flange_T_tcp() if is_given(context, "bench") else None
-        found = tip_from_folder(recorded(context, source), serial, tool, accept_change)
-        file_and_say(found, out, bench, json)
+    if common.source is not None:
+        tool = load_bench(common.bench).arm.flange_T_tcp() if is_given(context, "bench") else None
+        found = tip_from_folder(recorded(common.source, common), serial, tool, accept_change)
+        file_and_say(found, common)
     else:
-        with station(context, "tilts", poses) as at:
-            file_and_say(collect_tip(at, poses, accept_change), out, bench, json)
+        with station(context, common, "tilts", poses) as at:
+            file_and_say(collect_tip(at, poses, accept_change), common)
 
 
 def sync(
     context: typer.Context,
-    source: FromOption = None,
+    common: StationOptions,
     first: Annotated[str, typer.Option("--reference", help="Stream whose clock counts.")] = "robot",
     second: Annotated[str, typer.Option("--stream", help="Stream to be moved.")] = "camera",
     search: Annotated[float, typer.Option("--search", min=0.01, max=10, help="Largest offset, s.")] = 0.5,
@@ -184,15 +155,6 @@ def sync(
         ),
     ] = "gauge:30",
     objects: ObjectsOption = None,
-    bench: BenchOption = "fake",
-    seed: SeedOption = 0,
-    dry: DryRunOption = False,
-    yes: YesOption = False,
-    out: OutFolder = None,
-    json: JsonOption = False,
-    watch: WatchOption = False,
-    watch_at: WatchAtOption = None,
-    notify: NotifyOption = None,
 ) -> None:
     """Find the time offset, and the drift, between streams that saw one wiggle.
 
@@ -212,9 +174,9 @@ def sync(
     from rig.calibrate.bench_clocks import collect_streams
     from rig.calibrate.from_tables import sync_from_folder
 
-    if source is not None:
-        samples = recorded(context, source)
-        file_and_say(sync_from_folder(samples, first, second, search), out, bench, json)
+    if common.source is not None:
+        samples = recorded(common.source, common)
+        file_and_say(sync_from_folder(samples, first, second, search), common)
     else:
-        with station(context, "wiggles", 1) as at:
-            file_all(collect_streams(at, object_name, search), out, bench, json)
+        with station(context, common, "wiggles", 1, objects=objects) as at:
+            file_all(collect_streams(at, object_name, search), common)

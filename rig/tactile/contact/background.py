@@ -60,7 +60,7 @@ def auto_background(frames: Sequence[Image]) -> Image:
 def check_frames(frames: Sequence[Image], least: int) -> None:
     """Raise `InputError` unless there are enough frames, all (H, W, 3) uint8 of one size."""
     if len(frames) < least:
-        raise InputError(f"{len(frames)} frames are too few for a background: give {least} or an image")
+        raise InputError(f"too few frames for a background ({len(frames)}): give {least} or an image")
     for frame in frames:
         check_frame(frame, frames[0].shape)
 

@@ -125,12 +125,12 @@ def test_every_calibration_tells_those_who_look_on(
     assert progress[-1].done == progress[-1].total == len(progress)
 
 
-def test_samples_of_a_folder_are_nothing_to_look_on_at(tmp_path: Path) -> None:
+def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> None:
     for options in (("--watch",), ("--watch-at", "127.0.0.1:0"), ("--notify", "true")):
         for what in ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync"):
             done = rig("calibrate", what, "--from", tmp_path, *options)
             assert done.returncode == 2
-            assert f"{options[0]} looks on at a bench" in done.stderr, what
+            assert f"{options[0]} watches a bench" in done.stderr, what
 
 
 def test_what_cannot_be_watched_or_run_is_refused_and_no_session_begun(tmp_path: Path) -> None:

@@ -51,9 +51,9 @@ def time_table(result: BenchmarkResult) -> BenchmarkTable:
         rows.append((name, "frame in to angle out", *_times(timing.contact)))
         rows += [("", stage, *_times(spread)) for stage, spread in timing.stages.items()]
     published = result.timing.published
-    rows.append(("published second stage", "mask to angle (OpenCV's thinning)", *_times(published.stage)))
+    rows.append(("published second stage", "mask to angle, full picture", *_times(published.stage)))
     rows.append(("", "thinning of the 256 x 320 picture", *_times(published.thinning)))
-    rows.append(("", "mask to angle, with our thinning", *_times(published.ours)))
+    rows.append(("", "mask to angle, cropped picture", *_times(published.cropped)))
     width, height = result.timing.size_px
     return BenchmarkTable(
         f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows

@@ -57,13 +57,12 @@ class Timing:
 class PublishedStage:
     """The published second stage: stretched mask to angle, and the thinning of its full picture alone.
 
-    stage, thinning: with OpenCV's Guo-Hall thinning, as published. ours: the same stage, bit for
-    bit, with this product's thinning.
+    cropped: the same stage, bit for bit, if only the part of the picture that holds the contact is thinned.
     """
 
     stage: Spread
     thinning: Spread
-    ours: Spread
+    cropped: Spread
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,7 @@ def time_lifts(
     cv2.setNumThreads(1)
     try:
         samples: dict[str, list[tuple[SlipSample, float]]] = {name: [] for name in names}
-        stage: dict[str, list[float]] = {"stage": [], "thinning": [], "ours": []}
+        stage: dict[str, list[float]] = {"stage": [], "thinning": [], "cropped": []}
         lift = open_lift(folder, tips, rows[0])
         for number, row in enumerate(rows):
             lift = open_lift(folder, tips, row)
@@ -150,7 +149,7 @@ def _time_tip(
 
 
 def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> None:
-    """Time the script's way from a mask to an angle, thinned by OpenCV and by us."""
+    """Time the script's way from a mask to an angle, with the full and with the cropped picture."""
     if mask is None:
         return
     began = time.perf_counter()
@@ -171,7 +170,7 @@ def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> Non
     stage["thinning"].append(thinning_s)
     began = time.perf_counter()
     skeleton_angle(stretched(mask))
-    stage["ours"].append(time.perf_counter() - began)
+    stage["cropped"].append(time.perf_counter() - began)
 
 
 def _timing(timed: Sequence[tuple[SlipSample, float]]) -> Timing:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.paper.thinning import thin
 
 Contour = NDArray[np.float32] | NDArray[np.int32]
 
@@ -105,11 +104,27 @@ def skeleton_axis(contour: Contour) -> Axis | None:
     ellipse = fit_ellipse(contour)
     if ellipse is None:
         return None
-    pixels = cv2.findNonZero(thin(_drawn(ellipse)))
+    pixels = cv2.findNonZero(thinned(_drawn(ellipse)))
     if pixels is None or len(pixels) < 2:
         return None
     dx, dy = cv2.fitLine(pixels, cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]
     return Axis(wrapped(-math.degrees(math.atan2(dy, dx))), ellipse.long_px / ellipse.short_px)
+
+
+def thinned(mask: Image) -> Image:
+    """Thin a mask to lines one pixel wide by the method of Guo and Hall (CACM 32 (3), 1989).
+
+    mask: (H, W) uint8, 0 or 255; returns the same. Only the part of the picture that holds the set pixels is
+    thinned, with a margin of one pixel, because OpenCV never removes pixels on the edge of its input.
+    """
+    x, y, width, height = cv2.boundingRect(mask)
+    part = np.s_[max(y - 1, 0) : y + height + 1, max(x - 1, 0) : x + width + 1]
+    lines = np.zeros_like(mask)
+    if width and height:
+        lines[part] = cv2.ximgproc.thinning(
+            np.ascontiguousarray(mask[part]), thinningType=cv2.ximgproc.THINNING_GUOHALL
+        )
+    return lines
 
 
 def wrapped(angle_deg: float) -> float:

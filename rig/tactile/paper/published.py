@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from drivers.types import Image
-from rig.tactile.paper.axis import MIN_POINTS, largest_contour
-from rig.tactile.paper.thinning import thin
+from rig.tactile.paper.axis import MIN_POINTS, largest_contour, thinned
 
 HEIGHT_PX, WIDTH_PX = 320, 256
 
@@ -44,7 +43,7 @@ def skeleton_angle(mask: Image) -> float | None:
         cv2.ellipse(filled, cv2.fitEllipse(contour), 255, -1)
     except cv2.error as error:
         raise ScriptError(str(error)) from error
-    lines, _ = cv2.findContours(thin(filled), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    lines, _ = cv2.findContours(thinned(filled), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     if not lines:
         raise ScriptError("the ellipse leaves no skeleton")
     dx, dy = cv2.fitLine(lines[0], cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]

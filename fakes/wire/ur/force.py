@@ -1,4 +1,4 @@
-"""The force sensor in the simulated arm's flange: what hangs, what presses, and what zeroing takes away."""
+"""The force sensor in the simulated arm's flange: the object's weight, the push of the table, and zeroing."""
 
 import math
 
@@ -7,14 +7,14 @@ from fakes.wire.ur.frames import Frame
 from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
 from fakes.world.world import World
 
-_LOOK_EVERY = 4
-"""The load changes slowly: the world is asked once in four cycles."""
+_LOAD_EVERY = 4
+"""The load changes slowly: it is computed every fourth cycle."""
 
 
 class ForceSensor:
-    """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload that was set.
+    """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload.
 
-    The sensor has an offset until it is zeroed; `unzeroed` is its newest reading with that offset.
+    The sensor has an offset until it is zeroed.
     """
 
     def __init__(self, world: World) -> None:
@@ -22,23 +22,18 @@ class ForceSensor:
         self._sensor = FlangeSensor(world.seed)
         self._zero = self._slow = NOTHING
         self._cycle = 0
-        self.contact_cycles = 0
-        self.unzeroed = NOTHING
 
     def sense(self, time_ns: int, tcp: Frame) -> Vector6:
-        """The reading of this control cycle."""
+        """Return the reading of this control cycle."""
         self._cycle += 1
-        if self._cycle % _LOOK_EVERY == 1:
+        if self._cycle % _LOAD_EVERY == 1:
             self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
-        depth = self._floor_m - tcp[2]
-        self.contact_cycles = self.contact_cycles + 1 if depth >= 0.0 else 0
         a, b, c, d, e, f = self._slow
         push = table_push_n(self._floor_m, tcp[2])
-        self.unzeroed = self._sensor.shown((a, b, c + push, d, e, f), time_ns)
-        return _less(self.unzeroed, self._zero)
+        return _less(self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero)
 
     def zero(self, wrench: Vector6) -> None:
-        """Take the present reading as zero."""
+        """Subtract a reading from all that follow."""
         a, b, c, d, e, f = (z + w for z, w in zip(self._zero, wrench, strict=True))
         self._zero = (a, b, c, d, e, f)
 

@@ -162,7 +162,7 @@ def test_spoilt_images_are_withheld_counted_and_named(
     assert digit.next_frame(1.0).sequence == before + 1
     assert digit.counters()[counter] == 5
     assert digit.counters()["reopened"] == 0
-    post(server, "/fault", {"kind": fault})
+    server.inject(fault)
     assert words in said_in_the_end(digit, words)
 
 

@@ -25,10 +25,9 @@ from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
 from fakes.wire.ur.faults import Faults
 from fakes.wire.ur.frames import compose, from_ur, rotation_between
-from fakes.wire.ur.other_program import OtherProgramRun
 from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
-from fakes.wire.ur.script import ControlProgram, OtherProgram, ProgramReader, recognise
+from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import InputError
-from fakes.wire.net.arguments import duration_ns
+from fakes.wire.net.side_channel import duration_ns
 from fakes.wire.ur.robot import Robot
 
 KINDS = {

@@ -31,10 +31,9 @@ from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
-from fakes.wire.ur.other_program import OtherProgramRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession, package
-from fakes.wire.ur.script import ControlProgram, OtherProgram, ProgramReader, recognise
+from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value
 from fakes.world.world import BenchLayout, World
 

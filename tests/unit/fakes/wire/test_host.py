@@ -19,8 +19,7 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
-from fakes.wire.host.mirror import MirroredWorld, snapshot_of
-from fakes.wire.host.track import Track
+from fakes.wire.host.mirror import MirroredWorld, Track, snapshot_of
 from fakes.wire.net.background import VitalThread
 from fakes.wire.net.loopback import require_free, taken_ports
 from fakes.wire.net.side_channel import Control, ControlServer

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
-from fakes.wire.ur.other_program import OtherProgramRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.safety import RobotMode
+from fakes.wire.ur.script import OtherProgramRun
 from fakes.world.world import BenchLayout, World
 
 

@@ -8,9 +8,8 @@ from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.wire.ur import script as ur_script
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.other_program import OtherProgramRun
 from fakes.wire.ur.robot import CYCLE_NS, Robot
-from fakes.wire.ur.script import ControlProgram, OtherProgram, ProgramReader, recognise
+from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
 from fakes.world.world import BenchLayout, World
 
 CONTROL = """def rtde_control():

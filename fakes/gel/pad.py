@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fakes.gel.dots import Shear
-from fakes.gel.marks import draw_marks
 from fakes.gel.variation import FAMILY, Variation
 from fakes.objects.soft_faces import Bulge
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
@@ -157,3 +156,30 @@ def pixel_grid_mm(
     x = (np.arange(0, columns, step_px) + 0.5 * (step_px - 1) - 0.5 * (columns - 1)) * mm_per_px[0]
     y = (np.arange(0, rows, step_px) + 0.5 * (step_px - 1) - 0.5 * (rows - 1)) * mm_per_px[1]
     return x.astype(np.float32), y.astype(np.float32)
+
+
+def draw_marks(shape: tuple[int, ...], px_mm: float, seed: int | None) -> NDArray[np.float32] | None:
+    """Return how far marks dent the film, mm, (h, w) float32, negative for scratches; None without a seed.
+
+    shape, px_mm: of the geometry.
+    """
+    if seed is None:
+        return None
+    rng = np.random.default_rng((seed, 59))
+    marks = np.zeros(shape, np.float32)
+    rows, columns = shape
+    for _ in range(int(rng.integers(2, 14))):
+        speck = np.zeros(shape, np.float32)
+        speck[int(rng.integers(2, rows - 2)), int(rng.integers(2, columns - 2))] = 1.0
+        wide_px = float(rng.uniform(0.12, 0.3)) / px_mm
+        speck = cv2.GaussianBlur(speck, (0, 0), wide_px)
+        marks += np.float32(rng.uniform(0.03, 0.09) / speck.max()) * speck
+    for _ in range(int(rng.integers(0, 3))):
+        scratch = np.zeros(shape, np.float32)
+        start = rng.uniform(0.0, 1.0, 2) * (columns, rows)
+        way = rng.uniform(0.0, 2.0 * np.pi)
+        end = start + rng.uniform(2.0, 8.0) / px_mm * np.array([np.cos(way), np.sin(way)])
+        cv2.line(scratch, start.astype(int).tolist(), end.astype(int).tolist(), 1.0, 1, cv2.LINE_AA)
+        scratch = cv2.GaussianBlur(scratch, (0, 0), 0.15 / px_mm)
+        marks -= np.float32(rng.uniform(0.015, 0.05)) * scratch / max(float(scratch.max()), 1e-6)
+    return marks

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from fakes.gel.dots import MarkerPrint
-from fakes.gel.light import Light, make_light, vary_light
-from fakes.gel.makes import other_make
+from fakes.gel.light import Light, make_light, other_make, vary_light
 from fakes.gel.pad import HALF, GelPad, Imprint
 from fakes.gel.shadow import shade
 from fakes.gel.variation import FAMILY, Variation

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import InputError
-from drivers.types import Image, Pose
+from drivers.types import Image, Pose, Vector3
 
 _MOUNTS = ("tool", "bench")
 _TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
@@ -88,3 +88,21 @@ def _lying(base_T_table: Pose, sheet: Sheet, rng: np.random.Generator) -> Pose: 
     turn = Rotation.from_euler("z", rng.normal(0, 0.2)) * _TOOL_DOWN
     place = np.add(base_T_table.position_m, rng.normal((0.0, 0.0, -0.04), 0.004))
     return Pose.from_rotation(place - turn.apply(sheet.middle_m), turn)
+
+
+_TIP_M = (0.0021, -0.0014, 0.0320)
+_TIP_SPREAD_M = 0.002
+_HOLE_FROM_TABLE_M = (0.02, 0.03, 0.0)
+
+
+def tip_m(seed: int) -> Vector3:
+    """Where the tip is in the TCP's frame: clamped by hand, so different for each seed."""
+    x, y, z = (float(v) for v in np.random.default_rng((seed, 41)).normal(_TIP_M, _TIP_SPREAD_M))
+    return x, y, z
+
+
+def gap_m(base_T_tcp: Pose, base_T_table: Pose, seed: int) -> Vector3:  # noqa: N803
+    """From the tip to the bottom of the hole, along the base's axes: what a person beside it sees."""
+    tip = base_T_tcp.rotation.apply(tip_m(seed)) + np.asarray(base_T_tcp.position_m)
+    x, y, z = (float(v) for v in np.add(base_T_table.position_m, _HOLE_FROM_TABLE_M) - tip)
+    return x, y, z

@@ -15,9 +15,8 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
-from fakes.world.fixture import Fixture, parse_fixture
+from fakes.world.fixture import Fixture, gap_m, parse_fixture
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
-from fakes.world.pivot import gap_m
 from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
 from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
 from fakes.world.trapezoid import TrapezoidProfile

@@ -15,7 +15,7 @@ from drivers.types import ArmState, Frame, Pose
 from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
 from fakes.devices.plan import unit_seed
 from fakes.gel.sensor import GelSensor
-from fakes.world.pivot import tip_m
+from fakes.world.fixture import tip_m
 from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
 from rig.benchmark.wire.real_bench import as_real

@@ -19,12 +19,12 @@ _addresses = itertools.count(1)
 Connect = Callable[..., "Client"]
 
 
-def make(version: str = "5.11.0") -> URController:
+def make(version: str = "5.11.0", host: str = "") -> URController:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
     world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1)
     pid = os.getpid()
-    host = f"127.{30 + pid % 60}.{pid // 60 % 250}.{next(_addresses)}"
-    return URController(world, SimulatedClock(realtime=True), host=host, version=version)
+    host = host or f"127.{30 + pid % 60}.{pid // 60 % 250}.{next(_addresses)}"
+    return URController(world, SimulatedClock(realtime=True), host, version)
 
 
 class Client:

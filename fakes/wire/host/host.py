@@ -14,13 +14,11 @@ from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
 from fakes.objects.plain import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.wire.host.mirror import snapshot_of
+from fakes.wire.host.mirror import Track, snapshot_of
 from fakes.wire.host.render import Renderer
-from fakes.wire.host.track import Track
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net.arguments import whole_number
 from fakes.wire.net.background import VitalThread
-from fakes.wire.net.side_channel import ControlServer
+from fakes.wire.net.side_channel import ControlServer, whole_number
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
 from fakes.world.world import World

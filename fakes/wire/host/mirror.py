@@ -1,12 +1,13 @@
-"""The world as another process sees it: for the cameras, which are drawn in a process of their own."""
+"""Copies of the world's state: a mirror for the process that draws the cameras, and a track of motions."""
 
 import threading
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.types import Pose
+from drivers.clock import NS_PER_S
+from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import find_object
 from fakes.world.fixture import Fixture
 from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
@@ -132,3 +133,42 @@ def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
         a + share * (b - a) for a, b in zip(before.tool.position_m, after.tool.position_m, strict=True)
     )
     return Pose((x, y, z), after.tool.quaternion_xyzw)
+
+
+STILL_M_S = 0.001
+"""Slower than this is standing still."""
+KEPT = 50_000
+"""Samples kept: three minutes of motion at 250 a second."""
+
+TrackSample = tuple[int, float, float, float, float, bool]
+"""ns of the world's time, tool x y z in m, counts of the fingers, whether the object is held."""
+
+
+@dataclass(slots=True)
+class Track:
+    """Samples from where something changed; nothing is added while all stands still."""
+
+    samples: deque[TrackSample] = field(default_factory=lambda: deque(maxlen=KEPT))
+    moving: bool = False
+    _last: TrackSample | None = None
+
+    def see(self, time_ns: int, tool_m: Vector3, counts: float, held: bool) -> None:
+        """Take how things are at a time; times increase."""
+        new = (time_ns, *tool_m, counts, held)
+        last, self._last = self._last, new
+        if last is None:
+            self.samples.append(new)
+        elif time_ns > last[0]:
+            way_m = float(np.linalg.norm(np.subtract(tool_m, last[1:4])))
+            self.moving = way_m > STILL_M_S * (time_ns - last[0]) / NS_PER_S
+            if new[1:] != last[1:]:
+                if self.samples[-1] != last:
+                    self.samples.append(last)  # until then nothing had changed
+                self.samples.append(new)
+
+    def since(self, time_ns: int) -> list[TrackSample]:
+        """Return the samples from the last one before a time on, and how things are now."""
+        kept = list(self.samples)
+        first = next((i for i in range(len(kept) - 1, 0, -1) if kept[i][0] <= time_ns), 0)
+        now = [self._last] if self._last is not None and kept[-1] != self._last else []
+        return kept[first:] + now

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError, unknown_name
 from drivers.types import Image
-from fakes.wire.net.arguments import duration_ns, whole_number
+from fakes.wire.net.side_channel import duration_ns, whole_number
 
 Kind = Literal["digit", "camera"]
 Render = Callable[[int], Image]

@@ -1,41 +1,45 @@
-"""Serves a simulated DIGIT or camera as Motion JPEG over HTTP, with a side channel.
+"""Serves a simulated DIGIT or camera as Motion JPEG over HTTP.
 
     GET  /stream.mjpg    the images; any MJPEG client can read them (OpenCV, curl, a browser)
-    GET  /snapshot.jpg   the next image
-    GET  /status         counts, as JSON
     POST /control        {"size_px": [320, 240]}, {"rate_hz": 60}, {"light": [1, 1, 1]}
-    POST /fault          {"kind": "freeze", "duration_s": 1.0} or {"kind": "drop", "frames": 2}
 
-Each part carries its number (X-Sequence) and its capture time (X-Timestamp, s of the computer's
-monotonic clock), so that what was served can be compared with what was recorded.
+Each part carries its number (X-Sequence) and its capture time (X-Timestamp, s of the computer's monotonic
+clock), so that served and recorded images can be compared.
 """
 
+import json
 import threading
 from collections import deque
 from collections.abc import Iterator
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from zlib import crc32
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
-from fakes.wire.mjpeg.http import HttpSide
+from drivers.errors import InputError
 from fakes.wire.mjpeg.sensor import Capture, Kind, MjpegSensor, OnLight, Render
-from fakes.wire.net.background import VitalThread
+from fakes.wire.net.background import BackgroundServer, VitalThread
 
 LATENCY_S = 0.004
-"""From capture to rendering: by then the world has come as far as the image shows it."""
+"""From capture to rendering: by then the world has advanced to the time of the image."""
 PATIENCE_S = 0.25
-"""Images that could not be rendered in this time are given up, and counted as missed."""
+"""Images that cannot be rendered within this time are discarded and counted as missed."""
 QUEUE = 32
 POLL_S = 0.1
+BOUNDARY = "frame"
+LONGEST_BODY = 65_536
+STUCK_S = 5.0
+"""A client that reads nothing for this long is dropped."""
 
 
 class MjpegServer:
     """One sensor behind one port. `start` and `stop` it; `url` is its stream.
 
-    render: draws the (H, W, 3) uint8 RGB image of a time in ns of `clock`, upright; it runs in
-    the server's thread, and only while a client is there. kind: "digit" (raw images lie on their
-    side, 320 x 240 at 60 or 30 Hz, 640 x 480 at 30 or 15) or "camera". port 0 takes a free one.
-    phase: when within its period it captures, 0 to 1; one of its own by its serial when None.
+    render: draws the (H, W, 3) uint8 RGB image at a time in ns of `clock`, upright. It runs in the server's
+    thread, and only while a client is connected. kind: "digit" (raw images are rotated by 90 degrees,
+    320 x 240 at 60 or 30 Hz, 640 x 480 at 30 or 15) or "camera". port: 0 takes a free one. phase: when the
+    sensor captures within its period, 0 to 1; None derives it from the serial.
     """
 
     def __init__(
@@ -51,11 +55,12 @@ class MjpegServer:
         phase: float | None = None,
     ) -> None:
         self.serial = serial
-        phase = _phase_of(serial) if phase is None else phase
+        phase = crc32(serial.encode()) % 1000 / 1000.0 if phase is None else phase
         self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, phase)
         self._clock = clock
         self._to_monotonic_ns = SystemClock().now_ns() - clock.now_ns()
-        self._http = HttpSide(host, port, self)
+        handler = type("Handler", (_Handler,), {"served": self})
+        self._http = BackgroundServer(_Server((host, port), handler), poll_s=0.05)
         self._changed = threading.Condition()
         self._clients: list[deque[Capture]] = []
         self._stopping = threading.Event()
@@ -71,31 +76,31 @@ class MjpegServer:
 
     @property
     def failure(self) -> Exception | None:
-        """What ended the stream by itself; None where nothing did."""
+        """The error that ended the stream, None if there was none."""
         return self._thread.failure or self._http.failure
 
     def start(self) -> None:
-        """Begin to answer; returns at once."""
+        """Start to serve; return at once."""
         self._http.start()
         self._thread.start()
 
     def stop(self) -> None:
-        """End all connections and give the port back."""
+        """Close all connections and the port."""
         self._stopping.set()
         self._http.stop()
         if self._thread.is_alive():
             self._thread.join()
 
     def inject(self, kind: str, **args: Any) -> None:
-        """Begin a fault, see `MjpegSensor.inject`. Raises `InputError`."""
+        """Start a fault, see `MjpegSensor.inject`. Raises `InputError`."""
         self.sensor.inject(kind, **args)
 
     def snapshot(self) -> dict[str, Any]:
-        """Counts since the start.
+        """Return the counts since the start.
 
-        served: images given to clients; ranges: their numbers, as [first, last] of each unbroken
-        run; missed: not rendered in time; withheld: by the fault "drop"; skipped: lost by clients
-        that read too slowly; clients: now.
+        served: images sent to clients; ranges: [first, last] of each unbroken run of their numbers; missed:
+        images not rendered in time; withheld: images lost by the fault "drop"; skipped: images lost by
+        clients that read too slowly; clients: connected now.
         """
         with self._changed:
             ranges = [list(run) for run in self._ranges]
@@ -109,7 +114,7 @@ class MjpegServer:
             }
 
     def captures(self) -> Iterator[Capture]:
-        """Join the stream: its captures from now on, until it stops or is torn off."""
+        """Join the stream: yield its captures from now on, until it stops or is disconnected."""
         queue: deque[Capture] = deque()
         with self._changed:
             if not self._clients:
@@ -123,15 +128,16 @@ class MjpegServer:
             with self._changed:
                 self._clients = [other for other in self._clients if other is not queue]
 
-    def headers_of(self, capture: Capture) -> dict[str, str]:
-        """What is sent before an image: its type, length, number and capture time."""
+    def part_of(self, capture: Capture) -> bytes:
+        """Return an image as a part of the stream, with its headers and the boundary after it."""
         time_ns = capture.time_ns + self._to_monotonic_ns
-        return {
-            "Content-Type": "image/jpeg",
-            "Content-Length": str(len(capture.jpeg)),
-            "X-Sequence": str(capture.number),
-            "X-Timestamp": f"{time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}",
-        }
+        head = (
+            f"Content-Type: image/jpeg\r\nContent-Length: {len(capture.jpeg)}\r\n"
+            f"X-Sequence: {capture.number}\r\n"
+            f"X-Timestamp: {time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}\r\n\r\n"
+        )
+        # the boundary goes with the image: browsers show an image when the boundary has come
+        return head.encode() + capture.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
 
     def _next(self, queue: deque[Capture]) -> Capture | None:
         with self._changed:
@@ -174,6 +180,65 @@ class MjpegServer:
         self._changed.notify_all()
 
 
-def _phase_of(serial: str) -> float:
-    """A unit captures at a time of its own within a period, the same on every run."""
-    return crc32(serial.encode()) % 1000 / 1000.0
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    request_queue_size = 128
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore clients that have disconnected."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    served: MjpegServer
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    timeout = STUCK_S
+
+    def do_GET(self) -> None:
+        if self.served.sensor.active("disconnect"):
+            self.close_connection = True  # like a device that is unplugged: no answer at all
+        elif self.path.partition("?")[0] == "/stream.mjpg":
+            self._stream()
+        else:
+            self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"see /stream.mjpg\n")
+
+    def do_POST(self) -> None:
+        try:
+            if self.path != "/control":
+                raise InputError("settings go to /control")
+            answer = self.served.sensor.configure(self._json())
+        except InputError as error:
+            self._answer(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
+        else:
+            self._answer(HTTPStatus.OK, "application/json", json.dumps(answer).encode())
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Log nothing."""
+
+    def _json(self) -> dict[str, Any]:
+        try:
+            length = int(self.headers.get("Content-Length", "0"))
+            request = json.loads(self.rfile.read(min(length, LONGEST_BODY)))
+        except ValueError as error:
+            raise InputError(f"expected a JSON object ({error})") from error
+        if not isinstance(request, dict):
+            raise InputError("expected a JSON object")
+        return request
+
+    def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _stream(self) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Connection", "close")
+        self.send_header("X-Control", "/control")
+        self.end_headers()
+        self.wfile.write(f"--{BOUNDARY}\r\n".encode())
+        for capture in self.served.captures():
+            self.wfile.write(self.served.part_of(capture))

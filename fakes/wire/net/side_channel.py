@@ -1,7 +1,7 @@
-"""The side channel of running fakes: one JSON object a line, one answer a line.
+"""The side channel of running fakes: one JSON object per line, one answer per line.
 
-What a person does at a bench (lay an object down), what goes wrong at one (faults), and what only
-the simulation knows (where the tool truly is) goes this way, never through a device's protocol.
+It is for the actions of a person at the bench (placing an object), for faults, and for the ground truth (the
+tool's true position), none of which go through a device's protocol.
 """
 
 import json
@@ -11,6 +11,7 @@ import socketserver
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from fakes.wire.net.background import BackgroundServer
 
@@ -21,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class ControlServer(BackgroundServer):
-    """Serves commands by name on a loopback port; each runs in its connection's thread."""
+    """Serves commands by name on a loopback port, each in its connection's thread."""
 
     def __init__(self, commands: Mapping[str, Command], host: str = "127.0.0.1", port: int = 0) -> None:
         class Handler(socketserver.StreamRequestHandler):
@@ -39,7 +40,7 @@ class ControlServer(BackgroundServer):
 
 
 class Control:
-    """The other end: `Control("127.0.0.1:5555").call("place", object="t1")`."""
+    """The client: `Control("127.0.0.1:5555").call("place", object="t1")`."""
 
     def __init__(self, address: str) -> None:
         host, _, port = address.rpartition(":")
@@ -49,9 +50,9 @@ class Control:
         self._where = (host or "127.0.0.1", int(port))
 
     def call(self, command: str, **arguments: Any) -> dict[str, Any]:
-        """Do something and return what the fakes answer.
+        """Send a command and return the answer.
 
-        Raises `DeviceError` when nobody answers, `InputError` when they refuse.
+        Raises `DeviceError` if there is no answer, `InputError` if the fakes refuse the command.
         """
         try:
             with socket.create_connection(self._where, timeout=TIMEOUT_S) as connection:
@@ -72,7 +73,7 @@ class _Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is no event."""
+        """Ignore clients that have disconnected."""
 
 
 def _answer(commands: Mapping[str, Command], line: bytes) -> dict[str, Any]:
@@ -88,6 +89,27 @@ def _answer(commands: Mapping[str, Command], line: bytes) -> dict[str, Any]:
         return {"error": str(error)}
     except TypeError as error:
         return {"error": f"wrong arguments: {error}"}
-    except Exception as error:  # what nobody thought of is said, and leaves the fakes as they are
+    except Exception as error:  # an unexpected error is answered; the fakes keep running
         _log.exception("side channel: %s", request)
         return {"error": f"failed: {type(error).__name__}: {error}"}
+
+
+LONGEST_S = 86_400.0
+
+
+def duration_ns(value: Any, whose: str) -> int | None:
+    """Return a duration in s as ns, None for None. Raises `InputError` with `whose` in its text."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= LONGEST_S:
+        raise InputError(f"{whose}: a duration of {value!r}: give 0 to {LONGEST_S:g} s")
+    return to_ns(value)
+
+
+def whole_number(value: Any, whose: str, most: int) -> int | None:
+    """Return a whole number from 0 to `most`, None for None. Raises `InputError` with `whose` in its text."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+        raise InputError(f"{whose}: {value!r}: give a whole number from 0 to {most}")
+    return value

@@ -1,38 +1,29 @@
-"""The simulated arm itself: joints, flange and tool centre point, and what moves them."""
+"""The simulated arm: joints, flange and tool centre point, and the motions of a program or a guiding hand."""
 
 import math
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from typing import Protocol
 
 from drivers.types import Vector6
-from fakes.wire.ur.frames import (
-    IDENTITY,
-    Frame,
-    compose,
-    inverse,
-    moved,
-    rotation_between,
-    to_pose,
-)
+from fakes.wire.ur.frames import Frame, compose, inverse, moved, rotation_between, to_pose
 from fakes.wire.ur.kinematics import forward, nearest_inverse, tracked_inverse
 from fakes.world.motion import distance
 from fakes.world.trapezoid import TrapezoidProfile
 
 STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-HISTORY_CYCLES = 500
+Thread = Generator[None, None, None]
+"""A thread of a program: it yields once per control cycle."""
+LONG_STILL_CYCLES = 500
 MAX_JOINT_SPEED = math.pi
 """180 degrees per second, every joint of a UR5e (data sheet)."""
 MAX_STEP_RAD = 4 * MAX_JOINT_SPEED * 0.002
-"""A joint that would go further in one cycle is stopped: far beyond what the arm can."""
-SERVO_ACCELERATION = 40.0
-"""rad/s^2; servoj follows its target no faster (ours to define)."""
+"""A larger step in one cycle stops the arm: it is far beyond what the joints can do."""
 _LEAST = 1e-4
 _NS = 1_000_000_000
 
 
 class OutOfReachError(Exception):
-    """A motion left what the joints can reach; the controller's own path check, never the user's input."""
+    """A motion left the reach of the joints; the controller's path check, never the user's input."""
 
 
 class ArmMover(Protocol):
@@ -44,19 +35,15 @@ class ArmMover(Protocol):
 
 
 class Body:
-    """Where the arm is and how fast: `base_T_flange` by its joints, `flange_T_tcp` and payload as set."""
+    """Position and speed of the arm: joints, `base_T_flange`, and `flange_T_tcp` as it was set."""
 
-    def __init__(self, joints_rad: Vector6, flange_T_tcp: Frame = IDENTITY) -> None:  # noqa: N803
+    def __init__(self, joints_rad: Vector6, flange_T_tcp: Frame) -> None:  # noqa: N803
         self.q = joints_rad
         self.qd = STILL
-        self.qdd = STILL
         self.twist = STILL
-        self.acceleration = STILL
-        self.payload_kg, self.payload_cog_m = 0.0, (0.0, 0.0, 0.0)
         self.flange = forward(joints_rad)
         self.tool = flange_T_tcp
-        self.still_cycles = HISTORY_CYCLES
-        self.history: deque[Vector6] = deque([joints_rad], maxlen=HISTORY_CYCLES)
+        self.still_cycles = LONG_STILL_CYCLES
         self.mover: ArmMover | None = None
 
     @property
@@ -66,7 +53,7 @@ class Body:
 
     @property
     def settled(self) -> bool:
-        """Whether it has stood still long enough for speeds and accelerations to be zero."""
+        """Whether the arm has been still for long enough to have no speed."""
         return self.still_cycles > 2
 
     def reach(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
@@ -102,17 +89,13 @@ class Body:
         return moved_now
 
     def _differentiate(self, before: Vector6, tcp: Frame, dt_s: float, moved_now: bool) -> None:
-        self.history.append(self.q)
         self.still_cycles = 0 if moved_now else self.still_cycles + 1
         if self.settled:
             return
-        qd = _six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
-        self.qdd = _six((a - b) / dt_s for a, b in zip(qd, self.qd, strict=True))
+        self.qd = _six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
         now = self.tcp
         turn = rotation_between(tcp, now)
-        twist = _six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
-        self.acceleration = _six((a - b) / dt_s for a, b in zip(twist, self.twist, strict=True))
-        self.twist, self.qd = twist, qd
+        self.twist = _six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
 
 
 class JointMove:
@@ -188,50 +171,51 @@ class LinearStop:
         return False
 
 
-class SpeedMove:
-    """speedj and speedl: speeds up to a target velocity and keeps it until something else comes."""
+class GuidingHand:
+    """A person's hand, simulated: it pushes along a straight way for a while, also against a locked arm."""
 
-    def __init__(self, velocity: Vector6, joint: bool) -> None:
-        self._velocity, self.joint = velocity, joint
-        self.target, self.acceleration = velocity, 0.5
+    def __init__(self) -> None:
+        self._way: Vector6 = STILL
+        self._total_s = self._elapsed_s = 1.0
+        self._share = 0.0
+
+    def lead(self, way: Vector6, total_s: float) -> None:
+        """Start to push. way: the whole displacement, x y z in m and rotation vector in rad, base axes."""
+        self._way, self._total_s, self._elapsed_s, self._share = way, total_s, 0.0, 0.0
+
+    def pass_time(self, dt_s: float) -> None:
+        """Push for one more cycle, slowly at the start and at the end."""
+        before, self._elapsed_s = self._elapsed_s, min(self._elapsed_s + dt_s, self._total_s)
+        self._share = _covered(self._elapsed_s / self._total_s) - _covered(before / self._total_s)
+
+    def step(self) -> Vector6:
+        """Return the displacement of this cycle."""
+        return _six(self._share * value for value in self._way)
+
+
+def _covered(share_of_time: float) -> float:
+    return 0.5 - 0.5 * math.cos(math.pi * share_of_time)
+
+
+class Guided:
+    """teach_mode: the arm follows the hand, and rests when the hand does."""
+
+    def __init__(self, hand: GuidingHand) -> None:
+        self._hand = hand
 
     def step(self, body: Body, dt_s: float) -> bool:
         """See `ArmMover`."""
-        gap = [b - a for a, b in zip(self._velocity, self.target, strict=True)]
-        most = max(abs(g) for g in gap)
-        share = min(1.0, self.acceleration * dt_s / most) if most > 0.0 else 1.0
-        self._velocity = _six(a + share * g for a, g in zip(self._velocity, gap, strict=True))
-        way = [v * dt_s for v in self._velocity]
-        if self.joint:
-            body.bend(_six(q + w for q, w in zip(body.q, way, strict=True)))
-        elif any(way):
-            body.follow(moved(body.tcp, tuple(way[:3]), tuple(way[3:])))
+        way = self._hand.step()
+        if any(way):
+            body.follow(moved(body.tcp, way[:3], way[3:]))
         return False
 
 
-class ServoMove:
-    """servoj: follows a target that is set anew as often as the client likes."""
-
-    def __init__(self, speeds: Vector6, target: Vector6) -> None:
-        self._speeds = list(speeds)
-        self.target = target
-        self.lookahead_s, self.gain = 0.1, 300.0
-
-    def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`. A first-order follower whose lag is the look-ahead time."""
-        if dt_s <= 0.0:
-            return False
-        pull = min(self.gain / 300.0 / max(self.lookahead_s, 0.03), 0.5 / dt_s)
-        joints = []
-        for i, (q, target) in enumerate(zip(body.q, self.target, strict=True)):
-            off = target - q
-            wanted = min(pull * abs(off), 0.9 * math.sqrt(2 * SERVO_ACCELERATION * abs(off)), MAX_JOINT_SPEED)
-            change = math.copysign(wanted, off) - self._speeds[i]
-            most = SERVO_ACCELERATION * dt_s
-            self._speeds[i] += max(-most, min(most, change))
-            joints.append(q + self._speeds[i] * dt_s if abs(off) > 1e-12 else target)
-        body.bend(_six(joints))
-        return False
+def move_until_done(body: Body, mover: ArmMover) -> Thread:
+    """Run a motion until it has ended or another one has replaced it."""
+    body.mover = mover
+    while body.mover is mover:
+        yield
 
 
 def _travel(way: float, speed: float, acceleration: float) -> TrapezoidProfile:

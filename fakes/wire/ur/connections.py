@@ -1,4 +1,4 @@
-"""The controller's open connections: bytes in and out of sockets, without ever waiting for a client."""
+"""The controller's connections: reading and writing sockets without ever waiting for a client."""
 
 import contextlib
 import socket
@@ -8,26 +8,22 @@ from dataclasses import dataclass, field
 from drivers.errors import InputError
 
 GIVE_UP_S = 10.0
-"""A client that connects and does not read is dropped after about this long (users' reports)."""
+"""A client that does not read is dropped after about this time (users' reports)."""
 RECEIVE_BYTES = SEND_BYTES = 65536
 MOST_PENDING = 1 << 20
-"""A client with more bytes of answers to fetch than this is closed."""
+"""A client that leaves more bytes of answers unread than this is dropped."""
 MOST_CLIENTS = 100
-"""Connections at once; one process of a bench has a thousand files to share."""
+"""Simultaneous connections; all fakes of a process share a thousand file descriptors."""
 Feed = Callable[[bytes], bytes]
 
 
 @dataclass(slots=True, eq=False)
 class Connection:
-    """One client. feed: takes its bytes, returns the answer; raises `InputError` on nonsense.
-
-    patient: it may leave what it is sent unread for as long as it likes.
-    """
+    """One client. feed: returns the answer to received bytes, raises `InputError` for invalid ones."""
 
     socket: socket.socket
     port: int
     feed: Feed
-    patient: bool = False
     pending: bytes = b""
     blocked_ns: int | None = None
     last: bytes = b""
@@ -35,11 +31,11 @@ class Connection:
 
     @property
     def behind(self) -> bool:
-        """Whether it has not fetched all that was sent."""
+        """Whether the client has not read everything yet."""
         return bool(self.pending)
 
     def receive(self) -> bytes | None:
-        """Bytes that have arrived; None when the client is gone."""
+        """Return the received bytes, None if the client is gone."""
         try:
             return self.socket.recv(RECEIVE_BYTES) or None
         except (BlockingIOError, InterruptedError):
@@ -48,7 +44,7 @@ class Connection:
             return None
 
     def send(self, data: bytes, time_ns: int, droppable: bool = False) -> None:
-        """Send now what the socket takes and keep the rest; droppable data is left out while it does not."""
+        """Send what the socket takes and keep the rest. While it is full, droppable data is discarded."""
         if self.behind and droppable:
             data = b""
         self.pending += data
@@ -64,13 +60,13 @@ class Connection:
             self.blocked_ns = None
         elif self.blocked_ns is None or sent:
             self.blocked_ns = time_ns
-        elif not self.patient and time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
+        elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
             self.closed = True
         if len(self.pending) > MOST_PENDING:
             self.closed = True
 
     def hang_up(self) -> None:
-        """End the connection; whoever serves it sees its end and closes it."""
+        """Shut the connection down; the serving thread then closes it."""
         with contextlib.suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
 
@@ -89,7 +85,7 @@ class Listeners:
     sockets: dict[int, socket.socket] = field(default_factory=dict)
 
     def open(self) -> None:
-        """Listen. Raises `InputError` when a port is taken or the address is not this computer's."""
+        """Listen. Raises `InputError` if a port is in use or the address is not one of this computer."""
         for port in self.ports:
             try:
                 self.sockets[port] = _listening(self.host, port)
@@ -101,7 +97,7 @@ class Listeners:
                 ) from error
 
     def accept(self, port: int) -> socket.socket | None:
-        """The next client of a port, if it is still there."""
+        """Accept the next client of a port, None if it is already gone."""
         try:
             client, _ = self.sockets[port].accept()
         except OSError:

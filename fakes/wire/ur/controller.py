@@ -1,11 +1,10 @@
-"""A simulated UR5e controller on its own ports: what the real client libraries talk to.
+"""A simulated UR5e controller on the ports of a real one, for the real client libraries.
 
-30004 real-time data exchange, 29999 dashboard, 30003/30002/30001 client interfaces (programs in,
-states out). Ports are fixed in the clients, so each controller needs an address: 127.0.0.1,
-127.0.0.2, ...
+30004 is the real-time data exchange, 29999 the dashboard; 30001 to 30003 receive programs. The clients fix
+the ports, so each controller needs its own address: 127.0.0.1, 127.0.0.2, ...
 
-It must not live in the process of a ur-rtde client: that client's constructors keep the
-interpreter to themselves, and the answer they wait for would never come.
+It must not run in the process of a ur-rtde client: the constructors of that client hold the interpreter lock
+while they wait for the controller's answer.
 """
 
 import logging
@@ -20,35 +19,24 @@ from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.wire.net.background import VitalThread
-from fakes.wire.ur.client_interfaces import (
-    PRIMARY_CYCLES,
-    REALTIME_CYCLES,
-    StateStream,
-    realtime_state,
-    robot_state,
-    version_message,
-)
-from fakes.wire.ur.commands import COMMANDS
+from fakes.wire.ur.body import Guided
 from fakes.wire.ur.connections import MOST_CLIENTS, Connection, Feed, Listeners
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
 from fakes.wire.ur.faults import Faults
 from fakes.wire.ur.frames import compose, from_ur, rotation_between
-from fakes.wire.ur.guiding import Guided
 from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
-from fakes.wire.ur.script import ControlProgram, ProgramReader, ScriptProgram, recognise
-from fakes.wire.ur.user_programs.run import ScriptRun
+from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
 SCRIPT_PORTS = (30001, 30002, REALTIME_PORT)
-Stream = RtdeSession | StateStream
 TOO_LATE_NS = 250_000_000
 """Cycles missed by more than this are skipped, not caught up."""
 POLYSCOPE = "5.11.0"
-"""The version that is announced unless another is asked for."""
+"""The version that is announced by default."""
 BUILDS = {(5, 11): 108249}
 JOIN_S = 2.0
 _log = logging.getLogger(__name__)
@@ -57,8 +45,8 @@ _log = logging.getLogger(__name__)
 class URController:
     """The controller, in a thread of the hosting process.
 
-    clock: the world's time. version: what it says it runs, "5.11.0" or later. release_after_s:
-    how soon a protective stop can be released.
+    clock: the world's time. version: the announced version, "5.11.0" or later. release_after_s: time until a
+    protective stop can be released.
     """
 
     def __init__(
@@ -78,16 +66,15 @@ class URController:
         self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
-        self._streams: dict[Connection, Stream] = {}
+        self._sessions: dict[Connection, RtdeSession] = {}
         self._lock = threading.RLock()
         self._stopping = threading.Event()
         self._thread: VitalThread | None = None
         self._cycle = self._skipped = 0
         self._cpu_s = 0.0
-        self._program: ControlLoop | ScriptRun | None = None
 
     def start(self) -> None:
-        """Listen and run. Raises `InputError` when a port is taken."""
+        """Listen and run. Raises `InputError` if a port is in use."""
         self._listeners.open()
         for port, listener in self._listeners.sockets.items():
             self._selector.register(listener, selectors.EVENT_READ, port)
@@ -98,7 +85,7 @@ class URController:
 
     @property
     def failure(self) -> Exception | None:
-        """What ended the controller by itself; None where nothing did."""
+        """The error that ended the controller, None if there was none."""
         return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
@@ -108,21 +95,21 @@ class URController:
             self._thread.join(JOIN_S)
         for connection in self._connections:
             connection.closed = True
-        self._bury()
+        self._remove_closed()
         self._listeners.close()
         self._selector.close()
         self._selector = selectors.SelectSelector()
 
     def inject(self, kind: str, **arguments: Any) -> None:
-        """Begin a fault (`fakes.wire.ur.faults.KINDS`). Raises `InputError` for an unknown one."""
+        """Start a fault (`fakes.wire.ur.faults.KINDS`). Raises `InputError` for an unknown one."""
         self.faults.check(kind, arguments)
         with self._lock:
             self.faults.begin(kind, arguments)
 
     def guide(self, to: Vector6, total_s: float) -> None:
-        """Have a person's hand lead the tool to a pose, in the controller's notation, over so long.
+        """Push the tool to a pose in the controller's notation within `total_s`, as a person's hand does.
 
-        The arm gives way in freedrive alone. Raises `InputError` for what no hand does.
+        The arm follows only in teach mode. Raises `InputError` for an invalid pose or time.
         """
         if not all(map(math.isfinite, to)) or not 0.1 <= total_s <= 60.0:
             raise InputError(f"a hand leads to a pose over 0.1 to 60 s, not to {to} over {total_s}")
@@ -132,10 +119,9 @@ class URController:
             self.robot.hand.lead((x, y, z, *rotation_between(here, there)), total_s)
 
     def snapshot(self) -> dict[str, Any]:
-        """What has happened so far, in JSON values."""
+        """Return state and counts as JSON values."""
         with self._lock:
             robot = self.robot
-            sessions = [s for s in self._streams.values() if isinstance(s, RtdeSession)]
             return {
                 "host": self.host,
                 "version": ".".join(map(str, robot.version[:3])),
@@ -143,12 +129,11 @@ class URController:
                 "skipped_cycles": self._skipped,
                 "cpu_s": self._cpu_s,
                 "clients": len(self._connections),
-                "streams": sum(session.started for session in sessions),
-                "ignored_packages": sum(session.ignored for session in sessions),
+                "streams": sum(session.started for session in self._sessions.values()),
+                "ignored_packages": sum(session.ignored for session in self._sessions.values()),
                 "commands": {str(number): n for number, n in sorted(robot.commands.items())},
                 "program_running": robot.running,
                 "program_end": robot.last_error,
-                "skipped_lines": self._program.skipped if isinstance(self._program, ScriptRun) else [],
                 "safety_mode": robot.safety.mode.name,
                 "robot_mode": robot.safety.robot_mode.name,
                 "remote_control": robot.safety.remote_control,
@@ -163,7 +148,7 @@ class URController:
             with self._lock:
                 self.robot.heard_ns = self._clock.now_ns()
                 for key, _ in ready:
-                    self._attend(key.data)
+                    self._handle(key.data)
                 self._catch_up()
 
     def _catch_up(self) -> None:
@@ -183,54 +168,46 @@ class URController:
         faults, time_ns = self.faults, self.robot.time_ns
         if faults.silent or (faults.frozen and not faults.repeat):
             return
-        for connection, stream in self._streams.items():
-            if stream.due(self._cycle):
+        for connection, session in self._sessions.items():
+            if session.due(self._cycle):
                 if not (connection.behind or (faults.frozen and connection.last)):
-                    connection.last = stream.data()
+                    connection.last = session.data()
                 connection.send(connection.last, time_ns, droppable=True)
-        self._bury()
+        self._remove_closed()
 
-    def _attend(self, what: int | Connection) -> None:
+    def _handle(self, what: int | Connection) -> None:
         if isinstance(what, int):
-            self._welcome(what)
+            self._accept(what)
         elif not what.closed:
-            self._hear(what)
+            self._receive(what)
 
-    def _welcome(self, port: int) -> None:
+    def _accept(self, port: int) -> None:
         client = self._listeners.accept(port)
         if client is None:
             return
         if len(self._connections) >= MOST_CLIENTS:
             client.close()
             return
-        feed, stream, greeting = self._service(port)
-        connection = Connection(client, port, feed, patient=port in SCRIPT_PORTS)
+        connection = Connection(client, port, lambda _: b"")
+        greeting = b""
+        if port == RTDE_PORT:
+            session = RtdeSession(
+                self.robot.bank, self.robot.version, self.robot.write_inputs, self.faults.refused
+            )
+            self._sessions[connection], connection.feed = session, session.feed
+        elif port == DASHBOARD_PORT:
+            connection.feed, greeting = self._dashboard_feed(LineReader()), BANNER.encode() + b"\n"
+        else:
+            connection.feed = self._script_feed(ProgramReader())
         self._connections.append(connection)
         self._selector.register(client, selectors.EVENT_READ, connection)
-        if stream is not None:
-            self._streams[connection] = stream
         if not self.faults.silent:
             connection.send(greeting, self.robot.time_ns)
 
-    def _service(self, port: int) -> tuple[Feed, Stream | None, bytes]:
-        """What takes a client's bytes, what it is sent over and over, and what it is greeted with."""
-        robot = self.robot
-        if port == RTDE_PORT:
-            session = RtdeSession(robot.bank, robot.version, robot.write_inputs, self.faults.refused)
-            return session.feed, session, b""
-        if port == DASHBOARD_PORT:
-            lines = LineReader()
+    def _dashboard_feed(self, lines: LineReader) -> Feed:
+        return lambda data: "".join(self._dashboard.reply(text) + "\n" for text in lines.feed(data)).encode()
 
-            def answer(data: bytes) -> bytes:
-                return "".join(self._dashboard.reply(t) + "\n" for t in lines.feed(data)).encode()
-
-            return answer, None, BANNER.encode() + b"\n"
-        programs = self._take_programs(ProgramReader())
-        if port == REALTIME_PORT:
-            return programs, StateStream(REALTIME_CYCLES, lambda: realtime_state(robot)), b""
-        return programs, StateStream(PRIMARY_CYCLES, lambda: robot_state(robot)), version_message(robot)
-
-    def _take_programs(self, reader: ProgramReader) -> Feed:
+    def _script_feed(self, reader: ProgramReader) -> Feed:
         def feed(data: bytes) -> bytes:
             for text in reader.feed(data):
                 if self.robot.safety.remote_control:
@@ -239,17 +216,12 @@ class URController:
 
         return feed
 
-    def _run(self, program: ControlProgram | ScriptProgram, characters: int = 0) -> bool:
+    def _run(self, program: ControlProgram | OtherProgram, characters: int = 0) -> bool:
         if isinstance(program, ControlProgram):
-            run = ControlLoop(self.robot, program, COMMANDS)
-        else:
-            run = ScriptRun(self.robot, program)
-        if not self.robot.run(run, characters):
-            return False
-        self._program = run
-        return True
+            return self.robot.run(ControlLoop(self.robot, program), characters)
+        return self.robot.run(OtherProgramRun(self.robot, program), characters)
 
-    def _hear(self, connection: Connection) -> None:
+    def _receive(self, connection: Connection) -> None:
         data = connection.receive()
         if data is None:
             connection.closed = True
@@ -259,12 +231,12 @@ class URController:
             except InputError as error:
                 _log.warning("simulated controller, port %d: %s", connection.port, error)
                 connection.closed = True
-        self._bury()
+        self._remove_closed()
 
-    def _bury(self) -> None:
+    def _remove_closed(self) -> None:
         for connection in [c for c in self._connections if c.closed]:
             self._connections.remove(connection)
-            self._streams.pop(connection, None)
+            self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.close()
 

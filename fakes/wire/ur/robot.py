@@ -1,4 +1,4 @@
-"""The simulated controller's inside: arm, safety, program and registers, one control cycle at a time."""
+"""The state of the simulated controller: arm, safety, program and registers, one control cycle at a time."""
 
 import math
 from collections import Counter
@@ -7,38 +7,76 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.devices.arm import TOOL_LENGTH_M
-from fakes.wire.ur.body import STILL, Body, JointStop, OutOfReachError
-from fakes.wire.ur.force import ForceSensor, magnitude
-from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, rotation_between, to_pose, to_ur
-from fakes.wire.ur.guiding import GuidingHand
-from fakes.wire.ur.kinematics import forward, nearest_inverse, tool
-from fakes.wire.ur.outputs import IoBoard, publish_constants, publish_on_demand
+from fakes.wire.ur.body import STILL, Body, GuidingHand, JointStop, OutOfReachError
+from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, to_pose, to_ur
+from fakes.wire.ur.kinematics import nearest_inverse, tool
 from fakes.wire.ur.runtime import Program, ProgramError, Runtime
 from fakes.wire.ur.safety import Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
 from fakes.world.kinematics import ELBOW_UP
 from fakes.world.motion import ToolPath
 from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 
+_LOAD_EVERY = 4
+"""The load changes slowly: it is computed every fourth cycle."""
+
+
+class ForceSensor:
+    """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload.
+
+    The sensor has an offset until it is zeroed.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world, self._floor_m = world, world.layout.floor_z_m
+        self._sensor = FlangeSensor(world.seed)
+        self._zero = self._slow = NOTHING
+        self._cycle = 0
+
+    def sense(self, time_ns: int, tcp: Frame) -> Vector6:
+        """Return the reading of this control cycle."""
+        self._cycle += 1
+        if self._cycle % _LOAD_EVERY == 1:
+            self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
+        a, b, c, d, e, f = self._slow
+        push = table_push_n(self._floor_m, tcp[2])
+        return _less(self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero)
+
+    def zero(self, wrench: Vector6) -> None:
+        """Subtract a reading from all that follow."""
+        a, b, c, d, e, f = (z + w for z, w in zip(self._zero, wrench, strict=True))
+        self._zero = (a, b, c, d, e, f)
+
+
+def magnitude(wrench: Vector6) -> float:
+    """Length of the force, N."""
+    return math.hypot(*wrench[:3])
+
+
+def _less(a: Vector6, b: Vector6) -> Vector6:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
+
+
 CYCLE_NS = 2_000_000
 CYCLE_S = CYCLE_NS / NS_PER_S
 JOINT_LIMIT_RAD = 2 * math.pi
 SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
-"""rad/s^2 with which the arm stops at a safety stop, and when a program ends in motion."""
+"""Deceleration at a safety stop, and when a program ends during a motion, rad/s^2."""
 STEADY_CYCLES = 250
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 FARTHEST_TCP_M = 10.0
 PHYSICAL_TOOL = tool(TOOL_LENGTH_M)
 INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
-"""Mass and centre of gravity of the hand in the controller's installation: what it starts with."""
+"""Payload in the controller's installation: that of the hand."""
 
 
 class Robot:
-    """Everything behind the sockets. It moves the world's tool; the tool itself cannot be changed.
+    """Everything behind the sockets.
 
-    Whatever TCP a client sets, the hand that grasps is `PHYSICAL_TOOL`, which is also the TCP the
-    controller starts with, beside that hand's payload.
+    It moves the world's tool. The TCP that a client sets changes poses, not the hand, which stays
+    `PHYSICAL_TOOL`: the TCP with which the controller starts.
     """
 
     def __init__(self, world: World, version: Version, release_after_s: float = 5.0) -> None:
@@ -51,117 +89,88 @@ class Robot:
         self.safety = Safety(release_after_s)
         self.bank = OutputBank()
         self.inputs: dict[str, Value] = {name: zero(kind) for name, kind in INPUTS.items()}
-        self.io = IoBoard(self.bank)
         self.commands: Counter[int] = Counter()
+        """How often each command of ur-rtde was executed."""
         self.time_ns = self.heard_ns = 0
-        """Of the newest cycle; of what clients send now, which is later where cycles are caught up."""
+        """Time of the newest cycle, and of the newest client data, which is later if cycles are late."""
         self.force = ForceSensor(world)
         self.hand = GuidingHand()
         self._world = world
         self._wrench: Vector6 = STILL
         self._runtime = Runtime()
-        publish_constants(self.bank)
+        self._slide(1.0)
         self.load(INSTALLED_KG, INSTALLED_COG_M)
-        publish_on_demand(self)
         self._publish_pose()
 
-    # What the control program asks for
-
-    def count(self, command: int) -> None:
-        """Note a command that is carried out."""
-        self.commands[command] += 1
+    # Functions of the control program
 
     def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
-        """Inverse kinematics. Raises `ProgramError`, which ends the program, when out of reach."""
+        """Return the inverse kinematics. Raises `ProgramError` for a pose out of reach."""
         joints = self.body.reach(base_T_tcp, near)
         if joints is None or not self.within_limits(joints):
             raise ProgramError("no inverse kinematics solution")
         return joints
 
     def allowed(self, joints: Vector6) -> Vector6:
-        """The joints as they are. Raises `ProgramError` beyond the joints' range."""
+        """Return the joint angles unchanged. Raises `ProgramError` outside the joints' range."""
         if not self.within_limits(joints):
             raise ProgramError("joint target is out of range")
         return joints
 
     def within_limits(self, joints: Vector6) -> bool:
-        """Whether the joints can stand there."""
+        """Whether the angles are in the joints' range."""
         return all(abs(q) <= JOINT_LIMIT_RAD for q in joints)
 
     def reachable(self, base_T_tcp: Frame) -> bool:  # noqa: N803
-        """Whether the TCP can get there."""
+        """Whether the TCP can reach a pose."""
         joints = self.body.reach(base_T_tcp)
         return joints is not None and self.within_limits(joints)
-
-    def tcp_at(self, joints: Vector6) -> Frame:
-        """`base_T_tcp` at these joint angles."""
-        return compose(forward(joints), self.body.tool)
-
-    def joints_before(self, cycles: int) -> Vector6:
-        """Where the joints were, at most a second ago."""
-        history = self.body.history
-        return history[-1 - max(0, min(cycles, len(history) - 1))]
-
-    def contact_cycles(self) -> int:
-        """For how many cycles the TCP has pressed on something; 0 without contact."""
-        return self.force.contact_cycles
 
     def steady(self) -> bool:
         """Whether the arm has stood still for half a second."""
         return self.body.still_cycles >= STEADY_CYCLES
 
     def zero_force_sensor(self) -> None:
-        """Take the present force as zero."""
+        """Make the present force the new zero."""
         self.force.zero(self._wrench)
 
     def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
-        """Set the payload; its centre of gravity stays when None. Raises `ProgramError`."""
+        """Set the payload; None keeps the centre of gravity. Raises `ProgramError` for NaN or infinity."""
         if not all(map(math.isfinite, (mass_kg, *(cog_m or ())))):
             raise ProgramError(f"payload {mass_kg} kg, centre of gravity {cog_m}")
-        self.body.payload_kg = mass_kg
         self.bank.set("payload", mass_kg)
         if cog_m is not None:
             x, y, z = cog_m
-            self.body.payload_cog_m = (x, y, z)
             self.bank.set("payload_cog", (x, y, z))
 
     def set_tool(self, flange_T_tcp: Frame) -> None:  # noqa: N803
-        """Set the TCP. Raises `ProgramError` where no tool reaches."""
+        """Set the TCP. Raises `ProgramError` if it is further away than any tool."""
         if not all(abs(v) <= FARTHEST_TCP_M for v in flange_T_tcp[:3]):
             raise ProgramError(f"TCP at {flange_T_tcp[:3]} m")
         self.body.tool = flange_T_tcp
         self._publish_pose()
 
-    def watch(self, register: str, least_hz: float, pause: bool = False) -> None:
-        """Stop, or pause, the program when a register is written less often (rtde_set_watchdog)."""
-        self._runtime.watch(register, least_hz, pause, self.time_ns)
+    def watch(self, register: str, least_hz: float) -> None:
+        """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
+        self._runtime.watch(register, least_hz, self.time_ns)
 
-    def jacobian(self) -> tuple[Vector6, ...]:
-        """Column by column: how the TCP's twist follows each joint's speed."""
-        step, columns = 1e-6, []
-        for i in range(6):
-            q = list(self.body.q)
-            q[i] += step
-            there, here = self.tcp_at(tuple(q)), self.body.tcp  # type: ignore[arg-type]
-            way = (*(b - a for a, b in zip(here[:3], there[:3], strict=True)), *rotation_between(here, there))
-            columns.append(tuple(v / step for v in way))
-        return tuple(columns)
-
-    # What happens to it
+    # Events
 
     def write_inputs(self, values: dict[str, Value]) -> None:
-        """Take a client's data package."""
+        """Store the values of a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
             self._runtime.note_written(name, max(self.time_ns, self.heard_ns))
             if "_register" in name:
                 self.bank.set(name, value)
-        self.io.apply(values, self.inputs)
+        if values.get("speed_slider_mask"):
+            self._slide(float(self.inputs["speed_slider_fraction"]))  # type: ignore[arg-type]
 
     def run(self, program: Program, characters: int = 0) -> bool:
-        """Start a program in place of the running one; False where no program may run.
+        """Replace the running program; return False if no program may run.
 
-        It starts when a text of so many characters has been read; until then the other one goes on.
+        The new program starts once its text of `characters` characters has been read. Until then the other
+        one goes on.
         """
         if not self.safety.may_move:
             return False
@@ -172,7 +181,7 @@ class Robot:
         return True
 
     def end_program(self, reason: str) -> None:
-        """End the program, also one that is still being read; the arm brakes."""
+        """End the program, also one that is still being read. The arm brakes."""
         self._runtime.clear(reason)
         self._brake(PROGRAM_BRAKE)
 
@@ -197,15 +206,15 @@ class Robot:
 
     @property
     def speed_scale(self) -> float:
-        """Share of its speed at which a motion runs: the slider's while a program runs."""
-        return 0.0 if self.paused else self.io.speed_scale if self.running else 1.0
+        """Fraction of its speed at which a motion runs: that of the slider while a program runs."""
+        return 0.0 if self.paused else self._slider if self.running else 1.0
 
     def protective_stop(self) -> None:
-        """The arm stops itself."""
+        """Begin a protective stop."""
         self.safety.protective_stop(self.time_ns)
 
     def cycle(self, time_ns: int) -> None:
-        """One control cycle at its nominal time."""
+        """Run one control cycle at its nominal time."""
         before, tcp = self.body.flange, self.time_ns
         self.time_ns = time_ns
         self.hand.pass_time(CYCLE_S)
@@ -222,6 +231,11 @@ class Robot:
             self._publish_pose()
         self._publish()
 
+    def _slide(self, fraction: float) -> None:
+        """Set the speed slider."""
+        self._slider = max(0.0, min(1.0, fraction))
+        self.bank.set("target_speed_fraction", self._slider)
+
     def _brake(self, deceleration: float) -> None:
         if self.body.mover is not None and not isinstance(self.body.mover, JointStop):
             self.body.mover = JointStop(self.body.qd, deceleration)
@@ -230,7 +244,7 @@ class Robot:
         was_moving = not self.body.settled
         try:
             return self.body.step(CYCLE_S, self.speed_scale) or was_moving
-        except (OutOfReachError, ArithmeticError, ValueError):  # what no arm can do ends as it would there
+        except (OutOfReachError, ArithmeticError, ValueError):  # a motion that no arm can do
             self.protective_stop()
             self.body.mover = None
             return True
@@ -248,8 +262,6 @@ class Robot:
             put(f"{kind}_qd", body.qd)
             put(f"{kind}_TCP_pose", pose)
             put(f"{kind}_TCP_speed", body.twist)
-            put(f"{kind}_TCP_acceleration", body.acceleration)
-        put("target_qdd", body.qdd)
 
     def _publish(self) -> None:
         put = self.bank.set
@@ -262,6 +274,7 @@ class Robot:
         put("safety_status", int(self.safety.mode))
         put("safety_status_bits", self.safety.bits)
         put("robot_status_bits", (self.safety.robot_mode >= 5) | self.running << 1)
+        put("speed_scaling", self.speed_scale)
         put("runtime_state", (PAUSED if self.paused else PLAYING) if self.running else STOPPED)
 
 

@@ -1,4 +1,4 @@
-"""Which program the controller runs, which it is still reading, and the watchdog over it."""
+"""The program that the controller runs, the one that it is still reading, and the watchdog."""
 
 from typing import Protocol
 
@@ -9,19 +9,19 @@ READING_NS = 1_000
 
 
 class ProgramError(Exception):
-    """A run-time error of a program: it ends, and a message is on the pendant."""
+    """A run-time error, which ends the program."""
 
 
 class Program(Protocol):
-    """A program of the controller, run by cycles."""
+    """A program, run one control cycle at a time."""
 
     def step(self) -> bool:
-        """One cycle; returns whether the program goes on. Raises `ProgramError`."""
+        """Run one cycle; return whether the program goes on. Raises `ProgramError`."""
         ...
 
 
 class Runtime:
-    """The place in which one program runs. last_error: why the last one ended."""
+    """Runs at most one program. last_error: why the last one ended."""
 
     def __init__(self) -> None:
         self.paused = False
@@ -29,7 +29,7 @@ class Runtime:
         self._program: Program | None = None
         self._read: tuple[Program, int] | None = None
         self._written_ns: dict[str, int] = {}
-        self._watch: tuple[str, int, bool] | None = None
+        self._watch: tuple[str, int] | None = None
 
     @property
     def running(self) -> bool:
@@ -37,7 +37,7 @@ class Runtime:
         return self._program is not None
 
     def load(self, program: Program, time_ns: int, characters: int = 0) -> None:
-        """Begin to read a program of so many characters; it takes the running one's place when it is read."""
+        """Start to read a program of `characters` characters; once read, it replaces the running one."""
         self._read = program, time_ns + characters * READING_NS
 
     def end(self, reason: str) -> None:
@@ -46,28 +46,28 @@ class Runtime:
             self._program, self._watch, self.last_error = None, None, reason
 
     def clear(self, reason: str) -> None:
-        """End the running program, and forget the one that is being read."""
+        """End the running program and discard the one that is being read."""
         self._read = None
         self.end(reason)
 
-    def watch(self, register: str, least_hz: float, pause: bool, time_ns: int) -> None:
-        """End, or pause, the program when a register is written less often (rtde_set_watchdog)."""
-        self._watch = (register, round(NS_PER_S / least_hz), pause) if least_hz > 0.0 else None
+    def watch(self, register: str, least_hz: float, time_ns: int) -> None:
+        """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
+        self._watch = (register, round(NS_PER_S / least_hz)) if least_hz > 0.0 else None
         self._written_ns[register] = time_ns
 
     def note_written(self, register: str, time_ns: int) -> None:
-        """A client wrote a register."""
+        """Record that a client wrote a register."""
         self._written_ns[register] = time_ns
 
     def take_over(self, time_ns: int) -> bool:
-        """Heed the watchdog and start what has been read; returns whether a program ended by that."""
+        """Check the watchdog, start a program that has been read; return whether another one ended."""
         before = self._program
         self._keep_watch(time_ns)
         self.start_read(time_ns)
         return before is not None and self._program is not before
 
     def step(self) -> bool:
-        """One cycle of the program; returns whether it ended."""
+        """Run one cycle of the program; return whether it ended."""
         if self._program is None or self.paused:
             return False
         try:
@@ -79,16 +79,12 @@ class Runtime:
         return True
 
     def start_read(self, time_ns: int) -> None:
-        """Start the program that has been read by now, if one has."""
+        """Start the program that has been read, if there is one."""
         if self._read is not None and time_ns >= self._read[1]:
             program, self._read = self._read[0], None
             self.end("replaced")
             self._program, self.paused = program, False
 
     def _keep_watch(self, time_ns: int) -> None:
-        if self._watch is None or time_ns - self._written_ns[self._watch[0]] <= self._watch[1]:
-            return
-        if self._watch[2]:
-            self.paused = True
-        else:
+        if self._watch is not None and time_ns - self._written_ns[self._watch[0]] > self._watch[1]:
             self.end("watchdog: no communication")

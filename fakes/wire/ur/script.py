@@ -1,55 +1,44 @@
-"""Programs as they arrive on the script ports: where one ends, and which kind it is.
+"""Programs on the script ports: where they end, and what runs if they are not ur-rtde's control program.
 
-The control program of ur-rtde is recognised, not interpreted: what differs between uploads is its
-register offset and the path it was given, and those are read. Any other program is kept as lines.
+That one is recognised here and emulated in `control_loop.py`. Any other program is another user of the arm,
+which the driver must notice and not disturb: of its lines, only `movel(p[...])` and `sleep(...)` run.
 """
 
+import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drivers.errors import InputError
+from fakes.wire.ur.body import LinearMove, Thread, move_until_done
+from fakes.wire.ur.frames import from_ur
+from fakes.wire.ur.robot import CYCLE_S, Robot
+from fakes.wire.ur.runtime import ProgramError
 
 LONGEST_PROGRAM = 1_000_000
 _OPENING = re.compile(r"(def|thread|sec|if|while|for)\b.*:\s*(#.*)?$")
 _OFFSET = re.compile(r"reg_offset_float\s*=\s*#[^\n]*\n\s*(\d+)")
-_PATH = re.compile(r"def exec_move_path\(\):\n(.*?)\n\s*end\b", re.DOTALL)
-_WAYPOINT = re.compile(
-    r"(movej|movel|movep)\((p?)\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,]+),\s*r=([^)]+)\)",
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Waypoint:
-    """One motion of a path: `values` are joints in rad or, with `is_pose`, a pose x y z rx ry rz."""
-
-    function: str
-    is_pose: bool
-    values: tuple[float, ...]
-    speed: float
-    acceleration: float
 
 
 @dataclass(frozen=True, slots=True)
 class ControlProgram:
-    """The program of ur-rtde: the first register it uses, and the path of `movePath` and its kin."""
+    """The control program of ur-rtde. offset: the first register that it uses."""
 
-    offset: int
-    path: tuple[Waypoint, ...]
+    offset: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class ScriptProgram:
+class OtherProgram:
     """Any other program: its lines, stripped, without comments and empty lines."""
 
-    name: str
     lines: tuple[str, ...]
 
 
 class ProgramReader:
-    """Collects what a client sends until a program is whole.
+    """Collects the bytes of a client until a program is complete.
 
-    A program with a head (`def name():`) ends at the unindented `end` that closes it; a line
-    outside of one is a program of its own, as on the controller.
+    A program with a head (`def name():`) ends at the unindented `end` that closes it. A line outside of such
+    a program is a program by itself, as on the controller.
     """
 
     def __init__(self) -> None:
@@ -58,7 +47,10 @@ class ProgramReader:
         self._depth = self._length = 0
 
     def feed(self, data: bytes) -> list[str]:
-        """Take bytes; return the programs that are whole now. Raises `InputError` when one never ends."""
+        """Add bytes and return the programs that are now complete.
+
+        Raises `InputError` for a program without an end.
+        """
         *lines, self._rest = (self._rest + data).split(b"\n")
         programs = [p for line in lines if (p := self._take(line.decode("utf-8", errors="replace")))]
         if len(self._rest) + self._length > LONGEST_PROGRAM:
@@ -82,33 +74,54 @@ class ProgramReader:
         return program
 
 
-def recognise(text: str) -> ControlProgram | ScriptProgram:
-    """Tell ur-rtde's control program from any other. Raises `InputError` for one it cannot read."""
+def recognise(text: str) -> ControlProgram | OtherProgram:
+    """Distinguish ur-rtde's control program from any other program."""
     offset = _OFFSET.search(text)
-    if offset is None:
-        return _other(text)
-    path = _PATH.search(text)
-    return ControlProgram(int(offset[1]), _waypoints(path[1]) if path else ())
+    if offset is not None:
+        return ControlProgram(int(offset[1]))
+    lines = (line.split("#")[0].strip() for line in text.split("\n"))
+    return OtherProgram(tuple(line for line in lines if line))
 
 
-def _waypoints(text: str) -> tuple[Waypoint, ...]:
-    return tuple(_waypoint(match) for match in _WAYPOINT.finditer(text))
+LONGEST_SLEEP_S = 3600.0
+_MOVE = re.compile(r"movel\(p\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,)]+)\)$")
+_SLEEP = re.compile(r"sleep\(([^)]*)\)$")
 
 
-def _waypoint(match: re.Match[str]) -> Waypoint:
-    function, pose, values, acceleration, speed, _ = match.groups()
-    try:
-        numbers = tuple(float(v) for v in values.split(","))
-        waypoint = Waypoint(function, pose == "p", numbers, float(speed), float(acceleration))
-    except ValueError as error:
-        raise InputError(f"script: '{match[0]}' is not a motion: {error}") from error
-    if len(numbers) != 6:
-        raise InputError(f"script: '{match[0]}' has {len(numbers)} values instead of 6")
-    return waypoint
+class OtherProgramRun:
+    """One run. Lines `movel(p[x, y, z, rx, ry, rz], a=..., v=...)` and `sleep(s)` run in turn."""
+
+    def __init__(self, robot: Robot, program: OtherProgram) -> None:
+        self._robot, self._program = robot, program
+        self._steps = self._run()
+
+    def step(self) -> bool:
+        """Run one control cycle; return whether the program goes on. Raises `ProgramError`."""
+        return next(self._steps, False)
+
+    def _run(self) -> Iterator[bool]:
+        for line in self._program.lines:
+            try:
+                for _ in self._carry_out(line):
+                    yield True
+            except (ValueError, ArithmeticError) as error:
+                raise ProgramError(f"'{line}': {error}") from error
+
+    def _carry_out(self, line: str) -> Thread:
+        if match := _MOVE.match(line):
+            pose, acceleration, speed = _numbers(match[1], 6), float(match[2]), float(match[3])
+            target, body = from_ur(pose), self._robot.body
+            self._robot.solved(target)
+            yield from move_until_done(body, LinearMove(body.tcp, target, speed, acceleration))
+        elif match := _SLEEP.match(line):
+            (duration_s,) = _numbers(match[1], 1)
+            for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
+                yield
 
 
-def _other(text: str) -> ScriptProgram:
-    lines = [line.split("#")[0].strip() for line in text.split("\n")]
-    head = re.match(r"(?:def|sec)\s+(\w+)", lines[0])
-    body = lines[1:-1] if head else lines
-    return ScriptProgram(head[1] if head else "unnamed", tuple(line for line in body if line))
+def _numbers(text: str, count: int) -> tuple[float, ...]:
+    """Parse comma-separated finite numbers. Raises `ValueError`."""
+    values = tuple(float(part) for part in text.split(","))
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise ValueError(f"{count} finite numbers are needed")
+    return values

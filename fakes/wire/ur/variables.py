@@ -1,10 +1,11 @@
-"""The variables of the real-time data exchange: names, types, and the version that brought them.
+"""The variables of the real-time data exchange: names, types, and the version that introduced them.
 
-Universal Robots, "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs.
+Universal Robots, "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs. Outputs
+that the simulated controller does not model read zero.
 """
 
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from drivers.errors import InputError
 
@@ -71,10 +72,10 @@ _SINCE: dict[tuple[int, ...], str] = {
     "wrench_calc_from_currents",
     (5, 26): "target_gravity target_base_acceleration control_step target_base_wrench",
 }
-"""The guide's "introduced in version"; what has none there is as old as the e-Series.
+"""The guide's "introduced in version"; variables without one are as old as the e-Series.
 
-Where the guide names none for a variable that it did not list before: tcp_offset by UR's driver, which
-needs 5.5.1 for it; those of 5.23 by the version whose guide was the first to list them.
+Sources of versions missing in the guide: UR's driver, which requires 5.5.1 for tcp_offset, and for those of
+5.23 the first guide that lists them.
 """
 _UPPER_SINCE = (5, 3)
 """Integer and floating-point registers from 24 on, and single bits."""
@@ -92,7 +93,7 @@ OUTPUTS = _table(_OUTPUTS, "output") | {name: kind for name, kind in INPUTS.item
 
 
 def _first_versions() -> dict[str, tuple[int, ...]]:
-    """The version that brought a variable, for those that were not always there."""
+    """Return the version that introduced each variable, except for those as old as the e-Series."""
     first: dict[str, tuple[int, ...]] = {}
     for version, names in _SINCE.items():
         first |= dict.fromkeys(names.split(), version)
@@ -106,22 +107,21 @@ _FIRST_VERSION = _first_versions()
 
 
 def output_type(name: str, version: Version) -> str | None:
-    """Type of an output variable on a controller of this version; None where it has no such variable."""
+    """Return the type of an output variable, None if a controller of this version does not have it."""
     return OUTPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
 
 
 def input_type(name: str, version: Version) -> str | None:
-    """Type of an input variable on a controller of this version; None where it has no such variable."""
+    """Return the type of an input variable, None if a controller of this version does not have it."""
     return INPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
 
 
 class OutputBank:
-    """What the controller publishes. Values are encoded when they change, not when they are sent."""
+    """The values that the controller publishes. They are encoded when they change, not when they are sent."""
 
     def __init__(self) -> None:
         self._values: dict[str, Value] = {}
         self._encoded: dict[str, bytes] = {}
-        self._derived: dict[str, Callable[[], Value]] = {}
         for name, kind in OUTPUTS.items():
             self.set(name, zero(kind))
 
@@ -129,46 +129,34 @@ class OutputBank:
         """Publish a value; vectors as tuples."""
         if self._values.get(name) == value:
             return
-        self._encoded[name] = _encoded(name, value)
+        packer = STRUCTS[OUTPUTS[name]]
+        self._encoded[name] = packer.pack(*value) if isinstance(value, tuple) else packer.pack(value)
         self._values[name] = value
 
-    def derive(self, name: str, work_out: Callable[[], Value]) -> None:
-        """Publish what is worked out whenever somebody asks for it."""
-        self._derived[name] = work_out
-        del self._values[name], self._encoded[name]
-
     def get(self, name: str) -> Value:
-        """The published value."""
-        return self._values[name] if name in self._values else self._derived[name]()
+        """Return the published value."""
+        return self._values[name]
 
     def packed(self, names: Iterable[str]) -> bytes:
-        """The named values one after the other, as a data package carries them."""
-        encoded = self._encoded
-        return b"".join(
-            [encoded[name] if name in encoded else _encoded(name, self._derived[name]()) for name in names]
-        )
-
-
-def _encoded(name: str, value: Value) -> bytes:
-    packer = STRUCTS[OUTPUTS[name]]
-    return packer.pack(*value) if isinstance(value, tuple) else packer.pack(value)
+        """Return the encoded values one after the other, as in a data package."""
+        return b"".join([self._encoded[name] for name in names])
 
 
 def zero(kind: str) -> Value:
-    """The zero of a type."""
+    """Return zero in a type of the exchange."""
     return _single(STRUCTS[kind].unpack(bytes(STRUCTS[kind].size)))
 
 
 def _single(fields: tuple[float, ...]) -> Value:
-    """Scalars come alone, vectors as tuples."""
+    """Return a scalar as a number, a vector as a tuple."""
     return fields if len(fields) > 1 else next(iter(fields))
 
 
 def unpacked(names: Iterable[str], payload: bytes) -> dict[str, Value]:
-    """Read the named inputs from a data package as far as it reaches; what follows is ignored.
+    """Decode the named inputs from a data package, which may be shorter or longer than its recipe.
 
-    ur-rtde 1.6.5 itself sends packages that are shorter (`setExternalForceTorque`) or longer
-    (`getForwardKinematics`) than their recipe. Raises `InputError` where a value is cut.
+    ur-rtde 1.6.5 sends shorter (`setExternalForceTorque`) and longer (`getForwardKinematics`) ones. Raises
+    `InputError` for an incomplete value.
     """
     values: dict[str, Value] = {}
     at = 0

@@ -1,5 +1,4 @@
-"""What others made, clients, data and solvers, run against what was made here; each skips where it is not.
+"""Foreign clients on the simulated devices, and foreign readers on a session's files; each may be missing.
 
-Nothing of others is kept here: packages are imported where they are installed, data is read from a folder of
-clones. Imports the benchmarks' tables, calibration, exports and the fakes' process.
+Nothing of others comes with the rig. Imports the benchmarks' tables, exports and the fakes' process.
 """

@@ -1,4 +1,4 @@
-"""`rig benchmark others`: everything that nobody here made, in one table."""
+"""`rig benchmark others`: foreign clients and file readers on the rig's wire protocols and files."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -10,37 +10,31 @@ from rig.benchmark.estimators.tables import BenchmarkTable
 from rig.benchmark.harness import machine
 from rig.benchmark.others.clients import run_clients
 from rig.benchmark.others.files import run_files
-from rig.benchmark.others.pose_sets import run_kinhec
-from rig.benchmark.others.real_sets import run_boards, run_streams
-from rig.benchmark.others.recordings import run_recordings
-from rig.benchmark.others.robot_world import run_robot_world
 from rig.benchmark.others.rows import Row, Say
 from rig.benchmark.readme import markdown_table
 
-COLUMNS = ("part", "what", "version", "result", "ours", "theirs", "as it should")
+COLUMNS = ("part", "what", "version", "result", "passed")
 
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where others' things are. clones: OWNER/NAME folders; session: one of `rig trial`; kinhec: its data."""
+    """Where the foreign clients and readers find their input.
+
+    clones: folder with clones of repositories, as OWNER/NAME. session: a session of `rig trial`.
+    """
 
     clones: Path | None
     session: Path | None
-    kinhec: Path
 
 
 PARTS: dict[str, Callable[[Sources, Say], list[Row]]] = {
-    "clients": lambda at, say: run_clients(at.clones, say),
-    "kinhec": lambda at, say: run_kinhec(at.kinhec, say),
-    "boards": lambda at, say: [*run_boards(at.clones, say), *run_robot_world(at.clones, say)],
-    "streams": lambda at, say: run_streams(at.clones, say),
-    "recordings": lambda at, say: run_recordings(at.clones, say),
-    "files": lambda at, say: run_files(at.session, say),
+    "clients": lambda sources, say: run_clients(sources.clones, say),
+    "files": lambda sources, say: run_files(sources.session, say),
 }
 
 
 def run_others(parts: Sequence[str], sources: Sources, say: Say) -> list[Row]:
-    """Run the parts, all where none is named. Raises `InputError` for a part that is none."""
+    """Run the named parts, all by default. Raises `InputError` for an unknown part."""
     unknown = [part for part in parts if part not in PARTS]
     if unknown:
         raise unknown_name("part", unknown[0], PARTS)
@@ -54,18 +48,18 @@ def run_others(parts: Sequence[str], sources: Sources, say: Say) -> list[Row]:
 
 
 def others_table(rows: Sequence[Row]) -> BenchmarkTable:
-    """Return a row for each thing that was run or skipped."""
-    said = {True: "yes", False: "NO", None: ""}
-    cells = [(r.part, r.what, r.version, r.result, r.ours, r.theirs, said[r.met]) for r in rows]
-    return BenchmarkTable("Others' clients, data and solvers", COLUMNS, cells)
+    """Return the table with a row for each client and reader."""
+    words = {True: "yes", False: "NO", None: ""}
+    cells = [(row.part, row.what, row.version, row.result, words[row.met]) for row in rows]
+    return BenchmarkTable("Foreign clients and file readers", COLUMNS, cells)
 
 
 def others_section(rows: Sequence[Row]) -> str:
-    """Return the table in Markdown, as it stands in the docs."""
+    """Return the table in Markdown, as in the docs."""
     table = others_table(rows)
     return markdown_table(table.columns, [[cell.replace("|", "/") for cell in row] for row in table.rows])
 
 
 def as_json(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the rows as JSON values, with what they were measured on."""
+    """Return the rows as JSON values, with the machine on which they were measured."""
     return {"schema": 1, "machine": machine(), "rows": [asdict(row) for row in rows]}

@@ -1,4 +1,4 @@
-"""Other people's clients on the devices behind wires: a process for each, on loopback, bounded in time."""
+"""Foreign clients on the simulated devices, on loopback: one process and one time limit each."""
 
 import json
 import shutil
@@ -19,42 +19,25 @@ _LIMIT_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """package: on PyPI, or repository: OWNER/NAME; needs: a file in its clone. script: what it does."""
+    """A foreign client. It is a package of PyPI or else a repository, OWNER/NAME."""
 
     name: str
     script: str
     package: str = ""
     repository: str = ""
-    needs: str = ""
 
 
-_UR = "UniversalRobots"
+_UR_CLIENT = "UniversalRobots/RTDE_Python_Client_Library"
 CLIENTS = (
     Client("ur-rtde: motions, upload again", scripts.UR_RTDE, "ur-rtde"),
-    Client("urx: ports 30002 and 30003", scripts.URX, "urx"),
-    Client("python-urx, newest: the same", scripts.URX, repository="SintefManufacturing/python-urx"),
-    Client("urkit: over ur-rtde", scripts.URKIT, "urkit"),
-    Client("universal-robots-clients: dashboard, RTDE", scripts.UR_CLIENTS, "universal-robots-clients"),
-    Client("UR's RTDE client, record.py", scripts.RECORD, repository=f"{_UR}/RTDE_Python_Client_Library"),
-    Client(
-        "UR's RTDE client, control loop", scripts.CONTROL_LOOP, repository=f"{_UR}/RTDE_Python_Client_Library"
-    ),
-    Client(
-        "UR's C++ library, RTDE example", scripts.CPP_RTDE,
-        repository=f"{_UR}/Universal_Robots_Client_Library", needs="build/examples/rtde_client_example",
-    ),
-    Client(
-        "UR's C++ library, dashboard example", scripts.CPP_DASHBOARD,
-        repository=f"{_UR}/Universal_Robots_Client_Library", needs="build/examples/dashboard_example",
-    ),
+    Client("UR's RTDE client: record.py", scripts.RECORD, repository=_UR_CLIENT),
+    Client("UR's RTDE client: registers", scripts.REGISTERS, repository=_UR_CLIENT),
     Client("pyModbusTCP: the gripper", scripts.PYMODBUS_TCP, "pyModbusTCP"),
-    Client("robotiq3f_py: the gripper", scripts.ROBOTIQ3F_PY, repository="baha2r/robotiq3f_py"),
-    Client("ROS robotiq, baseRobotiq3FGripper", scripts.ROS_3F, repository="ros-industrial-attic/robotiq"),
-)  # fmt: skip
+)
 
 
 def run_clients(clones: Path | None, say: Say) -> list[Row]:
-    """A row for each client; the fakes are started anew for each, so that none finds what another left."""
+    """Return a row for each client. The fakes are started again for each, so that all find the same state."""
     return [_run(client, clones, say) for client in CLIENTS]
 
 
@@ -64,15 +47,13 @@ def _run(client: Client, clones: Path | None, say: Say) -> Row:
     if version is None:
         how = f"pip install {client.package}" if client.package else how_to_clone(client.repository)
         return skipped(PART, client.name, how)
-    if client.needs and not (clone and (clone / client.needs).is_file()):
-        return skipped(PART, client.name, f"{client.needs} is not there: build the clone as its README says")
     say(f"{client.name} {version}")
     with started_fakes(load_bench("wire")) as bench:
-        ok, result = _asked(client, bench, clone)
+        ok, result = _run_script(client, bench, clone)
     return Row(PART, client.name, version, result, met=ok)
 
 
-def _asked(client: Client, bench: BenchConfig, clone: Path | None) -> tuple[bool, str]:
+def _run_script(client: Client, bench: BenchConfig, clone: Path | None) -> tuple[bool, str]:
     python = shutil.which("python", path=str(Path(sys.executable).parent)) or sys.executable
     where = [str(bench.arm.host), str(bench.gripper.host), str(bench.gripper.port), str(clone or "")]
     try:
@@ -85,11 +66,11 @@ def _asked(client: Client, bench: BenchConfig, clone: Path | None) -> tuple[bool
         )
     except subprocess.TimeoutExpired:
         return False, f"did not end within {_LIMIT_S:.0f} s"
-    said = _last_json(done.stdout)
-    if said is None:
-        lines = (done.stderr or done.stdout).strip().splitlines() or ["said nothing"]
+    report = _last_json(done.stdout)
+    if report is None:
+        lines = (done.stderr or done.stdout).strip().splitlines() or ["no output"]
         return False, f"exit {done.returncode}: {lines[-1][:160]}"
-    return bool(said["ok"]), str(said["result"]).strip()
+    return bool(report["ok"]), str(report["result"]).strip()
 
 
 def _last_json(text: str) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""A session's files opened by what others use: MCAP's tool and library, rerun, pandas, duckdb, COCO's."""
+"""Foreign readers on the files of a session: MCAP's tool and library, rerun, pandas, duckdb and others."""
 
 import contextlib
 import importlib
@@ -19,7 +19,7 @@ _LIMIT_S = 120.0
 
 
 def run_files(session: Path | None, say: Say) -> list[Row]:
-    """A row for each reader; a session of `rig trial` is needed."""
+    """Return a row for each reader. They need a session of `rig trial`."""
     if session is None:
         return [skipped(PART, "recordings and exports", "rig trial --lifts 1 --out S, then --session S")]
     recording = sorted((session / "lifts").glob("*.mcap"))[0]
@@ -41,7 +41,7 @@ def run_files(session: Path | None, say: Say) -> list[Row]:
 
 
 def _read(name: str, version: str, read: Callable[[Path, Path], tuple[bool, str]], recording: Path) -> Row:
-    # what a reader prints is no part of a table, nor of --json
+    # the output of a reader must not mix with the table or with --json
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(sys.stderr):
         try:
             met, result = read(recording, Path(folder))
@@ -53,16 +53,16 @@ def _read(name: str, version: str, read: Callable[[Path, Path], tuple[bool, str]
 
 
 def _doctor(recording: Path) -> Row:
-    """MCAP's own command line tool."""
+    """Run MCAP's command line tool."""
     tool = shutil.which("mcap")
     if tool is None:
         return skipped(PART, "mcap doctor", "the program mcap is not on the PATH (github.com/foxglove/mcap)")
-    version = _said([tool, "version"])[1]
-    code, said = _said([tool, "doctor", str(recording)])
-    return Row(PART, "mcap doctor", version, said or "no complaint", met=code == 0)
+    version = _output([tool, "version"])[1]
+    code, output = _output([tool, "doctor", str(recording)])
+    return Row(PART, "mcap doctor", version, output or "no complaint", met=code == 0)
 
 
-def _said(command: list[str]) -> tuple[int, str]:
+def _output(command: list[str]) -> tuple[int, str]:
     done = subprocess.run(  # noqa: S603 - the reader's own program
         command, capture_output=True, text=True, timeout=_LIMIT_S, check=False
     )

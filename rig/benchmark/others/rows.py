@@ -1,4 +1,4 @@
-"""A row of the table: what was run, of which version, what came out, ours beside theirs."""
+"""A row of the table, and the versions of packages and clones."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,14 +8,12 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """met: whether it came out as it should; None where it was skipped or nothing is asked."""
+    """One client or reader. met: whether the result is as expected; None if it was skipped."""
 
     part: str
     what: str
     version: str
     result: str
-    ours: str = ""
-    theirs: str = ""
     met: bool | None = None
 
 
@@ -23,12 +21,12 @@ Say = Callable[[str], None]
 
 
 def skipped(part: str, what: str, reason: str) -> Row:
-    """A row of what is not here, and how to get it."""
+    """Return the row of a missing client or reader, with how to install it."""
     return Row(part, what, "", f"skipped: {reason}")
 
 
 def installed(package: str) -> str | None:
-    """The version of a package; None where it is not installed."""
+    """Return the version of a package, None if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -36,18 +34,18 @@ def installed(package: str) -> str | None:
 
 
 def clone_of(repository: str, clones: Path | None) -> Path | None:
-    """The folder of a clone, `clones/OWNER/NAME`; None where there is none."""
+    """Return the folder of a clone, `clones/OWNER/NAME`, None if it does not exist."""
     folder = clones / repository if clones is not None else None
     return folder if folder is not None and folder.is_dir() else None
 
 
 def how_to_clone(repository: str) -> str:
-    """What to do where a clone is missing."""
+    """Return how to get a missing clone."""
     return f"git clone https://github.com/{repository} CLONES/{repository}, then --clones CLONES"
 
 
 def commit_of(clone: Path) -> str:
-    """The short commit of a clone, read from its git folder; "unknown" where there is none."""
+    """Return the short commit of a clone from its git folder, "unknown" if there is none."""
     head = clone / ".git" / "HEAD"
     if not head.is_file():
         return "unknown"

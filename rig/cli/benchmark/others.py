@@ -1,4 +1,4 @@
-"""`rig benchmark others`: others' clients, data and solvers beside ours."""
+"""`rig benchmark others`: foreign clients and file readers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,15 +7,11 @@ import typer
 
 from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import Exit, JsonOption, emit_json, say
-from rig.cli.places import folder_place
 
 
 def others(
     part: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--part", help="clients, kinhec, boards, streams, recordings or files; repeat. Default: all."
-        ),
+        list[str] | None, typer.Option("--part", help="clients or files; repeat. Default: both.")
     ] = None,
     clones: Annotated[
         Path | None,
@@ -24,18 +20,14 @@ def others(
     session: Annotated[
         Path | None, typer.Option("--session", help="A session of rig trial, whose files are opened.")
     ] = None,
-    kinhec: Annotated[
-        Path,
-        typer.Option("--kinhec", help="Folder of kinhec's sequences; made once.", callback=folder_place),
-    ] = Path("kinhec-smoke"),
     readme: ReadmeOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Run what others made against what was made here: clients, data sets, solvers, readers of files.
+    """Run foreign clients on the simulated devices, and foreign readers on the files of a session.
 
-    Each part needs something that does not come with the rig, packages or clones, and is skipped, saying
-    how to get it, where that is not here. Nothing leaves loopback. See docs/others.md. Exit code 4 where
-    something did not come out as it should.
+    Each client and reader is a package or clone that does not come with the rig. If it is missing, it is
+    skipped, and its row says how to install it. All connections are on loopback. See docs/others.md. Exit
+    code 4 if a result is not as expected.
 
     Examples:
       rig benchmark others --part clients
@@ -50,7 +42,7 @@ def others(
 
     if readme is not None:
         check_readme(readme, "others")
-    rows = run_others(part or [], Sources(clones, session, kinhec), say)
+    rows = run_others(part or [], Sources(clones, session), say)
     table = others_table(rows)
     table_console(json).print(console_table(table.columns, table.rows, len(table.columns), table.title))
     if readme is not None:
@@ -59,6 +51,6 @@ def others(
         emit_json(as_json(rows))
     wrong = [row for row in rows if row.met is False]
     for row in wrong:
-        say(f"rig: not as it should be: {row.part}, {row.what}: {row.result}")
+        say(f"rig: not as expected: {row.part}, {row.what}: {row.result}")
     if wrong:
         raise typer.Exit(Exit.LIMIT_MISSED)

@@ -89,28 +89,6 @@ def test_the_arm_is_led_to_a_place_and_stays_there(controller: URController, arm
     assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
 
 
-def test_freedrive_along_one_axis_gives_way_along_that_one(controller: URController, arm: UR5e) -> None:
-    """What `freedriveMode` of other programs does."""
-    code = (
-        "import sys, time; from rtde_control import RTDEControlInterface as C; c = C(sys.argv[1]);"
-        "c.freedriveMode([0, 0, 1, 0, 0, 0]);"
-        "print('free', flush=True); time.sleep(1.0); c.endFreedriveMode();"
-        "print('held', flush=True); time.sleep(0.3)"
-    )
-    arm.disconnect()
-    with subprocess.Popen(
-        [sys.executable, "-c", code, controller.host], stdout=subprocess.PIPE, text=True
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "free\n"
-        controller.guide(ASIDE, 0.6)
-        assert other.stdout.readline() == "held\n"
-        there = place(controller)
-        assert not controller.snapshot()["freedrive"]
-    assert np.allclose(there[:2], HOME.position_m[:2], atol=1e-6)
-    assert there[2] < HOME.position_m[2] - 0.1
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT])
 def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
     controller: URController, number: signal.Signals

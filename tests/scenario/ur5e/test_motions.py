@@ -177,10 +177,10 @@ def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
 def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
     controller: URController,
 ) -> None:
-    installed = controller.robot.body.payload_kg
+    installed = controller.robot.bank.get("payload")
     arm = make_arm(controller.host, payload_kg=1.8)
     arm.connect()
-    assert controller.robot.body.payload_kg == installed
+    assert controller.robot.bank.get("payload") == installed
     with pytest.raises(DeviceError, match=r"2\.500 kg instead of 1\.800 kg"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)
 
@@ -189,10 +189,10 @@ def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
 
     with pytest.raises(OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*shall it be set"):
         arm.recover(refuse)
-    assert controller.robot.body.payload_kg == installed
+    assert controller.robot.bank.get("payload") == installed
     assert "3" not in controller.snapshot()["commands"], "no motion was sent"
     arm.recover(agree)
-    assert controller.robot.body.payload_kg == 1.8
+    assert controller.robot.bank.get("payload") == 1.8
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
     arm.recover(lambda question: pytest.fail(question))
     arm.disconnect()

@@ -1,8 +1,6 @@
 """The DIGIT driver against a sensor served over HTTP: settings, faults, re-opening, numbers."""
 
-import json
 import time
-import urllib.request
 from collections.abc import Iterator
 from typing import Any
 
@@ -67,13 +65,6 @@ def said_in_the_end(digit: Digit, words: str) -> str:
         except DeviceTimeoutError as error:
             said = str(error)
     return said
-
-
-def post(server: MjpegServer, path: str, what: dict[str, Any]) -> None:
-    url = server.url.replace("/stream.mjpg", path)
-    request = urllib.request.Request(url, json.dumps(what).encode(), {"Content-Type": "application/json"})
-    with urllib.request.urlopen(request, timeout=2.0) as answer:
-        assert answer.status == 200
 
 
 def test_frames_are_upright_and_carry_the_bytes_as_served(digit: Digit) -> None:
@@ -162,7 +153,7 @@ def test_spoilt_images_are_withheld_counted_and_named(
     assert digit.next_frame(1.0).sequence == before + 1
     assert digit.counters()[counter] == 5
     assert digit.counters()["reopened"] == 0
-    post(server, "/fault", {"kind": fault})
+    server.inject(fault)
     assert words in said_in_the_end(digit, words)
 
 

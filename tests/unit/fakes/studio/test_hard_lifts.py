@@ -6,8 +6,10 @@ from collections import Counter
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.clock import to_ns
+from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.digit import FakeDigit
 from fakes.devices.plan import DigitPlan
@@ -16,11 +18,14 @@ from fakes.gel.codec import Codec, coded
 from fakes.gel.pad import GelPad, Imprint
 from fakes.gel.sensor import GelSensor
 from fakes.gel.variation import Variation
+from fakes.objects.catalogue import find_object
 from fakes.objects.soft_faces import KINDS, LINES, Bulge
 from fakes.objects.surfaces import depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Difficulty, draw_conditions
-from fakes.tools.frame_cost import lifting_world
 from fakes.wire.host.mirror import MirroredWorld, snapshot_of
+from fakes.world.motion import FingerPath, ToolPath
+from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.world import BenchLayout, World
 from protocols.grasps import TRIAL_OBJECTS
 from rig.experiments.seeds import derived_seed
 
@@ -33,6 +38,23 @@ GOLDEN = {
     ("SIM-D0002", -1, "t5"): "37e52a0327b0eb28",
 }
 """Of frames drawn before there were hard lifts."""
+
+
+def lifting_world(name: str, seed: int = 1) -> World:
+    """Return a world in which the fingers have closed on an object and lift it from 0.5 s on."""
+    model = find_object(name)
+    site, down = model.sites[0], Rotation.from_euler("x", 180, degrees=True)
+    table = Pose((0.45, 0.0, 0.06))
+    start = Pose.from_rotation(table.translated(x_m=site.offset_m).position_m, down)
+    world = World(BenchLayout(base_T_table=table, home=start), seed)
+    world.place(model)
+    layout = world.layout
+    counts = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m + 4
+    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.tool = ToolPath.between(
+        start, start.translated(z_m=0.08), TrapezoidProfile(to_ns(0.5), 0.08, 0.05, 0.5)
+    )
+    return world
 
 
 def digit(name: str, serial: str, side: int, difficulty: Difficulty = "easy", seed: int = 1) -> FakeDigit:

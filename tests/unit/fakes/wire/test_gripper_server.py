@@ -116,27 +116,6 @@ def test_another_master_over_tcp(server: GripperServer) -> None:
     client.close()
 
 
-def test_another_master_on_the_serial_line(line: GripperRtu) -> None:
-    """minimalmodbus, on the pseudo-terminal."""
-    minimalmodbus = pytest.importorskip(
-        "minimalmodbus", reason="pip install minimalmodbus: not installed here"
-    )
-    gripper = minimalmodbus.Instrument(line.device, 9)
-    gripper.serial.baudrate, gripper.serial.timeout = 115200, 1.0
-    gripper.write_registers(0x03E8, [0x0100, 0, 0])
-    assert _becomes(lambda: gripper.read_registers(0x07D0, 1), [0x3100])
-    gripper.write_register(0x03E9, 0x0030, functioncode=6)
-    gripper.write_registers(0x03E8, [0x0900, 0x0030, 0xFFFF])
-    assert _becomes(lambda: gripper.read_registers(0x07D0, 3, functioncode=4), [0xF9FF, 0x0030, 0x3000])
-    with pytest.raises(minimalmodbus.NoResponseError):
-        gripper.read_register(0x1000)
-    stranger = minimalmodbus.Instrument(line.device, 8)
-    stranger.serial.timeout = 0.2
-    with pytest.raises(minimalmodbus.NoResponseError):
-        stranger.read_register(0x07D0)
-    gripper.serial.close()
-
-
 def _becomes(ask: Callable[[], list[int] | None], wanted: list[int], limit_s: float = 10.0) -> bool:
     """Whether registers come to hold what is wanted."""
     give_up = time.monotonic() + limit_s

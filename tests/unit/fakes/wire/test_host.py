@@ -19,8 +19,7 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
-from fakes.wire.host.mirror import MirroredWorld, snapshot_of
-from fakes.wire.host.track import Track
+from fakes.wire.host.mirror import MirroredWorld, Track, snapshot_of
 from fakes.wire.net.background import VitalThread
 from fakes.wire.net.loopback import require_free, taken_ports
 from fakes.wire.net.side_channel import Control, ControlServer
@@ -143,8 +142,8 @@ def test_after_rubbish_on_the_side_channel_everything_works_and_ends() -> None:
             with pytest.raises(InputError, match=refusal):
                 control.call(request.pop("do"), **request)
         control.call("place", object="charuco:8x6:25:18:DICT_5X5_100@tool")
-        with urllib.request.urlopen(served.camera.address.replace("stream.mjpg", "snapshot.jpg")) as picture:
-            assert picture.status == 200
+        with urllib.request.urlopen(served.camera.address, timeout=5.0) as stream:
+            assert stream.read(7) == b"--frame"
         time.sleep(0.5)
         fakes.check()
         began = time.monotonic()

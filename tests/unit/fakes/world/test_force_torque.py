@@ -6,8 +6,8 @@ import pytest
 from drivers.clock import to_ns
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
-from fakes.wire.ur.force import ForceSensor
 from fakes.wire.ur.frames import from_pose
+from fakes.wire.ur.robot import ForceSensor
 from fakes.world.force_torque import NOISE_N, NOTHING, STEP_N, STEP_NM, FlangeSensor, carried_wrench
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.slip import GRAVITY

@@ -8,7 +8,7 @@ from drivers.types import Pose
 from fakes.wire.ur.dashboard import DashboardServer, LineReader
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.safety import RobotMode
-from fakes.wire.ur.user_programs.run import ScriptRun
+from fakes.wire.ur.script import OtherProgramRun
 from fakes.world.world import BenchLayout, World
 
 
@@ -16,7 +16,7 @@ from fakes.world.world import BenchLayout, World
 def dashboard() -> DashboardServer:
     home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
     robot = Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 108249))
-    return DashboardServer(robot, "20265500001", lambda program: robot.run(ScriptRun(robot, program)))
+    return DashboardServer(robot, "20265500001", lambda program: robot.run(OtherProgramRun(robot, program)))
 
 
 def run(dashboard: DashboardServer, duration_s: float) -> None:
@@ -36,8 +36,6 @@ def run(dashboard: DashboardServer, duration_s: float) -> None:
         ("safetymode", "Safetymode: NORMAL"),
         ("safetystatus", "Safetystatus: NORMAL"),
         ("programState", "STOPPED <unnamed>"),
-        ("load installation cell.installation", "Loading installation: cell.installation"),
-        ("saveLog", "Log saved to disk"),
         ("stop", "Stopped"),
         ("pause", "Failed to execute: pause"),
         ("play", "Failed to execute: play"),
@@ -50,7 +48,7 @@ def test_replies(dashboard: DashboardServer, request_: str, reply: str) -> None:
     assert dashboard.reply(request_) == reply
 
 
-def test_a_loaded_program_plays_pauses_and_stops(dashboard: DashboardServer) -> None:
+def test_loaded_program_plays_pauses_and_stops(dashboard: DashboardServer) -> None:
     assert dashboard.reply("load grip.urp") == "Loading program: grip.urp"
     assert dashboard.reply("play") == "Starting program"
     run(dashboard, 0.01)
@@ -63,14 +61,14 @@ def test_a_loaded_program_plays_pauses_and_stops(dashboard: DashboardServer) -> 
     assert dashboard.reply("running") == "Program running: false"
 
 
-def test_nothing_is_played_in_local_control(dashboard: DashboardServer) -> None:
+def test_local_control_refuses_play(dashboard: DashboardServer) -> None:
     dashboard.reply("load grip.urp")
     dashboard.robot.safety.remote_control = False
     assert dashboard.reply("play") == "Failed to execute: play"
     assert dashboard.reply("is in remote control") == "false"
 
 
-def test_a_protective_stop_is_released_after_five_seconds_only(dashboard: DashboardServer) -> None:
+def test_protective_stop_is_released_after_five_seconds_only(dashboard: DashboardServer) -> None:
     dashboard.robot.protective_stop()
     run(dashboard, 4.9)
     assert dashboard.reply("safetystatus") == "Safetystatus: PROTECTIVE_STOP"
@@ -98,13 +96,13 @@ def test_power_comes_step_by_step_after_an_emergency_stop(dashboard: DashboardSe
 
 
 @pytest.mark.parametrize("step", [1, 5, 100])
-def test_lines_are_cut_however_they_arrive(step: int) -> None:
+def test_lines_are_split_however_they_arrive(step: int) -> None:
     stream, reader, seen = b"running\nsafetymode\nrobotmode", LineReader(), []
     for start in range(0, len(stream), step):
         seen += reader.feed(stream[start : start + step])
     assert seen == ["running", "safetymode"]
 
 
-def test_a_line_without_end_is_refused() -> None:
+def test_line_without_end_is_rejected() -> None:
     with pytest.raises(InputError, match="line of more than"):
         LineReader().feed(b"x" * 10_000)

@@ -15,6 +15,13 @@ joints = st.tuples(*[st.floats(-3.1, 3.1)] * 6)
 poses = st.tuples(*[st.floats(-1.0, 1.0)] * 3, *[st.floats(-1.8, 1.8)] * 3)
 
 
+def test_forward_kinematics_match_a_state_of_urs_controller():
+    """A UR5e's state in the tests of UR's C++ client library (robot_state of test_primary_parser.cpp)."""
+    flange = forward((-1.6007, -1.7271, -2.203, -0.808, 1.5951, -0.031))
+    position, rotation = (-0.143968657, -0.435620061, 0.202030025), (-0.00122136, 3.11627653, 0.03889192)
+    assert np.allclose(ur_frames.to_ur(flange), (*position, *rotation), atol=1e-8)
+
+
 @given(joints)
 def test_both_forward_kinematics_agree(q):
     frame, pose = forward(q), kinematics.forward(q, 0.0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from fakes.wire.ur.rtde import PackageType, RtdeSession, package, split_packages
-from fakes.wire.ur.variables import FORMATS, INPUTS, OUTPUTS, OutputBank, Value, output_type, unpacked
+from fakes.wire.ur.variables import FORMATS, OUTPUTS, OutputBank, Value, output_type, unpacked
 
 VERSION = (5, 11, 0, 108249)
 RANGES = {
@@ -38,7 +38,7 @@ class Client:
         return self.ask("O", struct.pack(">d", rate_hz) + names.encode())
 
 
-def test_the_guides_first_frames() -> None:
+def test_first_frames_are_those_of_the_guide() -> None:
     session = Client().session
     assert session.feed(bytes.fromhex("0005560002")) == bytes.fromhex("00045601")
     assert session.feed(bytes.fromhex("000376")) == bytes.fromhex(
@@ -70,47 +70,24 @@ def test_nothing_is_sent_before_start_and_after_pause() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "cycles"), [(500.0, 1), (125.0, 4), (100.0, 5), (300.0, 1), (1e9, 1), (-1.0, 1)]
+    ("rate_hz", "cycles"),
+    [(500.0, 1), (125.0, 4), (100.0, 5), (300.0, 1), (1e9, 1), (-1.0, 1), (float("nan"), 1), (5e-324, 500)],
 )
 def test_the_rate_is_a_whole_number_of_control_cycles(rate_hz: float, cycles: int) -> None:
     client = Client()
     client.outputs("timestamp", rate_hz)
     client.ask("S")
-    assert [c for c in range(20) if client.session.due(c)] == list(range(0, 20, cycles))
-
-
-@pytest.mark.parametrize("rate_hz", [5e-324, 1e-300, 0.5, float("inf"), float("nan")])
-def test_a_rate_that_no_controller_has_is_the_nearest_it_has(rate_hz: float) -> None:
-    client = Client()
-    assert client.outputs("timestamp", rate_hz)[0] == 1
-    client.ask("S")
-    assert sum(client.session.due(cycle) for cycle in range(500)) in (1, 500)
+    assert [c for c in range(600) if client.session.due(c)] == list(range(0, 600, cycles))
 
 
 @pytest.mark.parametrize(
     "name",
     ["output_int_register_x", "output_int_register_", "input_double_register_1e9", "output_bit_register_²"],
 )
-def test_a_register_that_does_not_exist_is_not_found(name: str) -> None:
+def test_unknown_register_is_not_found(name: str) -> None:
     client = Client()
     assert client.outputs(name) == b"\x00NOT_FOUND"
     assert client.ask("I", name.encode()) == b"\x00NOT_FOUND"
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        *(("tcp_offset", "VECTOR6D"), ("actual_current_window", "VECTOR6D"), ("tool_output_mode", "UINT8")),
-        *((f"tool_digital_output{i}_mode", "UINT8") for i in (0, 1)),
-        *((f"encoder{i}_raw", "INT32") for i in (0, 1)),
-        *((f"euromap67_{way}_bits", "UINT32") for way in ("input", "output")),
-        *((f"euromap67_24V_{what}", "DOUBLE") for what in ("voltage", "current")),
-        *((f"actual_configurable_digital_{way}_bits", "UINT64") for way in ("input", "output")),
-        ("joint_position_deviation_ratio", "DOUBLE"),
-    ],
-)
-def test_urs_record_example_finds_what_it_asks_for(name: str, kind: str) -> None:
-    assert Client().outputs(name) == b"\x01" + kind.encode()
 
 
 @pytest.mark.parametrize(
@@ -118,36 +95,17 @@ def test_urs_record_example_finds_what_it_asks_for(name: str, kind: str) -> None
     [
         ("safety_status", (5, 3), (5, 4)),
         ("ft_raw_wrench", (5, 8), (5, 9)),
-        ("script_control_line", (5, 8), (5, 9)),
         ("payload", (5, 5), (5, 6)),
-        ("payload_inertia", (5, 10), (5, 11)),
-        ("collision_detection_ratio", (5, 14), (5, 15)),
-        ("time_scale_source", (5, 16), (5, 17)),
-        ("actual_current_as_torque", (5, 22), (5, 23)),
         ("target_gravity", (5, 25), (5, 26)),
         ("output_double_register_24", (5, 2), (5, 3)),
-        ("output_bit_register_64", (5, 2), (5, 3)),
     ],
 )
-def test_a_variable_comes_with_its_version(name: str, old: tuple[int, int], new: tuple[int, int]) -> None:
+def test_variable_exists_from_its_version_on(name: str, old: tuple[int, int], new: tuple[int, int]) -> None:
     assert output_type(name, (*old, 0, 0)) is None
     assert output_type(name, (*new, 0, 0)) is not None
     client = Client((*old, 0, 0))
     assert client.outputs(f"timestamp,{name}") == b"\x00DOUBLE,NOT_FOUND"
     assert client.ask("S") == b"\x00"
-
-
-def test_an_upper_input_register_comes_with_its_version() -> None:
-    assert Client((5, 2, 0, 0)).ask("I", b"input_int_register_24") == b"\x00NOT_FOUND"
-    assert Client((5, 3, 0, 0)).ask("I", b"input_int_register_24") == b"\x01INT32"
-
-
-def test_what_is_worked_out_when_asked_for_is_sent_as_it_is_then() -> None:
-    client, seen = Client(), iter((1.0, 2.0))
-    client.bank.derive("speed_scaling", lambda: next(seen))
-    client.outputs("speed_scaling")
-    sent = [struct.unpack(">d", client.session.data()[4:]) for _ in range(2)]
-    assert sent == [(1.0,), (2.0,)]
 
 
 def test_input_recipes_are_numbered_from_one_and_write_their_values() -> None:
@@ -163,7 +121,7 @@ def test_input_recipes_are_numbered_from_one_and_write_their_values() -> None:
     ]
 
 
-def test_a_package_shorter_than_its_recipe_writes_what_it_has() -> None:
+def test_short_package_writes_the_values_it_contains() -> None:
     names = ("input_int_register_0", "input_double_register_0")
     assert unpacked(names, struct.pack(">i", 3)) == {"input_int_register_0": 3}
     assert unpacked(names, struct.pack(">idd", 3, 1.0, 9.0)) == dict(zip(names, (3, 1.0), strict=True))
@@ -171,31 +129,21 @@ def test_a_package_shorter_than_its_recipe_writes_what_it_has() -> None:
         unpacked(names, struct.pack(">i", 3) + b"\x00")
 
 
-def test_an_unknown_recipe_or_request_is_counted_and_left() -> None:
+def test_unknown_recipe_or_request_is_counted_and_ignored() -> None:
     client = Client()
     assert client.session.feed(package(PackageType.DATA, b"\x09") + package(ord("Z"), b"abc")) == b""
     assert client.session.ignored == 2
 
 
-def test_a_refusal_on_request() -> None:
+def test_recipe_is_refused_on_request() -> None:
     assert Client(refused="IN_USE").ask("I", b"input_int_register_0") == b"\x00IN_USE"
     assert Client(refused="NOT_FOUND").outputs("timestamp") == b"\x00NOT_FOUND"
     assert Client(refused="IN_USE").outputs("timestamp") == b"\x01DOUBLE", "an output is never in use"
 
 
-def test_an_impossible_size_ends_the_conversation() -> None:
+def test_impossible_package_size_raises() -> None:
     with pytest.raises(InputError, match="size 2"):
         Client().session.feed(b"\x00\x02\x56")
-
-
-@given(st.sampled_from(sorted(INPUTS.items())), st.data())
-def test_every_input_comes_through(variable: tuple[str, str], data: st.DataObject) -> None:
-    name, kind = variable
-    code = FORMATS[kind]
-    count = int(code[:-1] or 1)
-    values = tuple(data.draw(RANGES[code[-1]]) for _ in range(count))
-    read = unpacked([name], struct.pack(f">{code}", *values))
-    assert read == {name: values if count > 1 else values[0]}
 
 
 @given(st.sampled_from(sorted(OUTPUTS.items())), st.data())
@@ -210,7 +158,7 @@ def test_every_output_is_sent_as_its_type_says(variable: tuple[str, str], data: 
 
 
 @given(st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=50)), max_size=8), st.integers(1, 40))
-def test_packages_survive_any_cut(packages: list[tuple[int, bytes]], step: int) -> None:
+def test_packages_are_reassembled_from_any_chunks(packages: list[tuple[int, bytes]], step: int) -> None:
     stream = b"".join(package(kind, payload) for kind, payload in packages)
     buffer, seen = bytearray(), []
     for start in range(0, len(stream), step):

@@ -43,7 +43,7 @@ def _motions() -> list[Case]:
 def _data() -> list[Case]:
     group = "hand-eye data"
     few = [
-        Case(group, f"{n} poses", partial(_first, count=n), ("usable samples",), draws=3)
+        Case(group, f"{n} poses", partial(_first, count=n), ("usable sample",), draws=3)
         for n in (0, 1, 2, 3, 4)
     ]
     return [
@@ -57,7 +57,7 @@ def _data() -> list[Case]:
         Case(group, "poses given inverted", _inverted, ("inverted",), draws=5),
         Case(group, "eye-in-hand solved as eye-to-hand", _wrong_setup, ("inverted", "contradict"), draws=5),
         Case(group, "rotation vector read as Euler angles", _euler, ("contradict",), draws=5),
-        Case(group, "positions in mm given as m", _millimetres, ("usable samples",), draws=3),
+        Case(group, "positions in mm given as m", _millimetres, ("usable sample",), draws=3),
         Case(group, "target loose by a centimetre", _loose, ("contradict",), draws=5),
         Case(group, "two samples taken while moving", _while_moving, (), draws=5),
     ]

@@ -1,9 +1,7 @@
 """`rig benchmark calibration`: the limits the calibrations have to keep, measured with fixed seeds."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -25,10 +23,8 @@ from rig.benchmark.calibration.gel import gel_limits
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, general_scene
 from rig.benchmark.calibration.markers import marker_limits
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
-from rig.benchmark.measured import Measured, at_most, between, informative
+from rig.benchmark.measured import Measured, at_most, between, data_folder, informative
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-"""Where real recordings lie unless RIG_TEST_DATA names another folder."""
 TRIALS = 200
 _FLIPPED_TRIALS = 60
 _SYNC_TRIALS = 40
@@ -73,12 +69,6 @@ def run(say: Callable[[str], None], seed: int = 0, trials: int = TRIALS) -> Cali
         *degenerate_gel.cases(),
     ]
     return CalibrationReport(tuple(rows), tuple(run_cases(cases, seed)), tuple(scores))
-
-
-def data_folder() -> Path | None:
-    """The folder of real recordings, or None where there is none."""
-    folder = Path(os.environ.get("RIG_TEST_DATA", DATA))
-    return folder if folder.is_dir() else None
 
 
 def hand_eye_limits(seed: int, trials: int) -> list[Measured]:

@@ -6,7 +6,6 @@ from typing import Any
 from typer.core import TyperCommand
 from typer.main import get_command
 
-from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.clips import clips
 from rig.cli.benchmark.contact import contact
 from rig.cli.benchmark.endurance import endurance
@@ -22,6 +21,10 @@ from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
+    "calibration": (
+        "rig.benchmark.calibration.study",
+        "Measure the calibrations against their limits, on simulated and, where they are, real data.",
+    ),
     "renderer": (
         "rig.benchmark.renderer.study",
         "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.",
@@ -72,7 +75,6 @@ benchmark.command("wire")(wire)
 benchmark.command("faults")(faults)
 benchmark.command("safety")(safety)
 benchmark.command("endurance")(endurance)
-benchmark.command("calibration")(calibration)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)

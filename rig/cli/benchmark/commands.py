@@ -12,7 +12,6 @@ from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.others import others
-from rig.cli.benchmark.reaction import reaction
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.sessions import sessions
 from rig.cli.benchmark.studies import command_of
@@ -24,6 +23,10 @@ STUDIES = {
     "calibration": (
         "rig.benchmark.calibration.study",
         "Measure the calibrations against their limits, on simulated and, where they are, real data.",
+    ),
+    "reaction": (
+        "rig.benchmark.reaction.study",
+        "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     ),
     "renderer": (
         "rig.benchmark.renderer.study",
@@ -78,6 +81,5 @@ benchmark.command("endurance")(endurance)
 benchmark.command("trials")(trials)
 benchmark.command("clips")(clips)
 benchmark.command("contact")(contact)
-benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)
 benchmark.command("sessions")(sessions)

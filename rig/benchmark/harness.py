@@ -122,7 +122,7 @@ class Report:
     notes: Sequence[str] = ()
     section: str = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
 
 

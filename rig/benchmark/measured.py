@@ -1,7 +1,18 @@
-"""A measured number and what is asked of it."""
+"""A measured number and its limit, and the folder of real recordings."""
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import SupportsFloat
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+"""Folder of real recordings, unless RIG_TEST_DATA names another one."""
+
+
+def data_folder() -> Path | None:
+    """Return the folder of real recordings, or None if it does not exist."""
+    folder = Path(os.environ.get("RIG_TEST_DATA", DATA))
+    return folder if folder.is_dir() else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The limits that calibrations keep, and what bad data does to them.
+"""The limits of the calibrations, and their results for bad data.
 
-Imports `calibration` and its own scenes (`fakes.studio`), nothing else of `rig`.
+Imports `calibration`, the harness and its own scenes (`fakes.studio`), nothing else of `rig`.
 """

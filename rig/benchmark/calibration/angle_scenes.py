@@ -1,4 +1,4 @@
-"""The two-marker angle beside two other ways to find corners, on the same simulated pictures."""
+"""The two-marker angle beside two other methods to find corners, on the same simulated pictures."""
 
 import time
 from collections.abc import Callable
@@ -16,6 +16,7 @@ from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corner
 from calibration.targets.edges import refine_edges
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
+from rig.benchmark.harness import column
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12
 _FURTHEST_DEG = 25.0
@@ -24,9 +25,10 @@ _EDGES_BELOW_PX = 32.0
 
 @dataclass(frozen=True, slots=True)
 class AngleScene:
-    """What pictures look like. jpeg: quality, None for none. hidden: share of a marker's side.
+    """Conditions of a scene's pictures.
 
-    Something lies that deep over an edge of one of the markers, in every other picture.
+    jpeg: quality of the compression, None for no compression. hidden: in every other picture, an edge of one
+    marker is covered to this share of the marker's side.
     """
 
     side_px: float = 40.0
@@ -60,45 +62,58 @@ Measure = Callable[[Image], float | None]
 
 @dataclass(frozen=True, slots=True)
 class AngleScore:
-    """One way in one scene. rms_deg, worst_deg, rest_deg: of the answers; rest_deg the mean at rest.
+    """One method in one scene. rms_deg, worst_deg: of the answers; rest_deg: mean at rest; answered: share.
 
     ms: median of processor time per picture.
     """
 
-    way: str
-    scene: str
     rms_deg: float
     worst_deg: float
     rest_deg: float
     answered: float
     ms: float
 
+    def __str__(self) -> str:
+        answered = "" if self.answered == 1.0 else f" {self.answered:.0%}"
+        figures = f"{self.rms_deg:.4f}, {self.worst_deg:.3f} ({self.rest_deg:+.4f})"
+        return f"{figures}{answered}; {self.ms:.2f}"
 
-def angle_scores(seed: int) -> list[AngleScore]:
-    """Every way in every scene, way by way in each."""
-    return [score for number, scene in enumerate(SCENES) for score in scene_scores(scene, (seed, 11, number))]
+
+@dataclass(frozen=True, slots=True)
+class AngleRow:
+    """All methods in one scene."""
+
+    scene: str = column("two-marker angle, SIMULATED")
+    corners: AngleScore = column("corners", str, "corners refined in a window around each")
+    by_size: AngleScore = column("by size", str, "edges for the plane and for small markers, else corners")
+    ours: AngleScore = column("ours", str)
+
+
+def angle_rows(seed: int) -> list[AngleRow]:
+    """Return every method's score in every scene."""
+    return [score_scene(scene, (seed, 11, number)) for number, scene in enumerate(SCENES)]
 
 
 def true_camera(pictures: MarkerPictures) -> CameraModel:
-    """The camera that the pictures were drawn with."""
+    """Return the camera that the pictures were drawn with."""
     return CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
 
 
-def scene_scores(scene: AngleScene, seed: tuple[int, ...]) -> list[AngleScore]:
-    """Every way in one scene, all on the same pictures."""
+def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
+    """Score every method in one scene, all on the same pictures."""
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
-    still = [_packed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)]
+    still = [_compressed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)]
     share = np.clip(np.arange(_FRAMES) - _AT_REST, 0, None) / (_FRAMES - _AT_REST)
     truth = _FURTHEST_DEG * (1.0 - np.cos(np.pi * share)) / 2.0
     shown = [_draw(pictures, scene, number, float(deg), rng) for number, deg in enumerate(truth)]
-    ways = {name: make(pictures, still) for name, make in WAYS.items()}
-    seen: dict[str, list[tuple[float | None, float]]] = {name: [] for name in ways}
-    for picture in shown:  # in turn, so that all ways meet the same machine
-        for name, measure in ways.items():
+    methods = [make(pictures, still) for make in (_by_corners, _by_size, _by_edges)]
+    seen: list[list[tuple[float | None, float]]] = [[] for _ in methods]
+    for picture in shown:  # in turn, so that all methods meet the same load of the machine
+        for measure, found in zip(methods, seen, strict=True):
             began = time.thread_time()
-            seen[name].append((measure(picture), time.thread_time() - began))
-    return [_score(name, scene, found, truth) for name, found in seen.items()]
+            found.append((measure(picture), time.thread_time() - began))
+    return AngleRow(str(scene), *(_score(found, truth) for found in seen))
 
 
 def _draw(
@@ -109,11 +124,11 @@ def _draw(
     if scene.hidden and number % 2:
         marker = pictures.exact_corners(turn_deg, move)[number // 2 % 2]
         _cover(picture, marker, scene.hidden, rng)
-    return _packed(picture, scene)
+    return _compressed(picture, scene)
 
 
 def _cover(picture: Image, marker: NDArray[np.floating], share: float, rng: np.random.Generator) -> None:
-    """Lay something of one grey over a part of one edge of a (4, 2) px marker, in place."""
+    """Cover a part of one edge of a (4, 2) px marker with one grey, in place."""
     side = int(rng.integers(4))
     corner, along = marker[side], marker[(side + 1) % 4] - marker[side]
     inward = marker[(side + 2) % 4] - marker[(side + 1) % 4]
@@ -129,34 +144,30 @@ def _cover(picture: Image, marker: NDArray[np.floating], share: float, rng: np.r
     cv2.fillConvexPoly(picture, np.rint(np.array(outline) * 16).astype(np.int32), grey, cv2.LINE_AA, 4)
 
 
-def _packed(picture: Image, scene: AngleScene) -> Image:
-    """The picture as it comes back from a JPEG of the scene's quality."""
+def _compressed(picture: Image, scene: AngleScene) -> Image:
+    """Return the picture after a JPEG compression of the scene's quality."""
     if scene.jpeg is None:
         return picture
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, scene.jpeg])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _score(
-    way: str, scene: AngleScene, found: list[tuple[float | None, float]], truth: NDArray[np.floating]
-) -> AngleScore:
-    """found: angle, or None, and time, s, of each picture."""
-    answers = [angle for angle, _ in found]
-    off = np.array([np.nan if a is None else wrapped_deg(a - t) for a, t in zip(answers, truth, strict=True)])
-    there = off[np.isfinite(off)]
+def _score(found: list[tuple[float | None, float]], truth: NDArray[np.floating]) -> AngleScore:
+    """Score the angle in degrees, or None, and the time in s of each picture."""
+    pairs = zip((angle for angle, _ in found), truth, strict=True)
+    off = np.array([np.nan if angle is None else wrapped_deg(angle - true) for angle, true in pairs])
+    answered = off[np.isfinite(off)]
     return AngleScore(
-        way,
-        str(scene),
-        float(np.sqrt(np.mean(there**2))),
-        float(np.abs(there).max()),
-        float(np.nanmean(off[:_AT_REST])),
-        len(there) / len(off),
-        1e3 * float(np.median([spent_s for _, spent_s in found])),
+        rms_deg=float(np.sqrt(np.mean(answered**2))),
+        worst_deg=float(np.abs(answered).max()),
+        rest_deg=float(np.nanmean(off[:_AT_REST])),
+        answered=len(answered) / len(off),
+        ms=1e3 * float(np.median([spent_s for _, spent_s in found])),
     )
 
 
 def _by_edges(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """The rig's own."""
+    """Return the rig's own method."""
     angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), true_camera(pictures))
     angle.take_reference(still)
 
@@ -168,12 +179,12 @@ def _by_edges(pictures: MarkerPictures, still: list[Image]) -> Measure:
 
 
 def _by_corners(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """Corners refined in a window around each, for plane and angle."""
+    """Return the method that refines corners in a window around each, for plane and angle."""
     return _least_squares(pictures, still, lambda picture, seen: seen, lambda picture, seen: seen)
 
 
 def _by_size(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """Two rounds of edges for the plane and for markers below 32 px, corners for all others."""
+    """Return the method that uses edges for the plane and for markers below 32 px, else corners."""
 
     def refine(picture: Image, seen: Corners) -> Corners | Refusal:
         return refine_edges(picture, seen) if mean_side(seen) < _EDGES_BELOW_PX else seen
@@ -182,7 +193,10 @@ def _by_size(pictures: MarkerPictures, still: list[Image]) -> Measure:
 
 
 def _least_squares(pictures: MarkerPictures, still: list[Image], fine: Refine, quick: Refine) -> Measure:
-    """All eight corners alike. fine: how those of the plane are refined further; quick: those of a turn."""
+    """Return a method that weighs all eight corners alike.
+
+    fine: refines the corners of the plane; quick: those of an angle.
+    """
     tracker = MarkerTracker(pictures.ids, pictures.dictionary, refine=refine_corners)
 
     def find(picture: Image, refine: Refine) -> Corners | Refusal:
@@ -202,7 +216,7 @@ def _least_squares(pictures: MarkerPictures, still: list[Image], fine: Refine, q
 
 
 def _plain_turn(seen: Corners | Refusal, plane: PlaneReference) -> float | None:
-    """Degrees of the rotation nearest to all corners; None unless their rms miss is small."""
+    """Return the rotation in degrees that fits all corners best; None if its rms residual is large."""
     if isinstance(seen, Refusal) or plane.camera is None:
         return None
     flat = plane.camera.undistorted(seen).reshape(1, 8, 2)
@@ -212,10 +226,3 @@ def _plain_turn(seen: Corners | Refusal, plane: PlaneReference) -> float | None:
     missed = float(np.sqrt(np.mean(np.abs(points - turn * template) ** 2))) * plane.side_px
     small = missed <= max(0.75, 0.02 * plane.side_px) and abs(abs(turn) - 1.0) <= 0.1
     return float(np.degrees(np.angle(turn))) if small else None
-
-
-WAYS: dict[str, Callable[[MarkerPictures, list[Image]], Measure]] = {
-    "corners": _by_corners,
-    "by size": _by_size,
-    "ours": _by_edges,
-}

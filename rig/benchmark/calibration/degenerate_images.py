@@ -59,7 +59,7 @@ def _markers() -> list[Case]:
         Case(group, "24 px markers", partial(_whole, side_px=24.0)),
         Case(group, "110 px markers", partial(_whole, side_px=110.0)),
         Case(group, "12 px markers", partial(_whole, side_px=12.0), ("marker",)),
-        Case(group, "wrong dictionary", partial(_whole, dictionary="DICT_6X6_250"), ("both are found in 0 of",)),
+        Case(group, "wrong dictionary", partial(_whole, dictionary="DICT_6X6_250"), ("both are found in 0",)),
         Case(group, "ids given in the other order", partial(_whole, ids=(1, 0))),
         Case(group, "equal ids", partial(_whole, ids=(1, 1)), ("different ids",)),
         Case(group, "turn of exactly 0", partial(_turn, deg=0.0)),

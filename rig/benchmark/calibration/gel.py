@@ -1,4 +1,4 @@
-"""Limits of the tactile colour map: balls left out of it, on a real sensor's presses."""
+"""Limits of the tactile colour map: radii of held-out balls that were pressed on a real sensor."""
 
 import csv
 from pathlib import Path
@@ -11,11 +11,11 @@ from drivers.images import read_image
 from rig.benchmark.measured import Measured, at_most, informative, not_there
 
 GELSIGHT_MINI_MM_PER_PX = (0.0634, 0.0634)
-"""GelSight's own scale at 320 x 240. A ball's radius hardly depends on it: it cancels."""
+"""GelSight's own scale at 320 x 240; it nearly cancels in the radius of a ball."""
 
 
 def gel_limits(data: Path | None) -> list[Measured]:
-    """Fitted to some presses, asked for the radius in the others; each is left out once."""
+    """Fit the map to some presses and measure the radius in the others; each is left out once."""
     if data is None:
         return [not_there("tactile map: radius of held-out balls")]
     presses = gelsight_presses(data / "gelsight_ball")
@@ -43,7 +43,7 @@ def gel_limits(data: Path | None) -> list[Measured]:
 
 
 def gelsight_presses(folder: Path) -> list[BallPress]:
-    """The presses of a folder with background.png and catalog.csv (image, diameter(mm))."""
+    """Return the presses in a folder with background.png and catalog.csv (image, diameter(mm))."""
     reference = read_image(folder / "background.png").astype(np.float32)
     presses = []
     with (folder / "catalog.csv").open(newline="") as stream:

@@ -1,1 +1,1 @@
-"""What reactions to slip are worth: the same simulated lifts, with and without."""
+"""The benefit of reactions to slip: the same simulated lifts with and without them."""

@@ -1,4 +1,4 @@
-"""How soon a reaction comes where devices take their time: lifts behind wires, in real time."""
+"""Time from a slip to the command and to standstill: lifts over the wire protocol, in real time."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -23,20 +23,24 @@ from rig.sessions.records import LiftRow
 from rig.sessions.rows import read_finished_lifts
 
 OBJECT = "t1"
-"""The wrench: it slips at any grip, so that each of its lifts reacts several times."""
+"""The wrench: it slips at any grip, so that each of its lifts has several reactions."""
 MOST_COMMAND_MS = 20.0
 MS_PER_S = 1e3
 ARM = (ReactionStep.STOP, ReactionStep.STANDS)
 FINGERS = (ReactionStep.CLOSE, ReactionStep.CLOSED)
 
 
-def react_behind_wires(
+def times_over_wire(
     settings: TrialSettings, lifts: int, progress: Callable[[int, int, str], None] = lambda *_: None
-) -> tuple[Measured, ...]:
-    """Carry out lifts that react as soon as a slip is told; return how soon. SIMULATED devices, real time.
+) -> list[Measured]:
+    """Carry out lifts that react as soon as a slip is detected; return how long that took.
 
-    Raises what `run_trial` raises.
+    SIMULATED devices, in real time. Raises what `run_trial` raises.
     """
+
+    def show(done: int, total: int, row: LiftRow) -> None:
+        progress(done, total, f"behind wires, {row.object}/{row.lift}")
+
     with (
         tempfile.TemporaryDirectory() as folder,
         started_fakes(load_bench("wire")) as config,
@@ -44,19 +48,19 @@ def react_behind_wires(
     ):
         session = Path(folder) / "session"
         trial = replace(settings, bench=config, slip=replace(settings.slip, max_turn_deg=None))
-        run_trial(session, trial, [OBJECT], lifts, benches=benches, progress=_shown(progress))
+        run_trial(session, trial, [OBJECT], lifts, benches=benches, progress=show)
         return times_of(session, settings.react)
 
 
-def times_of(session: Path, react: ReactionKind) -> tuple[Measured, ...]:
-    """Return how long a session's reactions took: from capture to command, and then to standstill."""
+def times_of(session: Path, react: ReactionKind) -> list[Measured]:
+    """Return the times of a session's reactions: from capture to command, and then to standstill."""
     rows = read_finished_lifts(session)
-    told = [r for row in rows for r in row.reactions or ()]
-    late_ms = [MS_PER_S * (r.command_s - r.event_s) for r in told if r.event_s is not None]
+    reactions = [r for row in rows for r in row.reactions or ()]
+    late_ms = [MS_PER_S * (r.command_s - r.event_s) for r in reactions if r.event_s is not None]
     steps = [recorded_reactions(session / row.recording) for row in rows]
     moved = {"arm": ARM, "fingers": FINGERS} if react is ReactionKind.TIGHTEN else {"arm": ARM}
     took_ms = {who: [ms for lift in steps for ms in _took_ms(lift, both)] for who, both in moved.items()}
-    return (
+    return [
         at_most(
             f"behind wires, capture of the frame that told to command, 99 % of {len(late_ms)}, ms",
             np.percentile(late_ms, 99) if late_ms else None,
@@ -68,17 +72,13 @@ def times_of(session: Path, react: ReactionKind) -> tuple[Measured, ...]:
             if ms
             for of in (50, 99)
         ),
-    )
+    ]
 
 
 def _took_ms(
     steps: Sequence[tuple[ReactionStep, int]], both: tuple[ReactionStep, ReactionStep]
 ) -> Iterator[float]:
-    """Yield how long it was from one step to the next, where these two follow each other."""
+    """Yield the time between two steps, wherever the second follows the first directly."""
     for (first, began_ns), (second, ended_ns) in pairwise(steps):
         if (first, second) == both:
             yield MS_PER_S * (ended_ns - began_ns) / NS_PER_S
-
-
-def _shown(progress: Callable[[int, int, str], None]) -> Callable[[int, int, LiftRow], None]:
-    return lambda done, total, row: progress(done, total, f"behind wires, {row.object}/{row.lift}")

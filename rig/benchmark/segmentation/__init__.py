@@ -1,4 +1,1 @@
-"""Contact masks: networks and the classical mask against labels, and their run time.
-
-Imports the tables of `rig.benchmark.estimators`.
-"""
+"""Contact masks: networks and the classical mask against labels, and their run time."""

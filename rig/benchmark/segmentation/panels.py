@@ -19,7 +19,7 @@ _SCALE = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panels:
-    """frames: (H, W, 3) uint8 RGB. labels: (H, W) uint8, 0 or 255. background: made from the frames alone."""
+    """Frames (H, W, 3) uint8 RGB, their labels (H, W) uint8, 0 or 255, and a background made from them."""
 
     frames: list[Image]
     labels: list[Image]
@@ -27,7 +27,7 @@ class Panels:
 
 
 def read_panels(data: Path) -> Panels | None:
-    """Read the frames under a folder of real recordings; None where they are not there.
+    """Read the frames in a folder of real recordings; return None if it has none.
 
     Raises `InputError` for damaged ones.
     """
@@ -38,12 +38,12 @@ def read_panels(data: Path) -> Panels | None:
     read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, COUNT + 1)]
     labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
-        raise InputError(f"{folder}: a label's size is not its frame's: copy the folder anew")
+        raise InputError(f"{folder}: a label's size is not its frame's: copy the folder again")
     return Panels(frames, labels, auto_background(frames))
 
 
 def panels_picture(panels: Panels, masks: dict[str, list[Image]]) -> Image:
-    """Return a row of frames per method, its outline yellow, the human label's white; (H, W, 3) uint8 RGB."""
+    """Draw a row of frames per method: its outline yellow, the human label's white; (H, W, 3) uint8 RGB."""
     rows = []
     for method, found in masks.items():
         row = np.hstack(

@@ -1,12 +1,15 @@
-"""The tables of `rig benchmark segmentation`: the paper's Table II beside ours, real frames, run time."""
+"""The paper's Table II: kept results of trained networks beside the paper's."""
 
 import json
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-from rig.benchmark.estimators.tables import BenchmarkTable
-from rig.benchmark.segmentation.benchmark import SegmentationReport
+from rig.benchmark.harness import Table, column, table_of
 
+NETWORKS = {"deeplabv3plus": "DeepLabV3+", "unetplusplus": "UNet++", "pspnet": "PSPNet"}
+"""The paper's networks by their names of `rig train`, in its order."""
+OURS = "ours"
 PAPER = {
     ("UNet++", "D_s1"): ("0.950 ± 0.018", "0.906 ± 0.033"),
     ("UNet++", "D_s2"): ("0.955 ± 0.008", "0.915 ± 0.015"),
@@ -18,8 +21,32 @@ PAPER = {
     ("PSPNet", "D_s2"): ("0.953 ± 0.009", "0.910 ± 0.017"),
     ("PSPNet", "D_s3"): ("0.963 ± 0.008", "0.929 ± 0.014"),
 }
-"""Castano-Amoros and Gil 2023, Table II: Dice and IoU of real frames, on the paper's own data."""
-NOT_RUN = "not trained yet"
+"""Castano-Amoros and Gil 2023, Table II: Dice and IoU on the paper's own real frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeanStd:
+    """Mean and standard deviation over frames."""
+
+    mean: float
+    std: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.3f} ± {self.std:.3f}"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedRow:
+    """A network trained on one fold, and the paper's figures."""
+
+    network: str = column("network")
+    fold: str = column("fold")
+    dice: MeanStd | None = column("Dice", lambda dice: "not trained yet" if dice is None else str(dice))
+    iou: MeanStd | None = column("IoU")
+    ms: float | None = column("ms", ".1f", "frame in to mask out, in the training's run")
+    trained: str | None = column("trained (images x epochs)", doc="settings, size of the network's input")
+    paper_dice: str | None = column("paper's Dice")
+    paper_iou: str | None = column("paper's IoU")
 
 
 def trained_models() -> list[dict[str, Any]]:
@@ -28,66 +55,26 @@ def trained_models() -> list[dict[str, Any]]:
     return json.loads(text)["models"]
 
 
-def table_two() -> BenchmarkTable:
-    """Dice, IoU and time per fold and network: kept results of `rig train --all`, and the paper's."""
+def table_two() -> Table:
+    """Return the kept results of `rig train --all` beside the paper's, by network and fold."""
     kept = {(row["title"], row["fold"]): row for row in trained_models()}
-    rows = []
-    for title in ("UNet++", "DeepLabV3+", "PSPNet", "ours"):
-        for fold in ("D_s1", "D_s2", "D_s3"):
-            row = kept.get((title, fold))
-            cells = (NOT_RUN, "", "", "") if row is None else _kept_cells(row)
-            rows.append((title, fold, *cells, *PAPER.get((title, fold), ("", ""))))
-    return BenchmarkTable(
-        "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
-        "ms: frame in to mask out, in the training's run",
-        ("network", "fold", "Dice", "IoU", "ms", "trained (images x epochs)", "paper's Dice", "paper's IoU"),
-        rows,
+    title = "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
+    title += "ms: frame in to mask out, in the training's run"
+    networks = ("UNet++", "DeepLabV3+", "PSPNet", OURS)
+    keys = [(network, fold) for network in networks for fold in ("D_s1", "D_s2", "D_s3")]
+    return table_of(title, TrainedRow, [_trained_row(key, kept.get(key)) for key in keys], left=2)
+
+
+def _trained_row(key: tuple[str, str], kept: dict[str, Any] | None) -> TrainedRow:
+    paper = PAPER.get(key, (None, None))
+    if kept is None:
+        return TrainedRow(*key, None, None, None, None, *paper)
+    size = "{}x{} px".format(*kept["size_px"])
+    return TrainedRow(
+        *key,
+        MeanStd(kept["dice"], kept["dice_std"]),
+        MeanStd(kept["iou"], kept["iou_std"]),
+        kept["ms_per_frame"],
+        f"{kept['settings']}: {size}, {kept['images']['train']} x {kept['epochs']}",
+        *paper,
     )
-
-
-def score_table(report: SegmentationReport) -> BenchmarkTable:
-    """Dice and IoU per method and set of frames, measured now."""
-    rows = [
-        (
-            row.method,
-            row.data,
-            str(row.frames),
-            f"{row.dice:.3f} ± {row.dice_std:.3f}",
-            f"{row.iou:.3f} ± {row.iou_std:.3f}",
-        )
-        for row in report.scores
-    ]
-    return BenchmarkTable(
-        "Contacts found, shipped networks", ("method", "data", "frames", "Dice", "IoU"), rows
-    )
-
-
-def time_table(report: SegmentationReport) -> BenchmarkTable:
-    """Run time per method, measured now on the same frames."""
-    rows = [
-        (
-            row.method,
-            "" if row.size_px is None else "{}x{}".format(*row.size_px),
-            f"{row.frame_ms:.2f}",
-            f"{row.frame_p99_ms:.2f}",
-            "" if row.network_ms is None else f"{row.network_ms:.2f}",
-        )
-        for row in report.times
-    ]
-    columns = ("method", "looks at, px", "frame in to mask out, ms", "99 %, ms", "network alone, ms")
-    return BenchmarkTable("Run time, one thread, 240 x 320 px, median, methods turn about", columns, rows)
-
-
-def _kept_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:
-    return (
-        f"{row['dice']:.3f} ± {row['dice_std']:.3f}",
-        f"{row['iou']:.3f} ± {row['iou_std']:.3f}",
-        f"{row['ms_per_frame']:.1f}",
-        _settings(row),
-    )
-
-
-def _settings(row: dict[str, Any]) -> str:
-    """Say how a network was trained: settings, size at which it looks, images, epochs."""
-    width, height = row["size_px"]
-    return f"{row['settings']}: {width}x{height} px, {row['images']['train']} x {row['epochs']}"

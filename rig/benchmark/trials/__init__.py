@@ -1,4 +1,4 @@
 """The paper's Tables III and IV on the same simulated lifts.
 
-Imports `rig.benchmark.estimators`.
+Imports `rig.benchmark.estimators` and the networks' names of `rig.benchmark.segmentation`.
 """

@@ -1,13 +1,24 @@
 """The tables of `rig benchmark trials`, with the paper's figures beside ours."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from drivers.errors import counted
-from rig.benchmark.estimators.scores import ContenderScore
-from rig.benchmark.estimators.tables import BenchmarkTable
-from rig.benchmark.trials.benchmark import NETWORKS, OURS, PLAIN_SESSION, TrialsResult
-from rig.benchmark.trials.passes import TABLE_WINDOWS, combination
-from rig.benchmark.trials.systems import ANGLENET_ON_TEST, STILL, title
+from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.harness import NONE, Table
+from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
+from rig.benchmark.trials.passes import (
+    ANGLENET_ON_TEST,
+    STILL,
+    TABLE_WINDOWS,
+    TrialPass,
+    combination,
+    title,
+)
 from rig.results.metrics import Mare
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, PAPER_WINDOW, TOSKOV
@@ -34,7 +45,34 @@ PAPER_FOUR = {
 """The same, Table IV."""
 KEPT = "table4.json"
 """Results of systems whose network is not shipped, as this benchmark measured them once."""
-NONE = "-"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialsResult:
+    """Everything measured on the simulated lifts.
+
+    scores: by method and window, over phase B. ms: median wall time per frame by method, one thread. frames:
+    of phase B. missing: the paper's networks that were not given. session: the recorded lifts.
+    """
+
+    lifts: int
+    frames: int
+    scores: dict[tuple[str, int], ContenderScore]
+    ms: dict[str, float]
+    missing: tuple[str, ...]
+    session: Path
+
+
+def summarize(
+    passes: Sequence[TrialPass], marked: Sequence[TrialPass], missing: tuple[str, ...], session: Path
+) -> TrialsResult:
+    """Combine the lifts. passes: on the plain gel; marked: on the gel with markers."""
+    scores, ms = {}, {}
+    for lifts in (passes, marked):
+        scores |= {key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores}
+        spent_s = {name: np.concatenate([lift.frame_s[name] for lift in lifts]) for name in lifts[0].frame_s}
+        ms |= {name: 1e3 * float(np.median(values)) for name, values in spent_s.items()}
+    return TrialsResult(len(passes), sum(lift.frames for lift in passes), scores, ms, missing, session)
 
 
 def train_command(network: str) -> str:
@@ -45,22 +83,21 @@ def train_command(network: str) -> str:
     )
 
 
-def table_three(result: TrialsResult) -> BenchmarkTable:
-    """MARE over phase B by network, angle method and window; the paper's in brackets."""
-    titles = {shown: name for name, shown in NETWORKS.items()}
+def table_three(result: TrialsResult) -> Table:
+    """Return the MARE over phase B by network, angle method and window; the paper's in brackets."""
     rows = []
-    for network in (*titles, OURS):
-        if titles.get(network) in result.missing:
-            rows.append((network, f"not trained yet: {train_command(titles[network])}", *[NONE] * 6))
-            continue
-        rows += [_three(result, network, method) for method in METHODS]
+    for name, network in (*NETWORKS.items(), (OURS, OURS)):
+        if name in result.missing:
+            rows.append((network, f"not trained yet: {train_command(name)}", *[NONE] * 6))
+        else:
+            rows += [_three_row(result, network, method, combination(network, method)) for method in METHODS]
     rows.append(_three_row(result, DEFAULT_ESTIMATOR, "(ours)", DEFAULT_ESTIMATOR))
     columns = ("network", "method", *(f"window {n}" for n in TABLE_WINDOWS), "ms per frame")
-    return BenchmarkTable(f"{head(result)}: the paper's Table III (its figures in brackets)", columns, rows)
+    return Table(f"{head(result)}: the paper's Table III (its figures in brackets)", columns, rows, left=2)
 
 
-def table_four(result: TrialsResult) -> BenchmarkTable:
-    """Every system with its usual window, and what the paper says of it."""
+def table_four(result: TrialsResult) -> Table:
+    """Return every system with its usual window, and the paper's result for it."""
     rows = []
     for name in systems(result):
         score = result.scores[name, usual_window(name)]
@@ -69,16 +106,16 @@ def table_four(result: TrialsResult) -> BenchmarkTable:
     if ANGLENET_ON_TEST not in result.ms:
         rows.append(_kept_row())
     columns = ("system", "MARE", "95 % interval", "answered", "refused held", "ms per frame", "paper")
-    return BenchmarkTable(f"{head(result)}: the paper's Table IV", columns, rows)
+    return Table(f"{head(result)}: the paper's Table IV", columns, rows)
 
 
 def notes(result: TrialsResult) -> list[str]:
-    """Say what the figures are and are not."""
+    """Return the conditions of the measurement, a sentence or two each."""
     return [
         "SIMULATED: the paper's figures are of its real bench and objects; they rank nothing here.",
         f"One fingertip at 30 frames per second, {result.frames} frames of phase B; times in one process "
         "and one thread, medians.",
-        "The angle methods are the mended ones: a contact too round for an axis is refused, not guessed.",
+        "The angle methods are the corrected ones: they refuse a contact that is too round for an axis.",
         "Refused held: a frame without an answer counts with the last answer given.",
         "Kolamuri et al. runs on the same lifts with dots printed on the gel. A gel follows a turn by 10 "
         "degrees at most, and what turns further slides over it.",
@@ -86,13 +123,12 @@ def notes(result: TrialsResult) -> list[str]:
         "the arm's sensor. It and AngleNet learnt from SIMULATED lifts of other objects on such a bench.",
         "The shipped networks learnt from fold D_s3, in which objects 1 and 7 are among those trained with, "
         "as they are in the paper.",
-        f"Errors by object, edge against cylinder, and the curves of each lift: rig report "
-        f"{result.settings.out / PLAIN_SESSION}",
+        f"Errors by object, edge against cylinder, and the curves of each lift: rig report {result.session}",
     ]
 
 
 def usual_window(system: str) -> int:
-    """The window a system is used with: the paper's two, or none."""
+    """Return the window with which a system is usually used: the paper's, or none."""
     return (
         1
         if system in (DEFAULT_ESTIMATOR, KOLAMURI, ANGLENET, ANGLENET_ON_TEST, TOSKOV, STILL)
@@ -106,12 +142,8 @@ def systems(result: TrialsResult) -> list[str]:
 
 
 def head(result: TrialsResult) -> str:
-    """Say what was measured on."""
+    """Return what the tables were measured on."""
     return f"SIMULATED, {counted(result.lifts, 'lift')}, one fingertip, phase B"
-
-
-def _three(result: TrialsResult, network: str, method: str) -> tuple[str, ...]:
-    return _three_row(result, network, method, combination(network, method))
 
 
 def _three_row(result: TrialsResult, network: str, method: str, system: str) -> tuple[str, ...]:
@@ -124,7 +156,7 @@ def _three_row(result: TrialsResult, network: str, method: str, system: str) -> 
 
 
 def _kept_row() -> tuple[str, ...]:
-    """AngleNet as the paper trained it: its network is not shipped, its result is."""
+    """Return the kept result of AngleNet as the paper trained it; its network is not shipped."""
     text = (MODELS / KEPT).read_text(encoding="utf-8")
     kept = json.loads(text)[ANGLENET_ON_TEST]
     cells = (kept["mare"], kept["interval"], kept["answered"], kept["refused_held"], kept["ms"])

@@ -1,6 +1,6 @@
-"""One pass over a lift as the paper compares: one fingertip, 30 frames per second, error over phase B.
+"""All systems on one lift as the paper compares: one fingertip, 30 frames per second, error over phase B.
 
-Networks look at each frame once for all angle methods, and windows are applied afterwards.
+A network segments each frame once for all angle methods, and windows are applied afterwards.
 """
 
 from collections import deque
@@ -17,23 +17,42 @@ from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import filtered
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.estimators.scores import SeriesScore, score_series
-from rig.benchmark.trials.systems import make_system
+from rig.config.models import TactileConfig
 from rig.lift.tip_track import ZERO_S, TipTrack
 from rig.sessions.reading import recorded_arm_states
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import Contact
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
+from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, TOSKOV, choose_estimator
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator
-from rig.tactile.sample import SlipSample, TactileEstimator
+from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
+from rig.tactile.peers.networks import load_image_network, load_wrench_network
+from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 PERIOD_S = 1.0 / 30.0
-"""The paper's sensors run at 30 frames per second; a bench's faster ones are thinned to that."""
+"""Period of the paper's sensors, to which the frames of faster sensors are thinned."""
 JITTER_S = 0.003
 TABLE_WINDOWS = (2, 4, 6, 8, 10)
 """Of the paper's Table III."""
 WINDOWS = (1, *TABLE_WINDOWS)
+ANGLENET_ON_TEST = "anglenet-on-test"
+"""AngleNet as the paper trained it: on the lifts that it is then tested with."""
+STILL = "still"
+"""Always reports 0: the least that a system has to improve on."""
+PLAIN = (DEFAULT_ESTIMATOR, *METHODS, ANGLENET, TOSKOV, STILL)
+"""Systems that run on the lifts of the gel without markers, beside the networks."""
+PEER_FILES = (ANGLENET, ANGLENET_ON_TEST, TOSKOV)
+"""Systems whose network may be given as a file."""
+TITLES = {
+    **{method: f"{method}, classical mask" for method in METHODS},
+    KOLAMURI: "Kolamuri et al. (markers)",
+    ANGLENET: "AngleNet, objects held back",
+    ANGLENET_ON_TEST: "AngleNet, trained on these lifts",
+    TOSKOV: "Toskov et al. (wrist), objects held back",
+    STILL: "none: 0 all the time",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +74,36 @@ class NetworkContact:
         self.cost_s = 0.0
 
     def find(self, image: Image) -> Contact:
-        """Return the contact in a frame; the same array again is not looked at again."""
+        """Return the contact in a frame; the same array is not segmented twice in a row."""
         if self._found is None or image is not self._of:
             began = perf_counter()
             self._of, self._found = image, self._segmenter.find(image)
             self.cost_s = perf_counter() - began
         return self._found
+
+
+def title(system: str) -> str:
+    """Return what tables call a system."""
+    return TITLES.get(system, system)
+
+
+def make_system(
+    name: str, files: Mapping[str, Path], background: Image, tip: TactileConfig
+) -> TactileEstimator:
+    """Make a system for one fingertip, without a window. files: networks of `PEER_FILES` by system."""
+    if name == STILL:
+        return _Still()
+    if name in (ANGLENET, ANGLENET_ON_TEST):
+        return AngleNetEstimator(background, load_image_network(files.get(name)))
+    if name == TOSKOV:
+        return ToskovEstimator(background, tip.sign, load_wrench_network(files.get(name)))
+    return choose_estimator(name, 1).make(background, tip.pixel_aspect, tip.sign)
+
+
+class _Still(TactileEstimator):
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Report 0."""
+        return SlipSample(time_ns, State.TRACKING, 0.0)
 
 
 def combination(network: str, method: str) -> str:
@@ -78,9 +121,8 @@ def pass_lift(
 ) -> TrialPass:
     """Run networks and systems over one stored lift of the first fingertip.
 
-    networks: shipped name or file by the title that stands in the table. files: of systems, see
-    `make_system`. Raises `InputError` for a network that cannot be loaded, `SessionError` for a damaged
-    recording.
+    networks: shipped name or file by its title in the table. files: see `make_system`. Raises `InputError`
+    for a network that cannot be loaded, `SessionError` for a damaged recording.
     """
     cv2.setNumThreads(1)
     serial = next(iter(tips))
@@ -102,7 +144,7 @@ def pass_lift(
 
 
 def thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
-    """Yield of frames those that are about a thirtieth of a second apart or more."""
+    """Yield frames that are at least about a thirtieth of a second apart."""
     last_ns: int | None = None
     for frame in frames:
         if last_ns is None or frame.time_ns - last_ns >= to_ns(PERIOD_S - JITTER_S):
@@ -117,7 +159,7 @@ def _until_hold(lift: RecordedLift, serial: str) -> Iterator[Frame]:
 def _timed(
     estimator: TactileEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
 ) -> tuple[list[SlipSample], list[float]]:
-    """Give an estimator the frames, and before each the arm's states until then."""
+    """Run an estimator on the frames; before each frame it gets the arm's states until then."""
     samples, cost_s, waiting = [], [], deque(states)
     for frame in frames:
         began = perf_counter()

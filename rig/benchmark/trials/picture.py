@@ -6,10 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rig.benchmark.estimators.picture import spread_labels
-from rig.benchmark.trials.benchmark import NETWORKS, OURS, TrialsResult
-from rig.benchmark.trials.paper_tables import head, systems, usual_window
-from rig.benchmark.trials.passes import combination
-from rig.benchmark.trials.systems import STILL, title
+from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
+from rig.benchmark.trials.paper_tables import TrialsResult, head, systems, usual_window
+from rig.benchmark.trials.passes import STILL, combination, title
 from rig.pages.figure import drawing, png, svg
 from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, WARNING
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
@@ -18,7 +17,7 @@ from rig.tactile.paper.axis import METHODS
 _LABEL_GAP = 0.034
 _DPI = 130
 WIDTH_PX, HEIGHT_PX = 760, 520
-# of Okabe and Ito, told apart with any colour vision; shapes differ too
+# of Okabe and Ito, distinct with any colour vision; the shapes differ, too
 _OURS, _NETWORKS, _OTHERS = (ESTIMATE.light, "o"), (WARNING.light, "s"), (FIRST.light, "^")
 
 
@@ -54,7 +53,7 @@ def _look(name: str) -> tuple[str, str]:
 
 
 def _still(axes: Axes, result: TrialsResult) -> None:
-    """Draw what saying 0 all the time would give."""
+    """Draw the error of always reporting 0."""
     still = result.scores[STILL, 1].mare
     if still is not None:
         axes.axhline(still.mean_deg, color=MUTED.light, linestyle=":", zorder=1)
@@ -65,7 +64,7 @@ def _still(axes: Axes, result: TrialsResult) -> None:
 
 
 def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
-    """Plain ticks, a grid, and every label in the right margin with a line to its point."""
+    """Add ticks, a grid, and every label in the right margin with a line to its point."""
     axes.margins(x=0.05, y=0.06)
     axes.grid(True, which="major", color=LINE.light)
     axes.spines[["top", "right"]].set_visible(False)

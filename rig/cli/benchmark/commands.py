@@ -6,16 +6,12 @@ from typing import Any
 from typer.core import TyperCommand
 from typer.main import get_command
 
-from rig.cli.benchmark.calibration import calibration
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.others import others
-from rig.cli.benchmark.reaction import reaction
 from rig.cli.benchmark.safety import safety
-from rig.cli.benchmark.segmentation import segmentation
 from rig.cli.benchmark.studies import command_of
-from rig.cli.benchmark.trials import trials
 from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
@@ -24,6 +20,14 @@ STUDIES = {
         "rig.benchmark.clips.study",
         "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
     ),
+    "calibration": (
+        "rig.benchmark.calibration.study",
+        "Measure the calibrations against their limits, on simulated and, where they are, real data.",
+    ),
+    "reaction": (
+        "rig.benchmark.reaction.study",
+        "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
+    ),
     "renderer": (
         "rig.benchmark.renderer.study",
         "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.",
@@ -31,6 +35,14 @@ STUDIES = {
     "seeds": (
         "rig.benchmark.seeds",
         "Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.",
+    ),
+    "segmentation": (
+        "rig.benchmark.segmentation.study",
+        "Score the shipped networks on objects they never saw, and on nine real frames where they are.",
+    ),
+    "trials": (
+        "rig.benchmark.trials.study",
+        "Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.",
     ),
 }
 """Module and first line of help by name. A module is imported when its command is used: that takes long."""
@@ -70,8 +82,4 @@ benchmark.command("wire")(wire)
 benchmark.command("faults")(faults)
 benchmark.command("safety")(safety)
 benchmark.command("endurance")(endurance)
-benchmark.command("calibration")(calibration)
-benchmark.command("segmentation")(segmentation)
-benchmark.command("trials")(trials)
-benchmark.command("reaction")(reaction)
 benchmark.command("others")(others)

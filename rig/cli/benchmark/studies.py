@@ -115,8 +115,8 @@ def _write(folder: Path, report: "Report", result: dict[str, Any]) -> None:
 
     make_folder(folder)
     write_json(folder / "results.json", result)
-    for name, text in report.files.items():
-        write_file(folder / name, text.encode())
+    for name, content in report.files.items():
+        write_file(folder / name, content.encode() if isinstance(content, str) else content)
 
 
 def exit_if_missed(limits: "Iterable[Measured]") -> None:

@@ -1,16 +1,16 @@
-"""The two-marker angle beside other ways on the same pictures: as good as the better of them, or better."""
+"""The two-marker angle beside two other methods on the same pictures."""
 
 import pytest
 
-from rig.benchmark.calibration.angle_scenes import SCENES, AngleScene, scene_scores
-from rig.benchmark.calibration.real_markers import printed_turns, real_marker_limits
+from rig.benchmark.calibration.angle_scenes import SCENES, AngleScene, score_scene
+from rig.benchmark.calibration.markers import printed_turns, real_marker_limits
 
 
 @pytest.mark.parametrize("scene", [AngleScene(24.0), AngleScene(jpeg=80), AngleScene(hidden=0.06)], ids=str)
-def test_ours_is_the_best_of_three_on_the_same_pictures(scene: AngleScene) -> None:
+def test_own_method_is_the_best_of_three_on_the_same_pictures(scene: AngleScene) -> None:
     assert scene in SCENES
-    corners, by_size, ours = scene_scores(scene, (1,))
-    assert [corners.way, by_size.way, ours.way] == ["corners", "by size", "ours"]
+    row = score_scene(scene, (1,))
+    corners, by_size, ours = row.corners, row.by_size, row.ours
     assert ours.rms_deg < 1.05 * min(corners.rms_deg, by_size.rms_deg)
     assert ours.rms_deg < 0.6 * corners.rms_deg
     assert ours.answered >= max(corners.answered, by_size.answered)

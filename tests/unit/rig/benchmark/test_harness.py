@@ -44,7 +44,8 @@ def measure(options: SquareOptions, run: Run) -> Report:
     rows = run.each(square, range(options.count), stored=Square)
     table = table_of("Squares", Square, rows)
     limits = (at_most("largest square", max(row.square or 0.0 for row in rows), options.limit),)
-    return Report((table,), limits, "squares", section=table.markdown(), files={"count.txt": str(len(rows))})
+    files: dict[str, str | bytes] = {"count.txt": str(len(rows)), "count.bin": bytes([len(rows)])}
+    return Report((table,), limits, "squares", section=table.markdown(), files=files)
 
 
 STUDY = Study("squares", SquareOptions, measure, "numbers", ("out", "resume", "readme", "jobs", "seed"))
@@ -98,6 +99,7 @@ def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None
     assert values["limits"][0]["met"] is True
     assert json.loads((out / "results.json").read_text()) == values
     assert (out / "count.txt").read_text() == "2"
+    assert (out / "count.bin").read_bytes() == b"\x02"
     assert "| 1 | 1.0 |" in document.read_text()
 
 

@@ -1,18 +1,18 @@
-"""`rig benchmark reaction`: what counts as caught, and the same lift twice."""
+"""`rig benchmark reaction`: what counts as caught, and one lift without and with a reaction."""
 
 from dataclasses import replace
 
 import pytest
 
-from protocols.reaction import ReactionKind
-from rig.benchmark.reaction.benchmark import ReactionResult, as_json, reaction_table, run_reaction
-from rig.benchmark.reaction.lifts import GRIPPER_PERIOD_S, ReactedLift, Told, as_late_as_real
+import rig.benchmark.reaction.study as study
+from rig.benchmark.harness import Report, Run
+from rig.benchmark.reaction.lifts import GRIPPER_PERIOD_S, ReactedLift, Reaction, as_late_as_real
+from rig.benchmark.reaction.study import ReactionOptions, ReactionRow, measure
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
 from rig.sessions.records import LiftOutcome
-from rig.tactile.estimators import choose_estimator
+from support.benches import lighter
 
-CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Told(0.01, 0.004, 6),), False, 9, False)
+CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6),), False, 9, False)
 
 
 @pytest.mark.parametrize(
@@ -21,9 +21,12 @@ CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Told(0.01, 0.004, 6),),
         ({}, True),
         ({"turn_deg": 5.5}, False),
         ({"turn_deg": None}, False),
-        ({"told": ()}, False),
+        ({"reactions": ()}, False),
         ({"outcome": LiftOutcome.FALLEN}, False),
-        ({"outcome": LiftOutcome.SLIPPED}, False),  # it was not lifted to the end, and could have been
+        (
+            {"outcome": LiftOutcome.SLIPPED},
+            False,
+        ),  # it was not lifted fully, although friction could carry it
         ({"outcome": LiftOutcome.SLIPPED, "holds_from": None}, True),
     ],
 )
@@ -34,33 +37,31 @@ def test_caught_is_a_small_turn_at_the_height_that_friction_allows(
 
 
 @pytest.fixture(scope="module")
-def result(light_bench: BenchConfig) -> ReactionResult:
-    settings = TrialSettings(light_bench, 0, choose_estimator("slip"), react=ReactionKind.TIGHTEN)
-    return run_reaction(settings, ["t2"], 1, jobs=1)
+def report() -> Report:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "load_bench", lighter)
+        return measure(ReactionOptions(objects=["t2"], lifts=1, wire_lifts=0), Run(jobs=1))
 
 
-def test_the_same_lift_slips_without_and_is_caught_with(result: ReactionResult) -> None:
-    [(without, reacted)] = result.pairs
-    assert without.slips
-    assert not without.told
-    assert reacted.caught
-    assert reacted.would_hold
-    assert not reacted.damaged
-    assert abs(reacted.turn_deg or 99.0) < 5.0 < abs(without.turn_deg or 0.0)
-    assert reacted.counts_added > 0
+def test_reaction_catches_a_lift_that_slips_without(report: Report) -> None:
+    everything, row = report.tables[0].records
+    assert isinstance(row, ReactionRow)
+    assert (everything.object_id, row.object_id) == ("all", "t2")
+    assert (row.lifts, row.slipping, row.caught, row.cannot_hold, row.damaged) == (1, 1, 1, 0, 0)
+    assert (row.turn_with_deg or 99.0) < 5.0 < (row.turn_without_deg or 0.0)
+    assert min(row.reactions, row.counts_added[1]) > 0
+    [lift] = report.figures["lifts"]
+    assert len(lift["with"]["reactions"]) == row.reactions
+    assert not lift["without"]["reactions"]
 
 
-def test_the_table_and_the_json_say_what_was_found(result: ReactionResult) -> None:
-    table = reaction_table(result)
-    assert [row[0] for row in table.rows] == ["all", "t2"]
-    assert table.rows[0][2:4] == ("1", "1")
-    assert as_json(result)["simulated"] is True
-    met = {limit.name.split(",")[0]: limit.met for limit in result.limits}
+def test_limits_without_lifts_that_hold_are_neither_kept_nor_missed(report: Report) -> None:
+    met = {limit.name.split(",")[0]: limit.met for limit in report.limits}
     assert met["share of slipping lifts caught"] is True
     assert met["share of lifts that hold and react all the same"] is None
 
 
-def test_the_simulated_gripper_obeys_late_unless_its_bench_says_how_late(light_bench: BenchConfig) -> None:
+def test_simulated_gripper_has_the_real_delay_unless_its_bench_sets_one(light_bench: BenchConfig) -> None:
     assert light_bench.gripper.period_s == 0.0
     assert as_late_as_real(light_bench).gripper.period_s == GRIPPER_PERIOD_S
     later = light_bench.gripper.model_copy(update={"period_s": 0.03})

@@ -1,13 +1,13 @@
-"""What `rig benchmark reaction --full` looks at further: rest, faults."""
+"""`rig benchmark reaction --full`: objects at rest, faults, lifts that just hold."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from drivers.types import Pose
-from rig.benchmark.reaction.full import SPARE_COUNTS, _ends, at_rest, just_holding
 from rig.benchmark.reaction.lifts import ReactedLift
-from rig.benchmark.reaction.rest import Rest, false_reactions
+from rig.benchmark.reaction.rest import Rest, at_rest, false_reactions
+from rig.benchmark.reaction.study import SPARE_COUNTS, judge_faults, just_holding
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult
 from rig.benchmark.wire.moments import Stage, StageWatch
@@ -23,7 +23,7 @@ HOURS = 0.05
 
 
 def rest(noise_deg: float, noise_deg_s: float, worse: float = 1.0) -> Rest:
-    """Two fingertips at rest. worse: so many times as noisy as they were when noise was learnt."""
+    """Two fingertips at rest. worse: factor of the noise after it was learnt."""
     rng = np.random.default_rng(0)
 
     def answers(frames: int, scale: float) -> dict[str, list[TipAnswer]]:
@@ -42,33 +42,33 @@ def answer(half: int, angle_deg: float, rate_deg_s: float) -> TipAnswer:
     return TipAnswer(sample, float(angle_deg), None, float(rate_deg_s))
 
 
-def test_rest_that_drifts_is_reacted_to_no_more_often_than_accepted() -> None:
+def test_false_reactions_at_rest_with_drift_stay_below_accepted_rate() -> None:
     assert all(row.met for row in at_rest([rest(0.05, 1.0)], HOURS))
 
 
-def test_what_is_noisier_than_it_was_when_it_was_learnt_is_found_out() -> None:
+def test_increased_noise_causes_false_reactions() -> None:
     assert false_reactions([rest(0.3, 6.0, worse=4.0)], HOURS, 10.0) > 10
 
 
-def test_in_a_reaction_no_fault_may_go_unnoticed() -> None:
-    """A lift that reacts goes on for long after it first stood; one that only holds may be over."""
+def test_unnoticed_fault_in_a_reaction_misses_the_limit() -> None:
+    """A lift with a reaction continues long after it first stood; a lift that only holds may be over."""
     case = CASES[0]
     held = FaultResult(case, IN_REACTION, stage=Stage.HOLD, injected_ns=1, recovered=True)
     assert held.passed
     assert not replace(held, reacts=True).passed
-    [row] = [_ends([replace(held, reacts=True)])]
+    row = judge_faults([replace(held, reacts=True)])
     assert row.met is False
     assert case.name in row.name
 
 
-def test_the_moment_in_a_reaction_comes_when_the_lift_first_stands() -> None:
+def test_stage_in_reaction_begins_when_the_lift_first_stands() -> None:
     watch = StageWatch(grasp_m=0.05)
     seen = [(0.3, True, False), (0.05, False, False), (0.06, True, True), (0.06, False, True)]
     stages = [watch.see({"tool_m": (0.0, 0.0, z), "tool_moving": m, "held": h}) for z, m, h in seen]
     assert stages[-2:] == [Stage.LIFT, IN_REACTION.stage]
 
 
-def test_a_grip_that_is_given_is_the_one_that_is_lifted_with(light_bench: BenchConfig) -> None:
+def test_given_grip_replaces_the_drawn_one(light_bench: BenchConfig) -> None:
     settings = TrialSettings(light_bench, 0, choose_estimator("slip"))
     table = Pose(light_bench.table.position_m)
     drawn = plan_lift(settings, LiftTask(1, "t1", 1), table)
@@ -76,7 +76,7 @@ def test_a_grip_that_is_given_is_the_one_that_is_lifted_with(light_bench: BenchC
     assert given == replace(drawn, grip_counts=40)
 
 
-def test_lifts_are_repeated_with_a_grip_that_just_holds() -> None:
+def test_lifts_that_can_hold_are_repeated_with_a_grip_that_just_holds() -> None:
     held, never = (
         ReactedLift("t1", 1, LiftOutcome.SLIPPED, 12.0, (), False, grip, False) for grip in (9, None)
     )

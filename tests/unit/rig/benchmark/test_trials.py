@@ -1,31 +1,24 @@
-"""The paper's tables on simulated lifts: thinning, networks looked at once, scores, tables and files."""
+"""The paper's tables on simulated lifts: thinning, one pass per network, scores, tables and files."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import rig.benchmark.trials.benchmark as benchmark
+import rig.benchmark.trials.study as study
 from drivers.errors import InputError
 from drivers.types import Frame
-from rig.benchmark.trials.benchmark import (
-    NETWORKS,
-    TrialsResult,
-    TrialsSettings,
-    parse_models,
-    run_trials,
-    with_markers,
-)
-from rig.benchmark.trials.files import FIGURES, PAGE, PICTURE, write_trials
-from rig.benchmark.trials.paper_tables import table_four, table_three
-from rig.benchmark.trials.passes import NetworkContact, combination, thinned
-from rig.benchmark.trials.systems import title
+from rig.benchmark.harness import Report, Run
+from rig.benchmark.segmentation.paper_table import NETWORKS
+from rig.benchmark.segmentation.study import parse_models
+from rig.benchmark.trials.passes import NetworkContact, combination, thinned, title
+from rig.benchmark.trials.study import PAGE, PICTURE, TrialsOptions, measure, with_markers
 from rig.config import load_bench
-from rig.sessions.files import read_json
 from rig.tactile.contact.finder import NO_CONTACT, Contact
 from rig.tactile.paper.axis import METHODS
 from support.benches import lighter
 
+NETWORKS_AND_PEERS = (*NETWORKS, "toskov")
 IMAGE = np.zeros((40, 30, 3), np.uint8)
 
 
@@ -36,7 +29,7 @@ def test_faster_sensors_are_thinned_to_thirty_frames(rate_hz: float, kept: int) 
 
 
 class Counted:
-    """A segmenter that counts what it is asked."""
+    """A segmenter that counts its calls."""
 
     asked = 0
 
@@ -45,25 +38,25 @@ class Counted:
         return NO_CONTACT
 
 
-def test_a_network_looks_at_each_frame_once() -> None:
+def test_network_segments_each_frame_once() -> None:
     counted = Counted()
-    finder = NetworkContact(counted)  # type: ignore[arg-type] - all that is asked of it is `find`
+    finder = NetworkContact(counted)  # type: ignore[arg-type] - only `find` is called
     other = IMAGE.copy()
     for image in (IMAGE, IMAGE, other, other, IMAGE):
         finder.find(image)
     assert counted.asked == 3
 
 
-def test_models_are_named_files(tmp_path: Path) -> None:
+def test_models_are_given_as_name_and_file(tmp_path: Path) -> None:
     file = tmp_path / "net.onnx"
     file.touch()
-    assert parse_models([f"unetplusplus={file}"]) == {"unetplusplus": file}
+    assert parse_models([f"unetplusplus={file}"], NETWORKS_AND_PEERS) == {"unetplusplus": file}
     for text, said in (("resnet=x", "NAME being one of"), ("pspnet", "NAME=FILE"), ("pspnet=/no", "no file")):
         with pytest.raises(InputError, match=said):
-            parse_models([text])
+            parse_models([text], NETWORKS_AND_PEERS)
 
 
-def test_the_marked_bench_differs_in_its_gels_alone() -> None:
+def test_bench_with_markers_differs_only_in_its_gels() -> None:
     bench = load_bench("fake")
     marked = with_markers(bench)
     assert all(tip.markers for tip in marked.tactile)
@@ -71,32 +64,30 @@ def test_the_marked_bench_differs_in_its_gels_alone() -> None:
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> TrialsResult:
-    """One lift at the rate that the paper's frames have, to which a faster sensor's are thinned."""
+def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    """One lift at the paper's frame rate, to which the frames of a faster sensor are thinned."""
     folder = tmp_path_factory.mktemp("trials")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(benchmark, "load_bench", lighter)
-        return run_trials(TrialsSettings(folder, jobs=1, lifts=1, objects=("t3",)))
+        patch.setattr(study, "load_bench", lighter)
+        return measure(TrialsOptions(lifts=1, objects=["t3"]), Run(jobs=1, folder=folder))
 
 
-def test_every_system_is_scored_on_the_same_frames(result: TrialsResult) -> None:
-    assert result.missing == ("deeplabv3plus", "unetplusplus")
-    assert 30 <= result.frames <= 90
+def test_every_system_is_scored_on_the_same_frames(report: Report) -> None:
+    assert report.figures["not_trained"] == ("deeplabv3plus", "unetplusplus")
+    assert 30 <= report.figures["frames"] <= 90
     expected = {"slip", "kolamuri", "anglenet", "toskov", "still", *METHODS}
     expected |= {combination(title, m) for title in ("PSPNet", "ours") for m in METHODS}
-    assert {name for name, _ in result.scores} == expected
-    best = result.scores["slip", 1]
-    assert best.mare is not None
-    assert best.mare.mean_deg < 2.0
-    assert best.answered == 1.0
-    assert all(ms > 0.0 for ms in result.ms.values())
-    still = result.scores["still", 1].mare
-    assert still is not None
-    assert still.mean_deg > 4.0 * best.mare.mean_deg
+    scores = {(score["system"], score["window"]): score for score in report.figures["systems"]}
+    assert {name for name, _ in scores} == expected
+    best, still = scores["slip", 1], scores["still", 1]
+    assert best["mare"]["mean_deg"] < 2.0
+    assert best["answered"] == 1.0
+    assert all(score["ms"] > 0.0 for score in scores.values())
+    assert still["mare"]["mean_deg"] > 4.0 * best["mare"]["mean_deg"]
 
 
-def test_the_tables_say_what_is_simulated_and_what_was_not_trained(result: TrialsResult) -> None:
-    three, four = table_three(result), table_four(result)
+def test_tables_mark_simulated_figures_and_networks_not_trained(report: Report) -> None:
+    three, four = report.tables
     assert all(table.title.startswith("SIMULATED") for table in (three, four))
     assert all(len(row) == len(table.columns) for table in (three, four) for row in table.rows)
     untrained = [row for row in three.rows if "rig train --arch" in row[1]]
@@ -106,18 +97,16 @@ def test_the_tables_say_what_is_simulated_and_what_was_not_trained(result: Trial
     assert set(NETWORKS.values()) <= {row[0] for row in three.rows}
 
 
-def test_the_files_are_written(result: TrialsResult, tmp_path: Path) -> None:
-    write_trials(tmp_path, result)
-    kept = read_json(tmp_path / FIGURES)
-    assert kept["simulated"] is True
-    assert len(kept["systems"]) == len(result.scores)
-    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+def test_page_and_picture_are_files_of_the_report(report: Report) -> None:
+    page, picture = report.files[PAGE], report.files[PICTURE]
+    assert isinstance(page, str)
+    assert isinstance(picture, bytes)
     assert "SIMULATED" in page
     assert "Toskov et al." in page
     assert '<svg role="img" aria-label="Run time against error of every system"' in page
     assert "data:image/png" not in page  # the chart follows the reader's light or dark screen
     (untrained,) = [line for line in page.splitlines() if "deeplabv3plus --fold" in line]
-    assert 'class="text wrap" colspan="7"' in untrained  # long words do not push the numbers away
+    assert 'class="text wrap" colspan="7"' in untrained  # long text does not push the numbers away
     assert '<td class="text">2.' not in page
-    assert '<a href="#part-' not in page  # three parts are seen at a glance
-    assert (tmp_path / PICTURE).read_bytes().startswith(b"\x89PNG")
+    assert '<a href="#part-' not in page  # a page of three parts needs no index
+    assert picture.startswith(b"\x89PNG")

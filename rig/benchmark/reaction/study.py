@@ -1,0 +1,235 @@
+"""`rig benchmark reaction`: the same simulated lifts with and without a reaction to slip."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+
+from protocols.reaction import ReactionKind
+from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, informative
+from rig.benchmark.reaction.lifts import ReactedLift, as_late_as_real, lift_both_ways, lift_once
+from rig.benchmark.reaction.rest import at_rest, watch_at_rest
+from rig.benchmark.reaction.wire import times_over_wire
+from rig.benchmark.wire.fault_cases import CASES
+from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
+from rig.config import load_bench
+from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks
+from rig.experiments.reactions import require_reaction
+from rig.experiments.trial import resolve_objects
+from rig.lift.slip_watch import SlipSettings
+from rig.sessions.records import LiftOutcome
+from rig.tactile.estimators import choose_estimator
+
+LEAST_CAUGHT, MOST_LATENCY_MS = 0.95, 50.0
+MOST_FALSE = 1.0 / 45.0
+"""Largest share of lifts with a reaction among those that hold."""
+HELD_DEG = 0.5
+"""A lift holds if it ends with a smaller turn without a reaction."""
+HOURS = 2.0
+SPARE_COUNTS = 2
+"""Grip beyond the loosest that holds, in counts, of the lifts that just hold."""
+Pair = tuple[ReactedLift, ReactedLift]
+"""One lift without and with a reaction."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionOptions:
+    """Options of `rig benchmark reaction`."""
+
+    react: Annotated[
+        Literal["stop", "tighten", "lower"], typer.Option("--react", help="What is done on a slip.")
+    ] = "tighten"
+    objects: Annotated[
+        list[str] | None, typer.Option("--object", help="By id or name; repeat. Default: the trial's nine.")
+    ] = None
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Of each object.")] = 5
+    false_alarms_per_hour: Annotated[
+        float, typer.Option("--false-alarms-per-hour", help="Reactions at rest that are accepted.")
+    ] = 10.0
+    max_turn_deg: Annotated[
+        float | None,
+        typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
+    ] = None
+    wire_lifts: Annotated[
+        int, typer.Option("--wire-lifts", min=0, max=100, help="Further lifts behind wires, in real time.")
+    ] = 4
+    full: Annotated[
+        bool, typer.Option("--full", help="Also lifts that hold, two hours at rest, faults in a reaction.")
+    ] = False
+
+
+def _two(values: tuple[float, float]) -> str:
+    return f"{values[0]:.0f}, {values[1]:.0f}"
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionRow:
+    """The lifts of one object, or all lifts."""
+
+    object_id: str = column("object")
+    lifts: int = column("lifts")
+    slipping: int = column("slip without")
+    caught: int = column("caught", doc="of the slipping ones")
+    cannot_hold: int = column("largest grip cannot hold", doc="slipping lifts that no allowed grip holds")
+    turn_without_deg: float | None = column("median end turn without", ".1f", "degrees")
+    turn_with_deg: float | None = column("with", ".1f", "degrees")
+    reactions: int = column("reactions")
+    counts_added: tuple[float, int] = column("counts added, middle, most", _two)
+    fallen: tuple[int, int] = column("fallen without, with", _two)
+    damaged: int = column("damaged", doc="with a reaction")
+
+
+def measure(options: ReactionOptions, run: Run) -> Report:
+    """Lift the same SIMULATED objects without and with a reaction to slip, and compare.
+
+    What was caught, how far the objects turned, how long it took to detect a slip, false reactions, fallen
+    and damaged objects. The ground truth comes from the simulated world. A few more lifts run in real time,
+    behind wires, for the time from a frame to its command. Exit code 4 when a limit was missed.
+
+    Examples:
+      rig benchmark reaction
+
+      rig benchmark reaction --full
+
+      rig benchmark reaction --react stop --object wrench --lifts 3 --json
+
+    """
+    bench = as_late_as_real(load_bench("fake"))
+    slip = SlipSettings(options.false_alarms_per_hour, options.max_turn_deg)
+    kind = ReactionKind(options.react)
+    settings = TrialSettings(bench, run.seed, choose_estimator("slip"), react=kind, slip=slip)
+    objects = resolve_objects(options.objects, bench.objects)
+    require_reaction(settings, objects)
+    tasks = all_tasks(objects, options.lifts)
+    pairs = run.each(partial(lift_both_ways, settings), tasks, attrgetter("name"))
+    limits = judge_lifts(pairs)
+    if options.wire_lifts:
+        limits += times_over_wire(settings, options.wire_lifts, run.progress)
+    if options.full:
+        limits += _full_limits(
+            settings, {task: pair[0] for task, pair in zip(tasks, pairs, strict=True)}, run
+        )
+    return Report(
+        tables=(reaction_table(kind, pairs),),
+        limits=limits,
+        limits_of=f"'{kind}'",
+        figures={"lifts": [{"without": asdict(before), "with": asdict(after)} for before, after in pairs]},
+    )
+
+
+def reaction_table(kind: ReactionKind, pairs: Sequence[Pair]) -> Table:
+    """Return a row per object, all first."""
+    objects = dict.fromkeys(without.object_id for without, _ in pairs)
+    groups = {"all": pairs} | {o: [pair for pair in pairs if pair[0].object_id == o] for o in objects}
+    title = f"SIMULATED reaction to slip '{kind}', the same lifts without and with; turns in degrees"
+    return table_of(title, ReactionRow, [_row(name, of) for name, of in groups.items()])
+
+
+def _row(name: str, pairs: Sequence[Pair]) -> ReactionRow:
+    before, after = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    slipping = [reacted for without, reacted in pairs if without.slips]
+    added = [lift.counts_added for lift in after]
+    return ReactionRow(
+        object_id=name,
+        lifts=len(pairs),
+        slipping=len(slipping),
+        caught=sum(lift.caught for lift in slipping),
+        cannot_hold=sum(not lift.would_hold for lift in slipping),
+        turn_without_deg=_median_turn(before),
+        turn_with_deg=_median_turn(after),
+        reactions=sum(len(lift.reactions) for lift in after),
+        counts_added=(float(np.median(added)), max(added)),
+        fallen=(_fallen(before), _fallen(after)),
+        damaged=sum(lift.damaged for lift in after),
+    )
+
+
+def _fallen(lifts: Sequence[ReactedLift]) -> int:
+    return sum(lift.outcome is LiftOutcome.FALLEN for lift in lifts)
+
+
+def _median_turn(lifts: Sequence[ReactedLift]) -> float | None:
+    turns = [abs(lift.turn_deg) for lift in lifts if lift.turn_deg is not None]
+    return float(np.median(turns)) if turns else None
+
+
+def judge_lifts(pairs: Sequence[Pair]) -> list[Measured]:
+    """Return the limits on lifts without and with a reaction."""
+    slipping = [after for before, after in pairs if before.slips]
+    held = [after for before, after in pairs if abs(before.turn_deg or 0.0) <= HELD_DEG and not before.slips]
+    reactions = [reaction for _, after in pairs for reaction in after.reactions]
+    late = sum(after.late for _, after in pairs)
+    latency_ms = [1e3 * r.latency_s for r in reactions if r.latency_s is not None] + [np.inf] * late
+    caught = float(np.mean([after.caught for after in slipping])) if slipping else None
+    slowest = float(np.percentile(latency_ms, 99)) if latency_ms else None
+    dropped = _fallen([after for after in slipping if after.would_hold])
+    damaged = sum(after.damaged for _, after in pairs)
+    false = f"share of lifts that hold and react all the same, of {len(held)}"
+    return [
+        at_least("share of slipping lifts caught", caught, LEAST_CAUGHT),
+        at_most("true half degree to event, 99th percentile, ms", slowest, MOST_LATENCY_MS),
+        informative("events that never came", late),
+        at_most(false, _false_share(held), MOST_FALSE)
+        if held
+        else Measured(false, None, f"at most {MOST_FALSE:.3g}", None),
+        informative("reactions to less than half a degree", sum(r.latency_s is None for r in reactions)),
+        informative("reactions to an object that had not slipped", sum(not r.slipped for r in reactions)),
+        at_most("fallen with a reaction where friction could carry it", dropped, 0),
+        at_most("objects damaged", damaged, 0),
+    ]
+
+
+def _false_share(held: Sequence[ReactedLift]) -> float | None:
+    return float(np.mean([bool(lift.reactions) for lift in held])) if held else None
+
+
+def _full_limits(settings: TrialSettings, lifted: Mapping[LiftTask, ReactedLift], run: Run) -> list[Measured]:
+    """Return the limits on lifts that just hold, on hours at rest, and on faults over the wire protocol."""
+    name = attrgetter("name")
+    held = run.each(partial(lift_once, settings), just_holding(lifted), name)
+    first = [task for task in lifted if task.lift == 1]
+    rests = run.each(partial(watch_at_rest, settings), first, name)
+    false = f"share of lifts with a grip that just holds that react all the same, of {len(held)}"
+    faults = _run_faults(settings, run)
+    return [at_most(false, _false_share(held), MOST_FALSE), *at_rest(rests, HOURS), judge_faults(faults)]
+
+
+def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
+    """Return the lifts that a grip can hold, each with a grip that just holds."""
+    return [
+        replace(task, grip_counts=lift.holds_from + SPARE_COUNTS)
+        for task, lift in lifted.items()
+        if lift.holds_from is not None
+    ]
+
+
+def _run_faults(settings: TrialSettings, run: Run) -> list[FaultResult]:
+    """Inject every fault of `rig benchmark faults`, each while a reaction closes the fingers."""
+    done: list[FaultResult] = []
+
+    def note(result: FaultResult) -> None:
+        done.append(result)
+        run.progress(len(done), len(CASES), result.case.name)
+
+    with tempfile.TemporaryDirectory() as folder:
+        cases = [(case, IN_REACTION) for case in CASES]
+        return run_faults(Path(folder) / "faults", cases, note, react=settings.react)
+
+
+def judge_faults(faults: Sequence[FaultResult]) -> Measured:
+    """Apply the limits of `rig benchmark faults` to faults in a reaction."""
+    otherwise = [fault.case.name for fault in faults if not fault.passed]
+    named = f" ({', '.join(otherwise)})" if otherwise else ""
+    return at_most(
+        f"of {len(faults)} faults in a reaction, end otherwise than without{named}", len(otherwise), 0
+    )
+
+
+STUDY = Study(name="reaction", options=ReactionOptions, measure=measure, cases="lifts")

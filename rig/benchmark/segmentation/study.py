@@ -1,0 +1,249 @@
+"""`rig benchmark segmentation`: how well and how fast contacts are found, and the limits of both."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import typer
+
+from drivers.errors import InputError
+from drivers.images import encode_png
+from drivers.types import Image
+from fakes.studio.hard_frames import hard_frames
+from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not_there
+from rig.benchmark.segmentation.panels import Panels, panels_picture, read_panels
+from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
+from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
+from rig.labels.scores import agreement
+from rig.tactile.contact.network import SHIPPED, load_network
+from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.contact.relative import RelativeDifference
+from rig.training.examples import Examples
+from rig.training.simulated import examples_of, simulated_examples
+
+HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
+"""The test objects of fold D_s3, and the trial objects: no shipped network was trained on them."""
+FRAME_SIZE = (240, 320)
+LEAST_DICE, LEAST_IOU = 0.97, 0.94
+LEAST_UNLIKE_DICE = 0.90
+"""Limit on frames unlike those that a network was trained on: real frames and hard lifts."""
+MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
+TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
+RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
+HARD, REAL = "SIMULATED, hard lifts", "nine real frames"
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentationOptions:
+    """Options of `rig benchmark segmentation`."""
+
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            help="NAME=FILE: a network of rig train or rig model import beside the shipped ones, or instead "
+            "(pspnet, deeplabv3plus, unetplusplus, ours); repeat for more.",
+        ),
+    ] = None
+    frames: Annotated[int, typer.Option("--frames", min=24, help="Simulated frames to score on.")] = 360
+
+
+@dataclass(frozen=True, slots=True)
+class MethodScore:
+    """A method on a set of frames."""
+
+    method: str = column("method")
+    data: str = column("data")
+    frames: int = column("frames")
+    dice: MeanStd = column("Dice", str)
+    iou: MeanStd = column("IoU", str)
+
+
+@dataclass(frozen=True, slots=True)
+class MethodTime:
+    """Run time of a method."""
+
+    method: str = column("method")
+    size_px: str | None = column("network's input, px", doc="width x height")
+    frame_ms: float = column("frame in to mask out, ms", ".2f", "median")
+    frame_p99_ms: float = column("99 %, ms", ".2f")
+    network_ms: float | None = column("network alone, ms", ".2f", "median")
+
+
+def measure(options: SegmentationOptions, run: Run) -> Report:
+    """Score the shipped networks on objects they never saw, and on nine real frames where they are.
+
+    Prints the paper's Table II with the kept results of rig train --all, what is measured now, and the
+    limits. Simulated figures are marked SIMULATED. Exit code 4 when a limit is missed.
+
+    Examples:
+      rig benchmark segmentation
+
+      rig benchmark segmentation --frames 1000 --out segmentation --json
+
+      rig benchmark segmentation --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
+
+    """
+    given = parse_models(options.model or [], (*NETWORKS, OURS))
+    shipped = {name: name for name in SHIPPED}
+    models = {**shipped, **{name: str(file) for name, file in given.items()}, CLASSICAL: CLASSICAL}
+    data = data_folder()
+    panels = None if data is None else read_panels(data)
+    cv2.setNumThreads(1)
+    run.say(f"rendering {options.frames} SIMULATED frames of objects never trained on")
+    half = options.frames // 2
+    sets = {
+        RANDOMISED: simulated_examples(HELD_OUT, options.frames, run.seed + 1, FRAME_SIZE),
+        FAMILY: simulated_examples(HELD_OUT, half, run.seed + 2, FRAME_SIZE, family=True),
+        HARD: examples_of(hard_frames(HELD_OUT, run.seed + 3), half, FRAME_SIZE),
+    }
+    masks: dict[str, list[Image]] = {}
+
+    def score(method: str) -> list[MethodScore]:
+        scores = [score_examples(method, models[method], title, of) for title, of in sets.items()]
+        if panels is not None:
+            segmenter = make_segmenter(SegmentChoice(models[method]), panels.background)
+            masks[method] = [_mask(segmenter, frame) for frame in panels.frames]
+            scores.append(_scored(method, REAL, masks[method], panels.labels))
+        return scores
+
+    # in this process: what a method answers for the real frames is drawn afterwards
+    scores = [row for of in run.each(score, list(models), workers=1) for row in of]
+    run.say("measuring: run time, methods turn about, one thread")
+    times = measure_times(models, sets[RANDOMISED])
+    title = f"Run time, one thread, {FRAME_SIZE[0]} x {FRAME_SIZE[1]} px, median, methods turn about"
+    return Report(
+        tables=(
+            table_two(),
+            table_of("Contacts found, shipped networks", MethodScore, scores, left=2),
+            table_of(title, MethodTime, times),
+        ),
+        limits=(*_limits(scores, times), _threads_agree(models[OURS], sets[RANDOMISED])),
+        limits_of="the shipped networks",
+        files=_picture(panels, masks),
+    )
+
+
+def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
+    """Return files by network from texts as "unetplusplus=FILE". Raises `InputError`."""
+    models = {}
+    for text in texts:
+        name, _, file = text.partition("=")
+        if name not in known or not file:
+            raise InputError(f"--model {text}: give NAME=FILE, NAME being one of {', '.join(known)}")
+        if not Path(file).is_file():
+            raise InputError(f"--model {text}: there is no file {file}")
+        models[name] = Path(file)
+    return models
+
+
+def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
+    """Segment every frame with its own background, and compare with its label.
+
+    method, title: names of the network and of the frames. model: as in `SegmentChoice`.
+    """
+    make = segmenter_maker(SegmentChoice(model))
+    pairs = zip(examples.frames, examples.backgrounds, strict=True)
+    masks = [_mask(make(background), frame) for frame, background in pairs]
+    return _scored(method, title, masks, [np.where(label > 127, 255, 0) for label in examples.labels])
+
+
+def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodTime]:
+    """Time the methods alternately on the frames of one unit, each on one thread. models: by method.
+
+    Each method gets a few frames in a row: a rig runs one method on a stream of frames, so that the cost of
+    caches that other methods have filled does not count.
+    """
+    background = examples.backgrounds[0]
+    pairs = zip(examples.frames, examples.backgrounds, strict=True)
+    frames = [frame for frame, its_own in pairs if np.array_equal(its_own, background)]
+    segmenters = {name: make_segmenter(SegmentChoice(model), background) for name, model in models.items()}
+    networks = {name: load_network(model) for name, model in models.items() if model != CLASSICAL}
+    references = {name: RelativeDifference(background, network.size) for name, network in networks.items()}
+    whole_ms: dict[str, list[float]] = {name: [] for name in segmenters}
+    alone_ms: dict[str, list[float]] = {name: [] for name in networks}
+    for first in range(0, WARM_UP_FRAMES + TIMED_FRAMES, TURN_FRAMES):
+        turn = [frames[number % len(frames)] for number in range(first, first + TURN_FRAMES)]
+        for name, segmenter in segmenters.items():
+            whole_ms[name] += [_cost_ms(segmenter.segment, frame) for frame in turn]
+        for name, network in networks.items():
+            for frame in turn:
+                compare = network.recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE
+                planes = (
+                    compared_planes(frame, references[name]) if compare else frame_planes(frame, network.size)
+                )
+                alone_ms[name].append(_cost_ms(network.logits, planes))
+    return [
+        MethodTime(
+            method=name,
+            size_px="{}x{}".format(*networks[name].size) if name in networks else None,
+            frame_ms=float(np.median(costs[WARM_UP_FRAMES:])),
+            frame_p99_ms=float(np.percentile(costs[WARM_UP_FRAMES:], 99)),
+            network_ms=float(np.median(alone_ms[name][WARM_UP_FRAMES:])) if name in networks else None,
+        )
+        for name, costs in whole_ms.items()
+    ]
+
+
+def _cost_ms(work: Callable[[Any], object], of: Any) -> float:
+    began = perf_counter()
+    work(of)
+    return 1e3 * (perf_counter() - began)
+
+
+def _mask(segmenter: FrameSegmenter, frame: Image) -> Image:
+    mask = segmenter.segment(frame).contact.mask
+    return np.zeros(frame.shape[:2], np.uint8) if mask is None else mask
+
+
+def _scored(method: str, data: str, masks: Sequence[Image], labels: Sequence[Image]) -> MethodScore:
+    found = [agreement(mask, label) for mask, label in zip(masks, labels, strict=True)]
+    values = np.array([(one.dice, one.iou) for one in found]).T
+    dice, iou = (MeanStd(float(of.mean()), float(of.std())) for of in values)
+    return MethodScore(method, data, len(found), dice, iou)
+
+
+def _limits(scores: Sequence[MethodScore], times: Sequence[MethodTime]) -> list[Measured]:
+    by = {(score.method, score.data): score for score in scores}
+    time = {row.method: row for row in times}
+    ours, full, real = by[OURS, RANDOMISED], by["ours-full", RANDOMISED], by.get((OURS, REAL))
+    share = (time[OURS].network_ms or 0.0) / (time["pspnet"].network_ms or np.inf)
+    loss = abs(ours.dice.mean - full.dice.mean)
+    name = "ours, nine real frames: Dice"
+    return [
+        at_least("ours, SIMULATED objects never trained on: Dice", ours.dice.mean, LEAST_DICE),
+        at_least("ours, SIMULATED objects never trained on: IoU", ours.iou.mean, LEAST_IOU),
+        at_least("ours, SIMULATED hard lifts: Dice", by[OURS, HARD].dice.mean, LEAST_UNLIKE_DICE),
+        at_most("ours, frame in to mask out, one thread, ms (median)", time[OURS].frame_ms, MOST_MS),
+        at_most("ours, the network's run time as a share of PSPNet's", share, MOST_SHARE),
+        at_most("eight-bit against full, difference of Dice", loss, MOST_LOSS),
+        not_there(name) if real is None else at_least(name, real.dice.mean, LEAST_UNLIKE_DICE),
+    ]
+
+
+def _threads_agree(model: str, examples: Examples) -> Measured:
+    """Count the pixels in which masks made with one and with two threads differ."""
+    differing = 0
+    makers = [segmenter_maker(SegmentChoice(model, threads=count)) for count in (1, 2)]
+    for frame, background in list(zip(examples.frames, examples.backgrounds, strict=True))[:30]:
+        one, two = (_mask(make(background), frame) for make in makers)
+        differing += int(np.count_nonzero(one != two))
+    return at_most("ours, pixels in which 1 and 2 threads differ, 30 frames", differing, 0)
+
+
+def _picture(panels: Panels | None, masks: dict[str, list[Image]]) -> dict[str, bytes]:
+    return {} if panels is None else {"real_frames.png": encode_png(panels_picture(panels, masks))}
+
+
+STUDY = Study(
+    name="segmentation",
+    options=SegmentationOptions,
+    measure=measure,
+    cases="methods",
+    shared=("out", "seed"),
+)

@@ -1,0 +1,141 @@
+"""`rig benchmark trials`: the paper's Tables III and IV on the same simulated lifts in one run."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.benchmark.estimators.lifts import session_lifts
+from rig.benchmark.harness import Report, Run, Study, machine
+from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
+from rig.benchmark.segmentation.study import parse_models
+from rig.benchmark.trials.paper_tables import notes, summarize, table_four, table_three
+from rig.benchmark.trials.passes import ANGLENET_ON_TEST, PEER_FILES, PLAIN, TrialPass, pass_lift
+from rig.benchmark.trials.picture import draw
+from rig.config import load_bench
+from rig.config.models import BenchConfig
+from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.trial import resolve_objects, run_trial
+from rig.pages.page import render
+from rig.sessions.manifest import is_session
+from rig.sessions.records import FinishedLift, LiftRow
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
+
+PICTURE, PAGE = "trials.png", "index.html"
+PLAIN_SESSION, MARKED_SESSION = "session", "session-markers"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialsOptions:
+    """Options of `rig benchmark trials`."""
+
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            help="NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
+            "train-angle (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
+        ),
+    ] = None
+    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Lifts of each object.")] = 5
+    objects: Annotated[
+        list[str] | None, typer.Option("--object", help="Only this object; repeat for more.")
+    ] = None
+
+
+def measure(options: TrialsOptions, run: Run) -> Report:
+    """Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.
+
+    One fingertip at 30 frames per second over phase B, as the paper compares. The tables name networks that
+    are not trained yet, with the command that trains them. An interrupted run continues with --out.
+    At most 20 minutes on 2 cores with all nine objects and five lifts of each.
+
+    Examples:
+      rig benchmark trials --out trials
+
+      rig benchmark trials --lifts 1 --object t3 --out quick --json
+
+      rig benchmark trials --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
+
+      rig benchmark trials --out trials --model anglenet-on-test=runs/anglenet-on-test/model.onnx
+
+    """
+    began = time.perf_counter()
+    models = parse_models(options.model or [], (*NETWORKS, OURS, *PEER_FILES))
+    known = {"pspnet": "pspnet", OURS: OURS, **{name: str(file) for name, file in models.items()}}
+    titles = {**NETWORKS, OURS: OURS}
+    networks = {title: known[name] for name, title in titles.items() if name in known}
+    peers = {name: file for name, file in models.items() if name in PEER_FILES}
+    systems = (*PLAIN, *((ANGLENET_ON_TEST,) if ANGLENET_ON_TEST in models else ()))
+    bench = load_bench("fake")
+    plain = record(options, run, bench, DEFAULT_ESTIMATOR, PLAIN_SESSION)
+    marked = record(options, run, with_markers(bench), KOLAMURI, MARKED_SESSION)
+
+    def passes(folder: Path, networks: dict[str, str], systems: Sequence[str]) -> list[TrialPass]:
+        tips, rows = session_lifts(folder)
+        work = partial(pass_lift, folder, tips, networks, systems, peers)
+        return run.each(work, rows, _name, workers=1)  # one process, so that times can be compared
+
+    missing = tuple(name for name, title in NETWORKS.items() if title not in networks)
+    of_plain, of_marked = passes(plain, networks, systems), passes(marked, {}, (KOLAMURI,))
+    result = summarize(of_plain, of_marked, missing, plain)
+    tables = (table_three(result), table_four(result))
+    picture, chart = draw(result)
+    page = render(
+        "rig.benchmark.trials",
+        "trials.html",
+        lifts=result.lifts,
+        frames=result.frames,
+        seed=run.seed,
+        of=machine(),
+        minutes=f"{(time.perf_counter() - began) / 60.0:.1f}",
+        picture=chart,
+        tables=tables,
+        notes=notes(result),
+    )
+    scores = [
+        {"system": name, "window": window, "ms": result.ms[name], **asdict(score)}
+        for (name, window), score in result.scores.items()
+    ]
+    figures = {"lifts": result.lifts, "frames": result.frames, "systems": scores, "not_trained": missing}
+    return Report(tables, notes=notes(result), figures=figures, files={PICTURE: picture, PAGE: page})
+
+
+def with_markers(bench: BenchConfig) -> BenchConfig:
+    """Return the bench with markers printed on its gels and no other difference."""
+    tactile = tuple(t.model_copy(update={"markers": True}) for t in bench.tactile)
+    return bench.model_copy(update={"tactile": tactile})
+
+
+def record(options: TrialsOptions, run: Run, bench: BenchConfig, estimator: str, name: str) -> Path:
+    """Carry out the lifts that are missing in a session; return its folder.
+
+    Raises what `run_trial` raises.
+    """
+    folder = (run.folder or Path()) / name
+    trial = TrialSettings(bench, run.seed, choose_estimator(estimator))
+
+    def show(done: int, total: int, row: LiftRow) -> None:
+        run.progress(done, total, f"{name}: {row.object}/{row.lift} {row.outcome}")
+
+    objects = resolve_objects(options.objects)
+    run_trial(folder, trial, objects, options.lifts, run.workers, is_session(folder), progress=show)
+    return folder
+
+
+def _name(row: FinishedLift) -> str:
+    return f"{row.object}/{row.lift}"
+
+
+STUDY = Study(
+    name="trials",
+    options=TrialsOptions,
+    measure=measure,
+    cases="lifts",
+    shared=("out", "jobs", "seed"),
+    keeps_results=True,
+)

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from calibration.store import read_yaml
 from drivers.types import Pose
 from fakes.studio.marker_pictures import MarkerPictures
 from fakes.studio.presses import SimulatedGel
@@ -94,6 +96,9 @@ def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path
     assert again["value"]["translation_m"] == pytest.approx(done["value"]["translation_m"], abs=1e-6)
     apart = figures("compare", done["file"], again["file"])
     assert apart["worst_in_workspace_mm"] < 0.01
+    hashes = {read_yaml(Path(each["file"]))["calibration"]["inputs"]["sha256"] for each in (done, again)}
+    assert len(hashes) == 1
+    assert hashes != {sha256().hexdigest()}
 
 
 def test_hand_eye_from_poses_of_the_target_needs_no_camera(tmp_path: Path) -> None:

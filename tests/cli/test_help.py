@@ -106,6 +106,7 @@ def test_every_grouped_option_exists() -> None:
         (("trial", "--estimator", "elipse"), "ellipse"),
         (("trial", "--bench", "hrd"), "hard"),
         (("record", "--object", "wrnch", "--dry-run"), "wrench"),
+        (("trial", "--react", "tigthen"), "tighten"),
         (("export", "nowhere", "--to", "parket", "--out", "new"), "parquet"),
         (("benchmark", "estimatrs"), "estimators"),
         (("trail",), "trial"),
@@ -130,6 +131,15 @@ def test_misspelt_name_is_answered_with_the_nearest(
     done = rig(*arguments)
     assert done.returncode == 2
     assert f"id you mean '{near}'" in " ".join(done.stderr.split())
+
+
+def test_loading_of_a_built_in_bench_says_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    phases: list[str] = []
+    monkeypatch.setattr("rig.cli.helping.begin_phase", phases.append)
+    command = EVERY["calibrate camera"]
+    for arguments in ([], ["--bench", "mine.toml"], ["--from", "samples"]):
+        command.make_context("camera", arguments)
+    assert phases == ["SIMULATED bench 'fake': loading"]
 
 
 def completed(line: str, folder: Path, code: str = "") -> list[str]:

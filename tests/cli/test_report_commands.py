@@ -152,6 +152,7 @@ def test_mp4_without_an_encoder_becomes_webm_and_it_is_said(
     assert "no H.264 encoder for .mp4" in done.stderr
     assert done.stdout.strip() == str(tmp_path / "lift.webm")
     assert [path.name for path in tmp_path.iterdir()] == ["lift.webm"]
+    said(rig("play", trial, "--speed", "8", "--out", tmp_path / "lift.mp4"), 2, "is there already")
 
 
 def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.hand_eye.target_pose import target_poses
 from calibration.hand_eye.uncertainty import larger_of
 from calibration.verdict import Verdict
+from drivers.errors import counted
 from drivers.types import Pose
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Noise, Truth, general_scene, motion_scene
 
@@ -250,7 +251,7 @@ def test_too_few_samples_are_refused(count: int) -> None:
     _, samples = general_scene(np.random.default_rng(0), 6)
     result = solved(samples[:count])
     assert result.assessment.verdict is Verdict.REFUSED
-    assert f"{count} usable samples" in result.assessment.refusals[0]
+    assert f"{counted(count, 'usable sample')}," in result.assessment.refusals[0]
 
 
 def test_mistakes_are_named() -> None:

@@ -184,7 +184,9 @@ def test_a_zero_with_too_few_frames_says_what_was_seen(scene):
         lift.see(0.0)
     for _ in range(4):
         lift.show(BLANK)
-    with pytest.raises(CalibrationError, match=r"9 frames in 0.4. s .*4 x no marker found.*needs 10"):
+    with pytest.raises(
+        CalibrationError, match=r"9 frames with both markers in 0.4. s .*4 x no marker found.*needs 10"
+    ):
         lift.truth.set_zero(0, lift.time_ns)
     with pytest.raises(CalibrationError, match="no zero"):
         lift.truth.series()

@@ -107,5 +107,5 @@ def test_what_is_not_there_is_said() -> None:
         rig.open_session(STORED / "stored_record")
     (lift,) = rig.open_session(str(TRIAL))
     for ask in (lift.tip, lift.background, lambda serial: next(iter(lift.frames(serial)))):
-        with pytest.raises(InputError, match="unknown fingertip of .* 'left': choose one of"):
+        with pytest.raises(InputError, match=r"unknown fingertip of .* 'left': choose one of"):
             ask("left")

@@ -100,7 +100,7 @@ def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
         ("t_s,estimate_deg", ["0,1", "1,2"], "no column truth_deg"),
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "1,x,2"], "line 3: estimate_deg 'x' is not a number"),
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "0,1,2"], "times do not increase"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2"], "holds 1 rows"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2"], "holds 1 row;"),
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "beyond 9e"),
     ],
 )

@@ -198,7 +198,7 @@ def verdict(comparison: Comparison) -> str:
         more = "more" if found.difference >= 0.0 else "less"
         return (
             f"No difference is shown: {second} errs by {abs(found.difference):.2f}° {more} than {first} "
-            f"{over}, 95 % interval {found.low:+.2f} to {found.high:+.2f}."
+            f"{over}, 95 % interval {found.low:+z.2f} to {found.high:+z.2f}."
         )
     ends = sorted(abs(end) for end in (found.low, found.high))
     return (

@@ -134,12 +134,12 @@ def _columns(comparison: Comparison, head: str) -> tuple[str, ...]:
 def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
     digits = 3 if p.figure.unit in ("s", "") else 2
     unit = f" {p.figure.unit}" if p.figure.unit not in ("", "°") else p.figure.unit
-    interval = "" if p.low is None else f" [{p.low:+.{digits}f}, {p.high:+.{digits}f}]"
+    interval = "" if p.low is None else f" [{p.low:+z.{digits}f}, {p.high:+z.{digits}f}]"
     lifts = f"{p.lifts} of {p.lifts + p.missing}" if p.missing else str(p.lifts)
     winner = "-" if p.winner is None else comparison.names[p.winner]
     wins = ["-", "-"] if p.figure.smaller is None else [str(p.wins[0]), str(p.wins[1])]
     sides = [f"{p.first:.{digits}f}{unit}", f"{p.second:.{digits}f}{unit}"]
-    return [name, *sides, f"{p.difference:+.{digits}f}{interval}", lifts, *wins, winner]
+    return [name, *sides, f"{p.difference:+z.{digits}f}{interval}", lifts, *wins, winner]
 
 
 def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:

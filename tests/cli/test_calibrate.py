@@ -96,7 +96,7 @@ def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path
     assert again["value"]["translation_m"] == pytest.approx(done["value"]["translation_m"], abs=1e-6)
     apart = figures("compare", done["file"], again["file"])
     assert apart["worst_in_workspace_mm"] < 0.01
-    hashes = {read_yaml(Path(each["file"]))["inputs"]["sha256"] for each in (done, again)}
+    hashes = {read_yaml(Path(each["file"]))["calibration"]["inputs"]["sha256"] for each in (done, again)}
     assert len(hashes) == 1
     assert hashes != {sha256().hexdigest()}
 

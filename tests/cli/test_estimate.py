@@ -318,7 +318,7 @@ def test_one_sensor_of_a_recording_is_as_in_its_session(one_lift: Path, tmp_path
 
 def test_options_that_do_not_fit_a_recording_or_a_clip_are_refused(one_lift: Path, lift: Path) -> None:
     recording = one_lift / "lifts" / "001.mcap"
-    assert "give one of SIM-D0001, SIM-D0002" in (estimate(recording, "--sensor", "D9").error or "")
+    assert "choose one of SIM-D0001, SIM-D0002" in (estimate(recording, "--sensor", "D9").error or "")
     assert "has its own times" in (estimate(recording, "--fps", 60).error or "")
     assert "leave --sensor out" in (estimate(lift / "frames", "--sensor", "D1").error or "")
     page = ("--page", "page.html", "--out", "x")

@@ -4,12 +4,13 @@ import re
 
 project = "The slip rig"
 copyright = "the slip rig developers, MIT licence"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_title = "The slip rig"
 html_copy_source = False
 html_show_sphinx = False
 html_show_sourcelink = False
+default_role = "code"  # in docstrings, single backticks mark code
 smartquotes = False  # messages stand as the rig prints them
 # Headings are anchors, named as a code host names them.
 myst_heading_anchors = 3

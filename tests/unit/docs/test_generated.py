@@ -1,25 +1,12 @@
-"""What pages say that the code says too: messages and their cures, figures, files."""
+"""Facts in the pages that the code or other files state too: messages, figures, files."""
 
+import ast
 import re
 from pathlib import Path
 
-import pytest
 import yaml
 
-import rig
 from support.documentation import ROOT, script
-
-
-def test_the_page_of_messages_names_the_cures_that_the_code_names() -> None:
-    messages = script("make_messages")
-    assert messages.PAGE.read_text(encoding="utf-8") == messages.page(), "run: python docs/make_messages.py"
-    assert len(messages.messages()) > 250
-
-
-def test_the_page_of_names_says_what_the_docstrings_say() -> None:
-    names = script("make_python")
-    assert names.PAGE.read_text(encoding="utf-8") == names.page(), "run: python docs/make_python.py"
-    assert all(f"\n## {name}\n" in names.page() for name in rig.__all__)
 
 
 def quoted_messages() -> list[tuple[str, str]]:
@@ -31,29 +18,29 @@ def quoted_messages() -> list[tuple[str, str]]:
     return found
 
 
+def code_texts() -> set[str]:
+    """Every text in the code, with `...` for each value in an f-string."""
+    paths = [
+        path
+        for folder in ("drivers", "calibration", "protocols", "rig")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
+    nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+    plain = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    return plain | {
+        "".join(part.value if isinstance(part, ast.Constant) else "..." for part in node.values)
+        for node in nodes
+        if isinstance(node, ast.JoinedStr)
+    }
+
+
 def test_messages_that_pages_quote_are_those_of_the_code() -> None:
     quoted = quoted_messages()
     assert len(quoted) >= 5
-    texts = script("make_messages").texts()
+    texts = code_texts()
     for page, message in quoted:
         wanted = re.compile(".*".join(map(re.escape, message.split("..."))), re.DOTALL)
         assert any(wanted.search(text) for text in texts), f"{page}: {message}: the rig says no such thing"
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("arm: not at rest; zero it", ("arm: not at rest", "zero it")),
-        (
-            "a.png: is no picture: copy it anew or leave it out",
-            ("a.png: is no picture", "copy it anew or leave it out"),
-        ),
-        ("x: moves by ... hours", None),
-        ("sensor: all alike; is it connected?", ("sensor: all alike", "is it connected?")),
-    ],
-)
-def test_messages_are_split_where_the_cure_begins(text: str, parts: tuple[str, str] | None) -> None:
-    assert script("make_messages").split(text) == parts
 
 
 def test_readme_says_what_the_tables_say() -> None:
@@ -99,10 +86,7 @@ def test_the_citation_is_of_the_paper() -> None:
 
 
 def test_pages_are_not_long() -> None:
-    made = {"messages.md", "others.md", "python_names.md"}
-    long = {
-        p.name: n for p in (ROOT / "docs").glob("*.md") if (n := len(_lines(p))) > 160 and p.name not in made
-    }
+    long = {p.name: n for p in (ROOT / "docs").glob("*.md") if (n := len(_lines(p))) > 160}
     assert long == {}
     assert len(_lines(ROOT / "README.md")) < 80
 

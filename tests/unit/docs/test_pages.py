@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import rig
 from support.browser import NEEDS_CHROMIUM, Browser
 from support.documentation import PAGES, ROOT, without_code
 
@@ -66,7 +67,7 @@ def test_pages_fit_a_desktop_and_a_phone_light_and_dark(site: Path, tmp_path: Pa
     browser = Browser(tmp_path / "profile")
     try:
         papers = set()
-        for name in ("index", "estimators", "slip", "messages"):
+        for name in ("index", "estimators", "slip", "python_names"):
             for width in (1400, 390):
                 for scheme in ("light", "dark"):
                     browser.open((site / f"{name}.html").as_uri(), width, scheme)
@@ -77,6 +78,11 @@ def test_pages_fit_a_desktop_and_a_phone_light_and_dark(site: Path, tmp_path: Pa
         assert len(papers) == 2
     finally:
         browser.close()
+
+
+def test_the_site_documents_every_name_of_the_python_interface(site: Path) -> None:
+    page = (site / "python_names.html").read_text(encoding="utf-8")
+    assert all(f'id="rig.{name}"' in page for name in rig.__all__)
 
 
 def test_the_site_has_every_page_and_needs_no_network(site: Path) -> None:

@@ -127,7 +127,8 @@ def solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE_
     return answered(distance_mm, allowed)
 
 
-def _moved(rng: Rng, kind: str) -> CaseAnswer:
+def motion(rng: Rng, kind: str) -> tuple[Truth, list[HandEyeSample]]:
+    """Draw samples of a motion that constrains a hand-eye pose poorly. kind: a key of `turns` below."""
     moves = rng.uniform(-0.1, 0.1, (_COUNT, 3))
     angles = np.radians(rng.uniform(-45, 45, _COUNT))[:, None]
     axis = np.array([0.0, 0.6, 0.8])
@@ -144,7 +145,11 @@ def _moved(rng: Rng, kind: str) -> CaseAnswer:
         "rotation": any_axis * np.abs(angles),
     }[kind]
     still = kind in ("identical", "rotation")
-    return solved(*motion_scene(rng, turns, np.zeros_like(moves) if still else moves))
+    return motion_scene(rng, turns, np.zeros_like(moves) if still else moves)
+
+
+def _moved(rng: Rng, kind: str) -> CaseAnswer:
+    return solved(*motion(rng, kind))
 
 
 def _duplicated(rng: Rng) -> CaseAnswer:

@@ -68,24 +68,9 @@ def test_the_sign_says_what_to_add_to_the_second_stream() -> None:
     assert time_offset(TimedSignal(times, signal), late).offset_s == pytest.approx(0.1, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("motion", "reason"), [("static", "share"), ("constant", "nothing moved"), ("sine", "repeats")]
-)
-def test_motions_that_tell_no_offset_are_refused(motion: str, reason: str) -> None:
-    rng = np.random.default_rng(0)
-    robot, camera = wiggle_scene(rng, motion=motion)
-    found = time_offset(robot, camera)
-    assert found.offset_s is None
-    assert reason in found.assessment.refusals[0]
-
-
-def test_an_offset_beyond_the_search_and_streams_apart_are_refused() -> None:
+def test_a_wider_search_finds_a_larger_offset() -> None:
     robot, camera = wiggle_scene(np.random.default_rng(0), offset_s=0.8)
-    assert time_offset(robot, camera).assessment.verdict is Verdict.REFUSED
-    apart = TimedSignal(camera.time_ns + 60_000_000_000, camera.values)
-    assert "overlap" in time_offset(robot, apart).assessment.refusals[0]
-    wider = time_offset(robot, camera, search_s=1.0)
-    assert wider.offset_s == pytest.approx(0.8, abs=2e-3)
+    assert time_offset(robot, camera, search_s=1.0).offset_s == pytest.approx(0.8, abs=2e-3)
 
 
 def test_a_drift_is_found_over_minutes() -> None:
@@ -107,12 +92,6 @@ def test_streams_are_sorted_and_cleaned() -> None:
     mixed = make_stream(times, values, "camera")
     assert mixed.dropped == 6
     assert abs(time_offset(robot, mixed).offset_s - time_offset(robot, camera).offset_s) < 2e-4  # type: ignore[operator]
-    with pytest.raises(CalibrationError, match="integer ns"):
-        make_stream(times.astype(np.float32), values, "camera")
-    with pytest.raises(CalibrationError, match="jumps"):
-        make_stream(np.append(times, times.max() + 2 * 3600 * 10**9), np.append(values, 0.0), "camera")
-    with pytest.raises(CalibrationError, match="20 are the least"):
-        make_stream(times[:5], values[:5], "camera")
 
 
 @given(st.lists(st.integers(-(2**30), 2**30), min_size=1, max_size=30), st.integers(0, 2**32 - 1))
@@ -132,22 +111,6 @@ def test_a_pivot_is_found_with_its_sigma_and_a_slip_left_out() -> None:
     assert np.linalg.norm(off) < 1e-3
     assert off @ np.linalg.solve(found.covariance, off) < 20.0
     assert [r.id for r in found.rejected] == ["slipped"]
-
-
-@pytest.mark.parametrize(
-    ("kind", "reason"), [("narrow", "turned by"), ("one axis", "one axis"), ("same", "usable")]
-)
-def test_poses_that_tell_no_tip_are_refused(kind: str, reason: str) -> None:
-    rng = np.random.default_rng(1)
-    turns = {
-        "narrow": Rotation.from_rotvec(rng.normal(0, 0.02, (10, 3))),
-        "one axis": Rotation.from_rotvec(np.outer(rng.uniform(-0.8, 0.8, 10), [0, 0, 1])),
-        "same": Rotation.from_rotvec(np.zeros((10, 3))),
-    }[kind]
-    _, poses = pivot_scene(rng, 10, turns)
-    found = calibrate_pivot(poses)
-    assert found.tip_m is None
-    assert reason in found.assessment.refusals[0]
 
 
 def _openings(noise_m: float = 0.0, lag_m: float = 0.0) -> list[OpeningSample]:
@@ -170,25 +133,6 @@ def test_a_gripper_table_is_monotone_and_knows_its_hysteresis() -> None:
     assert table.opening_at(100.0) == pytest.approx(truth, abs=3e-4)
 
 
-def test_nothing_is_looked_up_beyond_the_table() -> None:
-    table = calibrate_opening(_openings()).tables[Direction.CLOSING]
-    for counts in (2.0, 250.0, float("nan")):
-        with pytest.raises(CalibrationError, match="beyond what was measured"):
-            table.opening_at(counts)
-
-
-def test_bad_gripper_samples_are_left_out_and_a_shuffled_table_refused() -> None:
-    bad = [
-        OpeningSample("counts", 300, 0.05, Direction.CLOSING),
-        OpeningSample("mm", 100, 50.0, Direction.CLOSING),
-        OpeningSample("nan", 100, float("nan"), Direction.CLOSING),
-    ]
-    found = calibrate_opening([*_openings(), *bad])
-    assert {r.id for r in found.rejected} == {"counts", "mm", "nan"}
-    rng = np.random.default_rng(0)
-    shuffled = [OpeningSample(s.id, s.counts, rng.uniform(0, 0.12), s.direction) for s in _openings()]
-    assert calibrate_opening(shuffled).assessment.verdict is Verdict.REFUSED
-    assert not calibrate_opening(shuffled).tables
-    assert "usable measurements" in calibrate_opening([]).assessment.refusals[0]
+def test_a_table_of_one_direction_has_unknown_hysteresis() -> None:
     one_way = calibrate_opening([s for s in _openings() if s.direction is Direction.CLOSING])
     assert any("hysteresis is unknown" in d for d in one_way.assessment.doubts)

@@ -74,17 +74,6 @@ def test_the_map_is_exact_where_colour_is_linear_in_slope() -> None:
         fit_gradient_map(change * np.nan, places, normals, (240, 320))
 
 
-def test_pictures_without_a_ball_say_so() -> None:
-    still = GEL.frame(np.random.default_rng(1))
-    assert "no contact" in str(find_press(still, GEL.reference, "still"))
-    with pytest.raises(CalibrationError, match="differ in size"):
-        find_press(still[:100], GEL.reference, "cut")
-    with pytest.raises(CalibrationError, match="alike"):
-        find_press(np.full_like(still, 90), GEL.reference, "flat")
-    with pytest.raises(CalibrationError, match="8 are the least"):
-        calibrate_gel([], MM_PER_PX)
-
-
 def test_a_ball_smaller_than_its_print_is_left_out() -> None:
     made = GEL.presses(10, seed=4)
     presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
@@ -105,12 +94,6 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
     same = make_reference(_still())
     assert assess_reference(same, drift_since(same, earlier)).verdict is Verdict.GOOD
     assert "unseen" in assess_reference(same).doubts[0]
-    dim = make_reference(_still((0.8, 1.0, 1.0)))
-    assert "light changed" in str(assess_reference(dim, drift_since(dim, earlier)))
-    out = make_reference(_still((0.05, 1.0, 1.0)))
-    assert "LED went out" in str(assess_reference(out, drift_since(out, earlier)))
-    touched = make_reference(_still(press=True))
-    assert "changed shape" in str(assess_reference(touched, drift_since(touched, earlier)))
     with pytest.raises(CalibrationError, match="is not the earlier"):
         drift_since(same, earlier[:100])
 
@@ -118,7 +101,6 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
 def test_references_that_are_none_are_refused() -> None:
     for frames, seen in (
         ([], "5 are the least"), (_still((0.0, 0.0, 0.0)), "alike"), (_still((0.03, 0.03, 0.03)), "dark"),
-        (_still()[:6] + _still(press=True)[:6], "changed while"),
         ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
     ):  # fmt: skip
         with pytest.raises(CalibrationError, match=seen):

@@ -47,11 +47,6 @@ def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) 
     assert np.std(by_edges) < 0.12
 
 
-def test_no_edge_gives_no_corner() -> None:
-    corners = np.array([[[20.0, 20], [60, 20], [60, 60], [20, 60]]])
-    assert refine_edges(np.full((90, 90), 128, np.uint8), corners) is Refusal.NO_CORNER
-
-
 @pytest.mark.parametrize("turn_deg", [0.0, 0.1, -0.1, 15.0, -30.0, 90.0, 179.9, -179.9, 180.0])
 def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None:
     angle = angle_of(NEAR)

@@ -157,20 +157,6 @@ def test_markers_are_taken_up_elsewhere_after_a_while(scene):
     assert tracker.counts.misses[Refusal.JUMP] + tracker.counts.misses[Refusal.DUPLICATE] < len(answers)
 
 
-def test_mirrored_markers_are_not_markers(scene):
-    mirrored = np.ascontiguousarray(picture(scene, seen_from())[:, ::-1])
-    assert isinstance(MarkerTracker((0, 1)).detect(mirrored), Refusal)
-
-
-def test_small_markers_are_refused(scene):
-    tracker = MarkerTracker((0, 1))
-    assert tracker.detect(picture(scene, seen_from(z=2.2))) in (
-        Refusal.TOO_SMALL,
-        Refusal.NOT_FOUND,
-        Refusal.ONE_HIDDEN,
-    )
-
-
 @pytest.mark.parametrize("x", [-0.24, 0.24])
 def test_a_marker_cut_by_the_border_refuses_the_frame(scene, x):
     tracker = MarkerTracker((0, 1))
@@ -186,22 +172,6 @@ def test_blurred_and_noisy_pictures_lose_no_marker(noise):
     for k in range(20):
         seen = tracker.detect(picture(hard, seen_from(turn_deg=1.5 * k, tilt_deg=(25.0, 12.0)), k))
         assert isinstance(seen, np.ndarray)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.float64), np.zeros((480, 640), np.uint16)],
-)
-def test_other_pictures_are_refused(wrong):
-    with pytest.raises(InputError, match="uint8"):
-        MarkerTracker((0, 1)).detect(wrong)
-
-
-def test_a_change_of_size_is_refused(scene):
-    tracker = MarkerTracker((0, 1))
-    tracker.detect(picture(scene, seen_from()))
-    with pytest.raises(InputError, match="size changed"):
-        tracker.detect(np.zeros((720, 1280), np.uint8))
 
 
 @pytest.mark.parametrize(("ids", "dictionary"), [((3, 3), "DICT_4X4_50"), ((0, 1), "DICT_NONE")])

@@ -1,5 +1,6 @@
 """`rig estimate`: the angle of the contact in anyone's tactile frames."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,10 @@ if TYPE_CHECKING:
     from rig.frames.estimation import EstimatedSeries, Estimation, SeriesEstimate
 
 
-def estimate(
+@dataclass(frozen=True, slots=True)
+class SourceOptions:
+    """The frames, and their times."""
+
     frames: Annotated[
         Path,
         typer.Argument(
@@ -22,11 +26,24 @@ def estimate(
             "(.npy or .npz: T, H, W, 3, uint8, RGB), recording of a lift (.mcap) or session folder; a trial "
             "of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
         ),
-    ],
+    ]
     sensor: Annotated[
         str | None,
         typer.Option(help="Of a recording or session: serial of one fingertip. Default: all fingertips."),
-    ] = None,
+    ] = None
+    timestamps: Annotated[
+        Path | None,
+        typer.Option(help="CSV with columns frame,t_s (frame: file name, stem or number from 0)."),
+    ] = None
+    fps: Annotated[
+        float | None, typer.Option(help="Frame rate in Hz. Default: a video's own; images 60.")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class EstimationOptions:
+    """How the frames are estimated."""
+
     background: Annotated[
         str | None,
         typer.Option(
@@ -35,14 +52,7 @@ def estimate(
             "they are alike and later ones differ, or the image that most frames share; refused if neither "
             "shows an untouched gel."
         ),
-    ] = None,
-    timestamps: Annotated[
-        Path | None,
-        typer.Option(help="CSV with columns frame,t_s (frame: file name, stem or number from 0)."),
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option(help="Frame rate in Hz. Default: a video's own; images 60.")
-    ] = None,
+    ] = None
     reference_time: Annotated[
         str | None,
         typer.Option(
@@ -50,14 +60,14 @@ def estimate(
             "Default: the first frame of stable full contact (area within 5 % over the next 5 frames and "
             "at least 80 % of its later level)."
         ),
-    ] = None,
+    ] = None
     lift_from: Annotated[
         str | None,
         typer.Option(
             help="Time in s at which the lift begins, which arms the slip alarm. Default: a session's own; "
             "else when each contact has stopped growing (area within 5 % over 6 frames)."
         ),
-    ] = None,
+    ] = None
     estimator: Annotated[
         str | None,
         typer.Option(
@@ -65,13 +75,13 @@ def estimate(
             "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
             "or your own, as package.module:Class (rig estimators). Default: slip."
         ),
-    ] = None,
+    ] = None
     window: Annotated[
         int | None,
         typer.Option(
             min=1, max=100, help="Mean over the last n angles; 2 for the paper's methods, none for slip."
         ),
-    ] = None,
+    ] = None
     pixel_aspect: Annotated[
         float | None,
         typer.Option(
@@ -80,28 +90,36 @@ def estimate(
             help="Width over height of a pixel on the gel, as `rig calibrate tactile` finds it. "
             "Default: a session's own; else unknown, taken as 1 with a larger sigma.",
         ),
-    ] = None,
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ResultOptions:
+    """Where the result goes."""
+
     out: Annotated[
         Path | None, typer.Option(help="CSV file, or folder for a session. Default: the table on stdout.")
-    ] = None,
+    ] = None
     page: Annotated[
         Path | None,
         typer.Option(
             help="Also an HTML page: the curve with its sigma band and states, and frames with the contact.",
             callback=file_place,
         ),
-    ] = None,
-    json: JsonOption = False,
-) -> None:
+    ] = None
+    json: JsonOption = False
+
+
+def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
     """Estimate how the contact turns in tactile images: a row per frame.
 
     Columns: t_s; angle_deg and sigma_deg, from the zero; state; rate_deg_s; shift_x_px and shift_y_px, how
     far the contact has moved since the zero, right and down; slip, 1 from the slip alarm on; for a recording
     also sensor. Angles are image angles, counter-clockwise positive as seen; those of a recording or session
-    are the object's. A field is empty where the estimator refuses or does not tell it. With --json and no
+    are the object's. A field is empty if the estimator refuses or does not report it. With --json and no
     --out the rows are in the JSON.
 
-    The alarm is armed by the lift: what turns while fingers still close is no slip. Where the lift's time is
+    The lift arms the alarm: a turn while the fingers still close is no slip. If the time of the lift is
     not known, a contact that has stopped growing stands for it, and one that was gone for half a second
     is a new grasp.
 
@@ -124,104 +142,93 @@ def estimate(
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
-    choice = choose_estimator(estimator, window)
-    run = Estimation(choice, background, reference_time, lift_from, pixel_aspect)
+    choice, frames = choose_estimator(how.estimator, how.window), source.frames
+    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
     of_rig = is_session(frames) or is_recording(frames)
-    if of_rig and (timestamps is not None or fps is not None or run.lift is not None):
+    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
         raise InputError(f"{frames} has its own times: leave --timestamps, --fps and --lift-from out")
-    folder_place(out if is_session(frames) else out and out.parent)  # it is made where it is not there
+    folder_place(to.out if is_session(frames) else to.out and to.out.parent)  # created if it is missing
     if is_session(frames):
-        _session(frames, run, sensor, out, page, json)
+        _session(source, run, to)
     elif is_recording(frames):
-        _recording(frames, run, sensor, out, page, json)
-    elif sensor is not None:
+        _recording(source, run, to)
+    elif source.sensor is not None:
         raise InputError(f"{frames} is a clip of one sensor: leave --sensor out")
     else:
-        _series(frames, run, timestamps, fps, out, page, json)
+        _series(source, run, to)
 
 
-def _series(
-    path: Path,
-    run: "Estimation",
-    timestamps: Path | None,
-    fps: float | None,
-    out: Path | None,
-    page: Path | None,
-    json: bool,
-) -> None:
+def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
     """Estimate frames that are no session."""
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.series import read_frames
     from rig.live.phases import begin_phase
 
+    path = source.frames
     begin_phase(f"reading {path}")
-    series = read_frames(path, timestamps, fps)
+    series = read_frames(path, source.timestamps, source.fps)
     for note in series.notes:
         common.say(note)
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(str(path), done, run)
-    _deliver(rows(done.estimate), figures, out, json)
-    _page(page, [EstimatedSeries(path.name, series, done)], path, run)
+    _deliver(rows(done.estimate), figures, to)
+    _page(to.page, [EstimatedSeries(path.name, series, done)], path, run)
 
 
-def _recording(
-    path: Path, run: "Estimation", sensor: str | None, out: Path | None, page: Path | None, json: bool
-) -> None:
+def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
     """Estimate the fingertips of one recording into one table."""
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.of_session import of_sensor, recording_frames
     from rig.sessions.recording_file import recording_values
 
+    path = source.frames
     shown, samples, figures = [], [], []
-    for tip in of_sensor(recording_frames(path), sensor):
+    for tip in of_sensor(recording_frames(path), source.sensor):
         done = run.of_sensor(tip)
         shown.append(EstimatedSeries(tip.serial, tip.frames, done, tip.sign))
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
-    _deliver(samples, {"recording": str(path), "sensors": figures}, out, json)
-    _page(page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
+    _deliver(samples, {"recording": str(path), "sensors": figures}, to)
+    _page(to.page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
 
 
-def _session(
-    path: Path, run: "Estimation", sensor: str | None, out: Path | None, page: Path | None, json: bool
-) -> None:
+def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
     """Estimate each lift and sensor of a session into a file of its own."""
     from rig.frames.estimates import rows, table
     from rig.frames.of_session import of_sensor, session_frames
 
-    if page is not None:
-        raise InputError(f"--page {page}: the page of a session is its report: rig report {path}")
+    path, out = source.frames, to.out
+    if to.page is not None:
+        raise InputError(f"--page {to.page}: the page of a session is its report: rig report {path}")
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
     lifts = []
     tips, problems = session_frames(path)
-    for tip in of_sensor(tips, sensor):
+    for tip in of_sensor(tips, source.sensor):
         done = run.of_sensor(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
-    if json:
+    if to.json:
         common.emit_json({"session": str(path), "out": str(out), "lifts": lifts})
     common.report_broken(problems)
 
 
-def _deliver(
-    samples: list[dict[str, object]], figures: dict[str, object], out: Path | None, json: bool
-) -> None:
+def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
     """Write the table to its file or to stdout; with JSON and no file the rows are in the JSON."""
     from rig.frames.estimates import table
 
-    if out is not None:
-        _write(out, table(samples))
-    elif not json:
+    if to.out is not None:
+        _write(to.out, table(samples))
+    elif not to.json:
         print(table(samples), end="")
-    if json:
-        common.emit_json({**figures, **({"samples": samples} if out is None else {"out": str(out)})})
+    if to.json:
+        common.emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
 
 
 def _page(

@@ -1,5 +1,6 @@
 """`rig train`: train segmentation networks (extra `train`)."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -19,47 +20,61 @@ EncoderOption = Annotated[
 ]
 
 
-def train(
-    out: Annotated[
-        Path,
-        typer.Option("--out", help="Folder for checkpoints, ONNX files and cards.", callback=folder_place),
-    ],
+@dataclass(frozen=True, slots=True)
+class DataOptions:
+    """The images that networks are trained and tested on."""
+
     data: Annotated[
         str,
         typer.Option(
             help="simulated, or a FOLDER: the paper's data set (VISTASE), LabelMe files, or simulated "
             "sessions of rig record."
         ),
-    ] = "simulated",
-    arch: ArchOption = None,
+    ] = "simulated"
     fold: Annotated[
         list[str] | None,
         typer.Option("--fold", help="D_s1, D_s2 or D_s3 (by object id, paper Table I); repeat for more."),
-    ] = None,
+    ] = None
     everything: Annotated[
         bool, typer.Option("--all", help="All four networks on all three folds: the paper's Table II.")
-    ] = False,
-    paper: Annotated[
-        bool, typer.Option("--paper", help="The paper's settings (256 x 320 px, 30 epochs); wants a GPU.")
-    ] = False,
+    ] = False
     images: Annotated[
         int,
         typer.Option(min=24, help="Simulated frames to train on, a fold; a fifth more to validate and test."),
-    ] = 1500,
+    ] = 1500
     units: Annotated[
         str,
         typer.Option(
             help="Simulated sensors: varied (unlike one another, to carry over to unseen ones) or family "
             "(of one make, as the paper's)."
         ),
-    ] = "varied",
-    epochs: Annotated[int | None, typer.Option(min=1, help="Default: 10; 30 with --paper.")] = None,
-    encoder: EncoderOption = "resnet18",
+    ] = "varied"
+    seed: SeedOption = 0
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkOptions:
+    """The networks, and how they are trained."""
+
+    arch: ArchOption = None
+    paper: Annotated[
+        bool, typer.Option("--paper", help="The paper's settings (256 x 320 px, 30 epochs); wants a GPU.")
+    ] = False
+    epochs: Annotated[int | None, typer.Option(min=1, help="Default: 10; 30 with --paper.")] = None
+    encoder: EncoderOption = "resnet18"
     encoder_weights: Annotated[
         Path | None, typer.Option(help="File with encoder weights to begin with. Default: random ones.")
-    ] = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads. Default: torch's own.")] = None,
-    seed: SeedOption = 0,
+    ] = None
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads. Default: torch's own.")] = None
+
+
+def train(
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder for checkpoints, ONNX files and cards.", callback=folder_place),
+    ],
+    data: DataOptions,
+    networks: NetworkOptions,
     resume: ResumeOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -84,19 +99,21 @@ def train(
     from rig.training.settings import TrainSettings, checked_units
 
     settings = TrainSettings(
-        data=data,
-        architectures=tuple(map(find_architecture, ARCHITECTURES if everything else arch or ["ours"])),
-        folds=tuple(map(find_fold, FOLDS if everything else fold or ["D_s3"])),
-        encoder=encoder,
-        images=images,
-        epochs=epochs or (PAPER_EPOCHS if paper else EPOCHS),
-        paper=paper,
-        seed=seed,
-        encoder_weights=encoder_weights,
-        threads=threads,
-        units=checked_units(units),
+        data=data.data,
+        architectures=tuple(
+            map(find_architecture, ARCHITECTURES if data.everything else networks.arch or ["ours"])
+        ),
+        folds=tuple(map(find_fold, FOLDS if data.everything else data.fold or ["D_s3"])),
+        encoder=networks.encoder,
+        images=data.images,
+        epochs=networks.epochs or (PAPER_EPOCHS if networks.paper else EPOCHS),
+        paper=networks.paper,
+        seed=data.seed,
+        encoder_weights=networks.encoder_weights,
+        threads=networks.threads,
+        units=checked_units(data.units),
     )
-    say(f"{'SIMULATED frames' if data == 'simulated' else data}, seed {seed}, into {out}")
+    say(f"{'SIMULATED frames' if data.data == 'simulated' else data.data}, seed {data.seed}, into {out}")
     with TrainingView() as shown:
         cards = train_all(out, settings, resume, shown)
     _print(cards, json)

@@ -1,24 +1,30 @@
 """`rig play`: a film of one lift, or of anyone's frames."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.errors import counted
+from drivers.errors import InputError, counted
 from rig.cli.common import JsonOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rig.frames.estimation import EstimatedSeries
     from rig.report.film import FilmedLift
 
 
-def play(
+@dataclass(frozen=True, slots=True)
+class SourceOptions:
+    """The lift or the frames that are shown."""
+
     source: Annotated[
         Path,
         typer.Argument(help="Session folder of a trial, or frames of one sensor as rig estimate takes them."),
-    ],
+    ]
     lift: Annotated[
         str | None,
         typer.Option(
@@ -26,7 +32,34 @@ def play(
             help="Number in the session (3), object and lift (t1/3, wrench/3), or an unfinished recording "
             "(003.unfinished). Default: the first lift.",
         ),
-    ] = None,
+    ] = None
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            "--beside",
+            help="Another session: its lift of the same object and number is shown below, as one with a "
+            "reaction to slip below one without.",
+        ),
+    ] = None
+    background: Annotated[
+        str | None,
+        typer.Option("--background", help="Of frames: a frame without contact, as rig estimate takes it."),
+    ] = None
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate",
+            min=0.01,
+            max=10_000,
+            help="Of frames: their rate in Hz. Default: a video's own; images 60.",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class FilmOptions:
+    """The film."""
+
     out: Annotated[
         Path | None,
         typer.Option(
@@ -36,39 +69,17 @@ def play(
             "after the session and lift, or after the frames.",
             callback=file_place,
         ),
-    ] = None,
-    beside: Annotated[
-        Path | None,
-        typer.Option(
-            "--beside",
-            help="Another session: its lift of the same object and number is shown below, as one with a "
-            "reaction to slip below one without.",
-        ),
-    ] = None,
-    background: Annotated[
-        str | None,
-        typer.Option("--background", help="Of frames: a frame without contact, as rig estimate takes it."),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate",
-            min=0.01,
-            max=10_000,
-            help="Of frames: their rate in Hz. Default: a video's own; images 60.",
-        ),
-    ] = None,
-    fps: Annotated[
-        float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")
-    ] = 30.0,
+    ] = None
+    fps: Annotated[float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")] = 30.0
     speed: Annotated[
         float, typer.Option("--speed", min=0.01, max=20, help="1 as it happened, 0.25 four times slower.")
-    ] = 1.0,
+    ] = 1.0
     width: Annotated[
         int | None, typer.Option("--width", min=320, max=3840, help="Of the film, px. Default: as drawn.")
-    ] = None,
-    json: JsonOption = False,
-) -> None:
+    ] = None
+
+
+def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None:
     """Make a film: fingertips with contact and axes, the camera of a lift, the growing angle curve.
 
     Needs no display. Browsers play .webm (VP8) and H.264 in .mp4, and show .webp as a picture that moves;
@@ -87,49 +98,50 @@ def play(
       rig play lift.avi --background first:10 --out turn.webm
 
     """
-    from drivers.errors import InputError
     from rig.live.phases import begin_phase
     from rig.report.film import FilmedLift, write_film
     from rig.report.film_file import film_place
-    from rig.sessions.manifest import is_session
     from rig.sessions.recording_file import gaps_text
 
-    if is_session(source):
-        if background is not None or rate is not None:
-            raise InputError(f"{source} is a session, which has its own: leave --background and --rate out")
-        shown = _lifts(source, lift, beside)
-        name, default = (
-            shown[0].lift.name,
-            f"{source.resolve().name}_{Path(shown[0].lift.recording).stem}.webm",
-        )
-    else:
-        if lift is not None or beside is not None:
-            raise InputError(f"{source} is not a session: leave --lift and --beside out")
-        shown = [_frames(source, background, rate)]
-        name, default = source.name, f"{source.resolve().stem}_film.webm"
-    asked = out or Path(default)
+    name, default, shown = _shown(of)
+    asked = film.out or default
     place = film_place(asked)
-    if place.exists() and source.exists() and place.samefile(source):
+    if place.exists() and of.source.exists() and place.samefile(of.source):
         raise InputError(f"{place}: is what the film is made of: choose another --out")
     begin_phase("rendering the film")
-    film = write_film(shown, place, fps, speed, width)
-    width, height = film.size_px
-    say(f"{name}: {counted(film.frames, 'frame')} of {width} x {height}, {film.codec}")
+    done = write_film(shown, place, film.fps, film.speed, film.width)
+    width, height = done.size_px
+    say(f"{name}: {counted(done.frames, 'frame')} of {width} x {height}, {done.codec}")
     if place != asked:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     if json:
         emit_json(
-            {"film": str(film.path), "frames": film.frames, "codec": film.codec, "size_px": [width, height]}
+            {"film": str(done.path), "frames": done.frames, "codec": done.codec, "size_px": [width, height]}
         )
     else:
-        print(film.path)
+        print(done.path)
     lifts = [each for each in shown if isinstance(each, FilmedLift) and each.lift.gaps]
     report_broken([gaps_text(f.folder / f.lift.recording, list(f.lift.gaps)) for f in lifts])
 
 
+def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | EstimatedSeries]]":
+    """Return name, default file, and the lifts or frames of a film. Raises `InputError`."""
+    from rig.sessions.manifest import is_session
+
+    source = of.source
+    if is_session(source):
+        if of.background is not None or of.rate is not None:
+            raise InputError(f"{source} is a session, which has its own: leave --background and --rate out")
+        lifts = _lifts(source, of.lift, of.beside)
+        recording = Path(lifts[0].lift.recording).stem
+        return lifts[0].lift.name, Path(f"{source.resolve().name}_{recording}.webm"), lifts
+    if of.lift is not None or of.beside is not None:
+        raise InputError(f"{source} is not a session: leave --lift and --beside out")
+    return source.name, Path(f"{source.resolve().stem}_film.webm"), [_frames(source, of.background, of.rate)]
+
+
 def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[FilmedLift]":
     """Find a lift, and the same one of the session beside."""
-    from drivers.errors import InputError
     from rig.report.film import FilmedLift
     from rig.report.session import Lift, find_lift
     from rig.report.unfinished import find_unfinished

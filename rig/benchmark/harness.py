@@ -69,7 +69,9 @@ class Table:
     def markdown(self) -> str:
         """Return the columns and rows in Markdown, without the title."""
         lines = [self.columns, ("---",) * len(self.columns), *self.rows]
-        return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+        return "\n".join(
+            "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |" for cells in lines
+        )
 
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:

@@ -124,6 +124,7 @@ def test_killed_it_goes_on_where_it_was(sessions: Path, tmp_path: Path) -> None:
     assert "estimator nothing, not ellipse" in other.stderr
 
 
+@pytest.mark.long
 def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path: Path) -> None:
     """Also where the estimator is a lab's own, which the workers import themselves."""
     distributed = pytest.importorskip("distributed")

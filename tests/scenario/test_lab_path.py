@@ -69,6 +69,7 @@ def done(*words: object) -> Any:
     return json.loads(ended.stdout)
 
 
+@pytest.mark.long
 def test_a_lab_comes_from_an_empty_folder_to_its_own_results(lab: Path) -> None:
     bench = ("--bench", "bench.toml")
     (found,) = done("teach", "lever", *bench, "--yes")["positions"]

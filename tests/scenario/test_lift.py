@@ -144,7 +144,14 @@ def test_a_fault_in_mid_lift_is_named_and_no_result(device: str, kind: str, text
     assert "[" in row.fault  # how the bench was left
 
 
-@pytest.mark.parametrize("kind", ["blocked", "stuck", "false_success", "overshoot"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "blocked",
+        "false_success",
+        *(pytest.param(of, marks=pytest.mark.long) for of in ("stuck", "overshoot")),
+    ],
+)
 def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> None:
     row = attempt_lift(fault("gripper", kind, 10.5), TASK).row
     assert isinstance(row, FailedLift)

@@ -164,6 +164,7 @@ def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.u
     assert report.tables[1].records[1].score.mean_deg < 3.0
 
 
+@pytest.mark.long
 def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
     report = renderer.measure(renderer.RendererOptions([FAILING], lifts=1), Run(jobs=1))
     assert report.faults[FAILING].frames > 2

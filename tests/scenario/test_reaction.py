@@ -141,6 +141,7 @@ def test_stop_and_lower_end_below_full_height_and_so_catch_nothing(react: str) -
     assert [r.rest_s for r in row.reactions] == [None]
 
 
+@pytest.mark.long
 def test_with_a_largest_turn_it_reacts_later() -> None:
     late = lifted("tighten", 20.0)
     assert late.reactions

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from drivers.types import Frame
 from rig.experiments.pose_capture import FRAMES_APART, PoseCapture
@@ -36,6 +37,7 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     assert all(area > 0 and grip == 2 for _, grip, area in observer.taken)
 
 
+@pytest.mark.long
 def test_killed_recordings_are_completed_without_doing_anything_twice(
     light_bench_file: Path, tmp_path: Path
 ) -> None:

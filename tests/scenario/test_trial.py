@@ -118,6 +118,7 @@ def _end(process: "subprocess.Popen[str]", how: signal.Signals) -> None:
     process.communicate(timeout=60)
 
 
+@pytest.mark.long
 def test_killed_at_random_moments_it_loses_only_what_was_in_progress(
     command: list[str], tmp_path: Path
 ) -> None:

@@ -87,6 +87,7 @@ def test_flood_of_requests_does_not_disturb_a_lift(wire_file: Path, tmp_path: Pa
             hammer.wait()
 
 
+@pytest.mark.long
 def test_stopped_page_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:
     with watched_trial(wire_file, tmp_path / "s") as (process, _):
         until(lambda: page_of(process.pid) is not None, 30.0)

@@ -48,6 +48,7 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
 
 
+@pytest.mark.long
 def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,6 +53,7 @@ def test_they_are_packages_of_their_own(installed: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.real_time
+@pytest.mark.long
 def test_they_keep_the_contract(installed: Path, tmp_path: Path) -> None:
     bench = load_bench(str(ROOT / "rig" / "config" / "new_bench.toml"))
     values = bench.model_dump(exclude={"calibrations"}, exclude_unset=True)

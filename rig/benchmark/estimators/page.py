@@ -6,14 +6,12 @@ from markupsafe import Markup
 
 from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.tables import (
-    BenchmarkTable,
     estimator_table,
-    limit_table,
     notes,
     stress_table,
     time_table,
 )
-from rig.benchmark.harness import machine
+from rig.benchmark.harness import Table, limit_table, machine
 from rig.pages.page import render
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 
@@ -24,11 +22,11 @@ def page(result: BenchmarkResult, picture: Markup) -> str:
     """Return the HTML page, with the picture inside, as SVG."""
     every_window = estimator_table(result, windows=True)
     tables = [
-        limit_table(result.limits),
+        limit_table(result.limits, f"'{DEFAULT_ESTIMATOR}'"),
         estimator_table(result),
         time_table(result),
         stress_table(result),
-        BenchmarkTable("Every window", every_window.columns, every_window.rows),
+        Table("Every window", every_window.columns, every_window.rows),
     ]
     return render(
         "rig.benchmark.estimators",
@@ -43,7 +41,7 @@ def page(result: BenchmarkResult, picture: Markup) -> str:
     )
 
 
-def _shown(table: BenchmarkTable) -> dict[str, object]:
+def _shown(table: Table) -> dict[str, object]:
     """Say which columns hold text, which rows begin a group, and which are about our estimator."""
     rows = []
     before: str | None = None
@@ -60,7 +58,7 @@ def _shown(table: BenchmarkTable) -> dict[str, object]:
     }
 
 
-def _grouped(table: BenchmarkTable) -> bool:
+def _grouped(table: Table) -> bool:
     firsts: Sequence[str] = [cells[0] for cells in table.rows]
     return len(set(firsts)) < len(firsts)
 

@@ -1,16 +1,11 @@
 """The benchmark's tables as rows of text: for the terminal, the page and the README."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 from drivers.errors import counted
 from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.stress import NAMES, StressRow
 from rig.benchmark.estimators.timing import Spread
-from rig.benchmark.harness import machine
-from rig.benchmark.measured import Measured
-from rig.benchmark.readme import markdown_table
+from rig.benchmark.harness import Table, machine
 from rig.results.metrics import HEADING, mare_text
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
@@ -26,25 +21,16 @@ TIME_COLUMNS = ("estimator", "stage", "median, ms", "90 %", "95 %", "99 %", "fra
 NONE = "-"
 
 
-@dataclass(frozen=True, slots=True)
-class BenchmarkTable:
-    """A title, column headings, and rows of as many cells."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-
-
-def estimator_table(result: BenchmarkResult, windows: bool = False) -> BenchmarkTable:
+def estimator_table(result: BenchmarkResult, windows: bool = False) -> Table:
     """One row per estimator with its usual window and the paper's best, or with every window."""
     keys = list(result.scores) if windows else _usual(result)
     title = (
         f"{_simulated(result)}rotational error in degrees over {counted(result.lifts, 'lift')}, and run time"
     )
-    return BenchmarkTable(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
+    return Table(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
 
 
-def time_table(result: BenchmarkResult) -> BenchmarkTable:
+def time_table(result: BenchmarkResult) -> Table:
     """Percentiles of run time per stage, on frames with contact, and of the published second stage."""
     rows = []
     for name, timing in result.timing.contenders.items():
@@ -55,12 +41,10 @@ def time_table(result: BenchmarkResult) -> BenchmarkTable:
     rows.append(("", "thinning of the 256 x 320 picture", *_times(published.thinning)))
     rows.append(("", "mask to angle, cropped picture", *_times(published.cropped)))
     width, height = result.timing.size_px
-    return BenchmarkTable(
-        f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows
-    )
+    return Table(f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows)
 
 
-def stress_table(result: BenchmarkResult) -> BenchmarkTable:
+def stress_table(result: BenchmarkResult) -> Table:
     """MARE per condition and estimator; a share in brackets where not every frame was answered."""
     by = {(row.condition, row.estimator): row for row in result.stress}
     conditions = dict.fromkeys((row.group, row.condition) for row in result.stress)
@@ -71,17 +55,7 @@ def stress_table(result: BenchmarkResult) -> BenchmarkTable:
         for group, condition in conditions
     ]  # fmt: skip
     title = "SIMULATED clips with known angles: mean error in degrees (share of frames answered, if not all)"
-    return BenchmarkTable(title, ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
-
-
-def limit_table(limits: Sequence[Measured], whose: str = f"'{DEFAULT_ESTIMATOR}'") -> BenchmarkTable:
-    """Every limit, what was measured and whether it was kept."""
-    rows = [
-        (limit.name, NONE if limit.value is None else f"{limit.value:.3g}", limit.asked,
-         {True: "kept", False: "MISSED", None: ""}[limit.met])
-        for limit in limits
-    ]  # fmt: skip
-    return BenchmarkTable(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
+    return Table(title, ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
 
 
 def notes(result: BenchmarkResult) -> list[str]:
@@ -114,7 +88,7 @@ def readme_section(result: BenchmarkResult) -> str:
             f"{_simulated(result)}{counted(result.lifts, 'lift')}, seed {result.settings.seed}, "
             f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}.",
             "",
-            markdown_table(README_COLUMNS, rows),
+            Table("", README_COLUMNS, rows).markdown(),
             "",
             f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept.",
         ]

@@ -5,16 +5,18 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from rig.benchmark.harness import column
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
     """One client or reader. met: whether the result is as expected; None if it was skipped."""
 
-    part: str
-    what: str
-    version: str
-    result: str
-    met: bool | None = None
+    part: str = column("part")
+    what: str = column("what")
+    version: str = column("version")
+    result: str = column("result")
+    met: bool | None = column("passed", lambda met: {True: "yes", False: "NO", None: ""}[met])
 
 
 Say = Callable[[str], None]
@@ -22,7 +24,7 @@ Say = Callable[[str], None]
 
 def skipped(part: str, what: str, reason: str) -> Row:
     """Return the row of a missing client or reader, with how to install it."""
-    return Row(part, what, "", f"skipped: {reason}")
+    return Row(part, what, "", f"skipped: {reason}", None)
 
 
 def installed(package: str) -> str | None:

@@ -9,7 +9,6 @@ from typer.main import get_command
 from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
-from rig.cli.benchmark.others import others
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.studies import command_of
 from rig.cli.benchmark.wire import wire
@@ -23,6 +22,10 @@ STUDIES = {
     "calibration": (
         "rig.benchmark.calibration.study",
         "Measure the calibrations against their limits, on simulated and, where they are, real data.",
+    ),
+    "others": (
+        "rig.benchmark.others.study",
+        "Run foreign clients on the simulated devices, and foreign readers on the files of a session.",
     ),
     "reaction": (
         "rig.benchmark.reaction.study",
@@ -82,4 +85,3 @@ benchmark.command("wire")(wire)
 benchmark.command("faults")(faults)
 benchmark.command("safety")(safety)
 benchmark.command("endurance")(endurance)
-benchmark.command("others")(others)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.studies import exit_if_missed
 from rig.cli.common import JsonOption, emit_json, say
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def endurance(
         for limit in limits:
             value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
             print(f"{limit.name}: {value} ({limit.asked})")
-    exit_where_missed(limits)
+    exit_if_missed(limits)
 
 
 def _line(minute: "Minute") -> str:

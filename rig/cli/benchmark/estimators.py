@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.studies import exit_if_missed
 from rig.cli.benchmark.tables import ReadmeOption, say_faults
 from rig.cli.common import JsonOption, SeedOption, emit_json, say
 from rig.cli.places import folder_place
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
     from rig.benchmark.estimators.benchmark import BenchmarkResult
-    from rig.benchmark.estimators.tables import BenchmarkTable
+    from rig.benchmark.harness import Table
 
 
 def estimators(
@@ -80,7 +80,7 @@ def estimators(
     say_faults(result.faults)
     if json:
         emit_json({"out": str(folder), **as_json(result)})
-    exit_where_missed(result.limits)
+    exit_if_missed(result.limits)
 
 
 class Parts:
@@ -110,11 +110,18 @@ class Parts:
 
 
 def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
-    from rig.benchmark.estimators.tables import estimator_table, limit_table, notes, stress_table, time_table
+    from rig.benchmark.estimators.tables import estimator_table, notes, stress_table, time_table
+    from rig.benchmark.harness import limit_table
     from rig.cli.fitting import table_console
+    from rig.tactile.estimators import DEFAULT_ESTIMATOR
 
     console = table_console(to_stderr)
-    tables = (time_table(result), stress_table(result), estimator_table(result), limit_table(result.limits))
+    tables = (
+        time_table(result),
+        stress_table(result),
+        estimator_table(result),
+        limit_table(result.limits, f"'{DEFAULT_ESTIMATOR}'"),
+    )
     for table in tables:
         console.print(_rich(table))
     for note in notes(result):
@@ -122,7 +129,7 @@ def _print(result: "BenchmarkResult", to_stderr: bool) -> None:
     console.print(f"{result.wall_s:.0f} s", highlight=False)
 
 
-def _rich(table: "BenchmarkTable") -> "RichTable":
+def _rich(table: "Table") -> "RichTable":
     from rich.table import Table as RichTable
 
     text = ("estimator", "stage", "group", "condition", "limit", "asked", "worst lift", "")

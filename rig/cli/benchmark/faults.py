@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.errors import counted
-from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.studies import exit_if_missed
 from rig.cli.benchmark.tables import ReadmeOption
 from rig.cli.common import Exit, JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
 from rig.cli.places import folder_place
@@ -129,7 +129,7 @@ def _campaign(
             say(f"longest until standstill: {_line(found)}")
     if readme is not None:
         write_section(readme, "faults", campaign_section(title, rows))
-    exit_where_missed(limits)
+    exit_if_missed(limits)
 
 
 def _line(row: "FaultRow") -> str:

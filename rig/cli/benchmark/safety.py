@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.benchmark.missed import exit_where_missed
+from rig.cli.benchmark.studies import exit_if_missed
 from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say, session_folder
 from rig.cli.places import file_place, folder_place
 
@@ -68,7 +68,7 @@ def safety(
         _print_table(runs)
     if readme is not None:
         write_section(readme, "safety", section(runs, seed))
-    exit_where_missed(limits)
+    exit_if_missed(limits)
 
 
 def _line(run: "SafetyRun") -> str:

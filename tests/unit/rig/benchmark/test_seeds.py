@@ -10,8 +10,6 @@ from rig.benchmark.estimators.scores import score_series
 from rig.benchmark.harness import RESULTS, Run
 from rig.benchmark.seeds import SeedLift, SeedsOptions, judge_lifts, measure
 
-ONE_LIFT = SeedsOptions(objects=["7"], lifts=1)
-
 
 def lift(error_deg: float, sigma_deg: float, wrong: int = 0) -> SeedLift:
     truth = [10.0 * i for i in range(4)]
@@ -20,18 +18,19 @@ def lift(error_deg: float, sigma_deg: float, wrong: int = 0) -> SeedLift:
 
 
 @pytest.mark.slow
-def test_seeds_resume_and_keep_no_recordings(tmp_path: Path) -> None:
+def test_seeds_resume_and_keep_no_recordings(light_bench_file: Path, tmp_path: Path) -> None:
+    one_lift = SeedsOptions(bench=str(light_bench_file), objects=["7"], lifts=1)
     done: list[str] = []
     run = Run(3, 1, tmp_path, progress=lambda *of: done.append(of[2]))
-    report = measure(ONE_LIFT, run)
+    report = measure(one_lift, run)
     assert done == ["fake, seed 3, 7/1", "fake, seed 4, 7/1"]
     assert [path.name for path in tmp_path.iterdir()] == [RESULTS]
     assert [row[0] for row in report.tables[0].rows] == ["all", "3", "4"]
     assert all(limit.met for limit in report.limits)
-    assert measure(ONE_LIFT, replace(run, resume=True)) == report
+    assert measure(one_lift, replace(run, resume=True)) == report
     assert len(done) == 2
     with pytest.raises(InputError, match="holds 2 results"):
-        measure(ONE_LIFT, run)
+        measure(one_lift, run)
 
 
 def test_seeds_reject_bench_outside_this_process(tmp_path: Path) -> None:

@@ -5,17 +5,16 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.benchmark.others.benchmark import Sources, as_json, others_section, others_table, run_others
+from rig.benchmark.harness import Run
 from rig.benchmark.others.rows import Row, commit_of, skipped
-
-NOTHING = Sources(None, None)
+from rig.benchmark.others.study import OthersOptions, measure, others_table
 
 
 def test_missing_clients_and_readers_are_skipped_with_how_to_get_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("rig.benchmark.others.clients.installed", lambda package: None)
-    rows = run_others([], NOTHING, lambda text: None)
+    rows = measure(OthersOptions(), Run()).tables[0].records
     assert [row.met for row in rows] == [None] * 5
     results = [row.result for row in rows]
     assert results[0] == "skipped: pip install ur-rtde"
@@ -27,15 +26,14 @@ def test_unknown_part_is_rejected() -> None:
     with pytest.raises(
         InputError, match=r"part 'clints' \(did you mean 'clients'\?\): choose one of clients"
     ):
-        run_others(["clints"], NOTHING, lambda text: None)
+        measure(OthersOptions(["clints"]), Run())
 
 
 def test_table_marks_unexpected_results() -> None:
     rows = [Row("a", "b | c", "1", "x", False), skipped("a", "d", "pip install d")]
     table = others_table(rows)
     assert [row[-1] for row in table.rows] == ["NO", ""]
-    assert "| a | b / c | 1 | x | NO |" in others_section(rows)
-    assert as_json(rows)["rows"][0]["met"] is False
+    assert "| a | b / c | 1 | x | NO |" in table.markdown()
 
 
 def test_commit_of_a_clone_is_read_without_git(tmp_path: Path) -> None:

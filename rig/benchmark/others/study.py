@@ -1,0 +1,85 @@
+"""`rig benchmark others`: foreign clients and file readers on the rig's wire protocols and files."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.errors import RigError, unknown_name
+from rig.benchmark.harness import Report, Run, Study, Table, table_of
+from rig.benchmark.measured import at_most
+from rig.benchmark.others.clients import run_clients
+from rig.benchmark.others.files import run_files
+from rig.benchmark.others.rows import Row, Say
+
+
+@dataclass(frozen=True, slots=True)
+class OthersOptions:
+    """Options of `rig benchmark others`: where clients and readers find their input."""
+
+    part: Annotated[
+        list[str] | None, typer.Option("--part", help="clients or files; repeat. Default: both.")
+    ] = None
+    clones: Annotated[
+        Path | None,
+        typer.Option("--clones", help="Folder with clones of public repositories, as OWNER/NAME."),
+    ] = None
+    session: Annotated[
+        Path | None, typer.Option("--session", help="A session of rig trial, whose files are opened.")
+    ] = None
+
+
+PARTS: dict[str, Callable[[OthersOptions, Say], list[Row]]] = {
+    "clients": lambda options, say: run_clients(options.clones, say),
+    "files": lambda options, say: run_files(options.session, say),
+}
+
+
+def measure(options: OthersOptions, run: Run) -> Report:
+    """Run foreign clients on the simulated devices, and foreign readers on the files of a session.
+
+    Each client and reader is a package or clone that does not come with the rig. If it is missing, it is
+    skipped, and its row says how to install it. All connections are on loopback. See docs/others.md. Exit
+    code 4 if a result is not as expected.
+
+    Examples:
+      rig benchmark others --part clients
+
+      rig benchmark others --clones clones/ --session my_session --json
+
+    """
+    rows: list[Row] = []
+    for part in options.part or PARTS:
+        if part not in PARTS:
+            raise unknown_name("part", part, PARTS)
+    for part in options.part or PARTS:
+        try:
+            rows += PARTS[part](options, run.say)
+        except RigError as error:
+            rows.append(Row(part, "the part itself", "", str(error), met=False))
+    table = others_table(rows)
+    wrong = [row for row in rows if row.met is False]
+    return Report(
+        tables=(table,),
+        limits=(at_most("results that are not as expected", len(wrong), 0),),
+        limits_of="foreign clients and readers",
+        notes=[f"not as expected: {row.part}, {row.what}: {row.result}" for row in wrong],
+        section=table.markdown(),
+    )
+
+
+def others_table(rows: Sequence[Row]) -> Table:
+    """Return the table with a row for each client and reader."""
+    return table_of("Foreign clients and file readers", Row, rows, left=5)
+
+
+STUDY = Study(
+    name="others",
+    options=OthersOptions,
+    measure=measure,
+    cases="parts",
+    shared=("readme",),
+    simulated=False,
+)

@@ -17,6 +17,7 @@ import cv2
 
 from drivers.errors import InputError, counted
 from rig.benchmark.measured import Measured
+from rig.benchmark.readme import markdown_table
 from rig.experiments.process_pool import run_tasks
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
@@ -51,11 +52,6 @@ def columns_of(kind: type[Any]) -> Any:
     return field(metadata={"columns": kind})
 
 
-def silent() -> Any:
-    """Declare a field of a row that has no column; it is in the JSON."""
-    return field()
-
-
 @dataclass(frozen=True, slots=True)
 class Table:
     """A title, headings, and rows of as many cells. left: number of columns that are aligned to the left."""
@@ -68,10 +64,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return the columns and rows in Markdown, without the title."""
-        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
-        return "\n".join(
-            "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |" for cells in lines
-        )
+        return markdown_table(self.columns, self.rows)
 
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
@@ -102,7 +95,7 @@ def _value(row: Any, place: tuple[str, ...]) -> Any:
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
-    """Return every limit, what was measured, and whether it was kept. whose: the limits' subject."""
+    """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
     rows = [(of.name, _cell(of.value, ".3g"), of.asked, verdicts[of.met]) for of in limits]
     return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)

@@ -126,7 +126,7 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
 
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
-    """Carry out one lift and score the angles that it was answered with; what a worker process does."""
+    """Carry out one lift and score its online angles. Runs in a worker process."""
     settings, fault = TrialSettings(bench, case.seed, choose_estimator()), None
     for attempt in range(MAX_FAULTS_IN_A_ROW):
         with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:

@@ -77,7 +77,7 @@ def option_parameters(kind: Any) -> list[Parameter]:
 
 
 def set_signature(function: Any, parameters: list[Parameter]) -> None:
-    """Give a function the parameters that typer shall see."""
+    """Set the parameters that typer reads from a function."""
     function.__signature__ = Signature(parameters)
     function.__annotations__ = {each.name: each.annotation for each in parameters}
 

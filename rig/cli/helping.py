@@ -134,7 +134,7 @@ def _skip_checks_for_completion(command: Any, ctx: Any) -> None:
 
 
 def _with_nearest_choice(message: str) -> str:
-    """Add the most similar choice to the message about a value that is none of an option's choices."""
+    """Add the most similar choice to the message about an invalid choice."""
     wrong = re.search("'(.*)' is not one of (.*)[.]", message)
     if wrong is None:
         return message

@@ -55,7 +55,7 @@ class BenchOptions:
 
 @dataclass(frozen=True, slots=True)
 class SessionOptions:
-    """Where a session goes, and what is kept with it."""
+    """The folder of a session, its metadata, and its report."""
 
     out: OutOption = None
     resume: ResumeStoredOption = False
@@ -71,7 +71,7 @@ class SessionOptions:
 
 @dataclass(frozen=True, slots=True)
 class WatchOptions:
-    """Who is shown what happens."""
+    """The page in the browser, and notifications."""
 
     watch: WatchOption = False
     watch_at: WatchAtOption = None

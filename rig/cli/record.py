@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What is grasped, and how often."""
+    """The object, and the number of poses and images."""
 
     object_name: Annotated[
         str | None, typer.Option("--object", help="Object id or name; needed unless a session is continued.")

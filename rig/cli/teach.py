@@ -24,7 +24,7 @@ class By(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
-    """What is taught, and how."""
+    """The object, its positions, and the way the hand is moved."""
 
     name: Annotated[str, typer.Argument(metavar="OBJECT", help="One of your own objects: id or name.")]
     positions: Annotated[

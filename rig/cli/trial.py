@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TrialOptions:
-    """What is lifted, how often, and what is asked of the result."""
+    """The objects, the number of lifts, and the limit on the result."""
 
     lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="Accepted lifts per object.")] = (
         stored_as("lifts_per_object", 5)

@@ -130,9 +130,8 @@ def find_background(name: str, images: Iterable[Image], spread: Sequence[Image])
     """
     frames, first = untouched_frames(images, spread)
     if frames and first:
-        return mean_background(
-            frames
-        ), f"background: mean of the first {counted(len(frames), 'frame')}, which are alike"
+        note = f"background: mean of the first {counted(len(frames), 'frame')}, which are alike"
+        return mean_background(frames), note
     if frames:
         share = f"{len(frames)} of {len(spread)} frames, evenly spread"
         return mean_background(frames), f"background: mean of the {share}, that are most alike"

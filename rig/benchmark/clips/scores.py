@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.benchmark.clips.labelled import ClipLabel
-from rig.benchmark.harness import column, silent
+from rig.benchmark.harness import column
 from rig.benchmark.wrong_answers import is_confidently_wrong
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
@@ -91,8 +91,9 @@ class ClipScore:
     without contact and in contact.
     """
 
+    answered: float
+    median_sigma_deg: float | None
     labels: int = column("labels")
-    answered: float = silent()
     within_3: float = column("within 3 deg", ".0%")
     within: float = column("within 3 deg or 2 label sigmas", ".0%")
     mean_small_deg: float | None = column("mean, up to 30 deg", ".2f")
@@ -103,7 +104,6 @@ class ClipScore:
     two_sigma: float | None = column("within 2 sigma", ".0%")
     confidently_wrong: float | None = column("confidently wrong", ".0%")
     false_rest: float | None = column("false rest", ".0%")
-    median_sigma_deg: float | None = silent()
     frame_ms: tuple[float, float] = column(
         "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.2f}, {ms[1]:.2f}"
     )

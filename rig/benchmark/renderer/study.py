@@ -83,8 +83,8 @@ class FaceRow:
 def measure(options: RendererOptions, run: Run) -> Report:
     """Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.
 
-    Its gel, lamps, faces and turns are its own, so what is tuned to one simulator shows here. Exit code 4
-    if a limit of the first estimator was missed.
+    Its gel, LEDs, faces and turns are its own, so an estimator tuned to the other simulator does worse here.
+    Exit code 4 if a limit of the first estimator was missed.
 
     Examples:
       rig benchmark renderer
@@ -109,7 +109,7 @@ def measure(options: RendererOptions, run: Run) -> Report:
 
 
 def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, DrawnLift]:
-    """Draw one lift and return every estimator's answers, scored; what a worker process does."""
+    """Draw one lift and return the scored answers of each estimator. Runs in a worker process."""
     cv2.setNumThreads(1)
     samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
     spent: dict[str, list[float]] = {choice.name: [] for choice in choices}

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def safety(
     full: Annotated[
-        bool, typer.Option("--full", help="Each event once in every stage: 102 runs, about 40 minutes.")
+        bool, typer.Option("--full", help="Each event once in every stage: 102 runs, about 30 minutes.")
     ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder of the runs.", callback=folder_place)

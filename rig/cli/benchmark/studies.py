@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rig.cli.benchmark.tables import ReadmeOption, say_faults
 from rig.cli.common import Exit, JobsOption, JsonOption, SeedOption, emit_json, say
 from rig.cli.declared import option_parameters, set_signature
-from rig.cli.places import file_place, folder_place
+from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.harness import Report, Study
@@ -27,14 +28,7 @@ class SharedOptions:
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue with the cases that are missing in --out.")
     ] = False
-    readme: Annotated[
-        Path | None,
-        typer.Option(
-            "--readme",
-            help="Put the table between its markers in this file, as docs/estimators.md.",
-            callback=file_place,
-        ),
-    ] = None
+    readme: ReadmeOption = None
     jobs: JobsOption = None
     seed: SeedOption = 0
 
@@ -68,8 +62,9 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions, json: b
     from rig.sessions.session import default_folder
 
     began = time.perf_counter()
-    section = study.section(options) if study.section else study.name
+    section = study.name
     if shared.readme is not None:
+        section = study.section(options) if study.section else section
         check_readme(shared.readme, section)
     folder = shared.out or (default_folder(study.name) if study.keeps_results else None)
     say(_first_line(study, shared, folder))
@@ -105,8 +100,7 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
         console.print(console_table(table.columns, table.rows, table.left, table.title))
     for note in (*report.notes, f"{wall_s:.0f} s"):
         console.print(note, highlight=False)
-    for name, faults in report.faults.items():
-        say(f"warning: '{name}': {faults}")
+    say_faults(report.faults)
 
 
 def _write(folder: Path, report: "Report", result: dict[str, Any]) -> None:

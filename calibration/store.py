@@ -41,14 +41,6 @@ class CalibrationFile:
     inputs: Mapping[str, Any] = field(default_factory=dict)
     software: Mapping[str, str] = field(default_factory=dict)
 
-    def age_days(self, now: datetime) -> float:
-        """Days since it was made."""
-        return age_days(self.created, now)
-
-    def age_text(self, now: datetime) -> str:
-        """The age in words."""
-        return f"{age_text(self.age_days(now))} old"
-
 
 def age_days(created: str, now: datetime) -> float:
     """Days since an ISO 8601 time; UTC where it names no zone. Raises `ValueError`."""
@@ -72,12 +64,7 @@ def save(file: CalibrationFile, path: Path) -> None:
     }  # fmt: skip
     content = plain({**file.value, "calibration": about}, str(path))
     text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=110, allow_unicode=True)
-    write_text(path, text)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically. Raises `RecordingError`."""
-    write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode())
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation, Slerp
 
 from calibration.verdict import Assessment, limit
 from drivers.errors import CalibrationError, counted
@@ -18,30 +20,33 @@ FEWEST = 20
 _LEAST_EXPLAINED = 0.5
 _WELL_EXPLAINED = 0.85
 _NOT_NOISE = 0.6
-"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero. Below that
-share explained it tells of a wrong valley; above, of sensors that smooth differently, and widens sigma."""
+"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero. Below
+`_WELL_EXPLAINED` it shows a wrong minimum; above, sensors that smooth differently, and it widens sigma."""
 _GRID_S = 0.002
 _HILL = 1.05
 _ROUNDS = 30
 _DRIFT_FROM_S = 60.0
 """A drift is fitted to streams that overlap for a minute and more."""
+_SPAN_NS = 100_000_000
+"""A turning rate is measured over this time: over less it is noise, over more the motion is smoothed away."""
+_AROUND = 15
+"""Samples of the running median: the spikes of half a span at both ends of a flip are the minority in it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedSignal:
-    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64; dropped samples."""
+    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64."""
 
     time_ns: NDArray[np.int64]
     values: Array
-    dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
     """The answer. sigma_s, drift_sigma_ppm: one sigma. gain: second's values over first's, signed.
 
-    explained: share of the second signal's variance that the first explains. noise: one sigma of
-    the residual. offset_s is None where refused.
+    explained: share of the second signal's variance that the first explains. offset_s is None where refused;
+    drift_ppm is None for a short overlap.
     """
 
     assessment: Assessment
@@ -51,9 +56,7 @@ class TimeOffset:
     drift_sigma_ppm: float | None = None
     gain: float | None = None
     explained: float | None = None
-    noise: float | None = None
     used: int = 0
-    overlap_s: float = 0.0
 
 
 def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
@@ -65,27 +68,70 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
     if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
         raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
-    finite = np.isfinite(signal)
-    order = np.argsort(times[finite], kind="stable")
-    times, signal = times[finite][order].astype(np.int64), signal[finite][order]
-    fresh = np.append(True, np.diff(times) > 0) if len(times) else np.zeros(0, bool)
-    times, signal = times[fresh], signal[fresh]
-    if len(times) < FEWEST:
+    times = times.astype(np.int64)
+    usable = _in_order(times, np.isfinite(signal))
+    if len(usable) < FEWEST:
         raise CalibrationError(
-            f"sync: {name}: {counted(len(times), 'usable sample')}, {FEWEST} are the least"
+            f"sync: {name}: {counted(len(usable), 'usable sample')}, {FEWEST} are the least"
         )
-    longest_s = float(np.diff(times).max()) / 1e9
+    longest_s = float(np.diff(times[usable]).max()) / 1e9
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
-    return TimedSignal(times, signal, len(finite) - len(times))
+    return TimedSignal(times[usable], signal[usable])
 
 
-def unwrapped(counter: NDArray[np.integer], bits: int = 32) -> NDArray[np.int64]:
-    """Unwrap a free-running counter that advances by less than half its range per step."""
-    steps = np.diff(np.asarray(counter).astype(np.int64))
-    turn = 1 << bits
-    steps = (steps + turn // 2) % turn - turn // 2
-    return int(counter[0]) + np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
+def turning_rate(
+    time_ns: NDArray[np.int64], quaternions_xyzw: NDArray[np.floating], name: str
+) -> TimedSignal:
+    """Return the angular speed in rad/s over 0.1 s around each time; orientations between samples by slerp.
+
+    A robot and a camera on it see the same speed whatever their frames, so no hand-eye transform is needed
+    (Furrer et al. 2017 correlate speeds). time_ns: (N,) int64; quaternions_xyzw: (N, 4), invalid ones are
+    left out. Raises `CalibrationError` if too few valid orientations are left, and as `make_stream` does.
+    """
+    times, values = np.asarray(time_ns), np.asarray(quaternions_xyzw, np.float64)
+    if values.shape != (len(times), 4):
+        raise CalibrationError(f"sync: {name}: (N, 4) quaternions for N times are needed, got {values.shape}")
+    # the comparison is false for NaN
+    usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
+    times, values = times[usable], values[usable]
+    middle = times[_inside(times)] if len(times) else times
+    if not len(middle):
+        raise CalibrationError(
+            f"sync: {name}: no orientations over 0.1 s without a gap; is the stream too slow?"
+        )
+    turn = Slerp(times - times[0], Rotation.from_quat(values))
+    before, after = (turn(middle - times[0] + step) for step in (-_SPAN_NS // 2, _SPAN_NS // 2))
+    rates = (before.inv() * after).magnitude() / (_SPAN_NS / 1e9)
+    return make_stream(middle, np.where(_spikes(rates), np.nan, rates), name)
+
+
+def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Indices of usable samples in the order of their times, repeated times left out."""
+    found = np.flatnonzero(usable)
+    found = found[np.argsort(times[found], kind="stable")]
+    return found[np.diff(times[found], prepend=times[found[:1]] - 1) > 0]
+
+
+def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) whether there are samples up to half a span on either side, and none is far from the next."""
+    half = _SPAN_NS // 2
+    first, last = np.searchsorted(times, times - half, "right") - 1, np.searchsorted(times, times + half)
+    whole = (first >= 0) & (last < len(times))
+    wide = np.zeros(len(times), bool)
+    wide[whole] = times[last[whole]] - times[first[whole]] < 3 * _SPAN_NS
+    return wide
+
+
+def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(N,) whether a rate stands out from its neighbours, as where a detector mirrors the target.
+
+    Hampel's filter: more than five robust deviations from the running median.
+    """
+    middle = median_filter(rates, _AROUND, mode="nearest")
+    away = np.abs(rates - middle)
+    usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
+    return away > 5.0 * 1.4826 * usual + 0.05
 
 
 def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) -> TimeOffset:
@@ -113,33 +159,31 @@ def _refined(
     t1: Array, signal: Array, t2: Array, wanted: Array, valley: tuple[Array, Array, int], search_s: float
 ) -> TimeOffset:
     grid, costs, best = valley
-    middle, overlap = float(t2.mean()), float(np.ptp(t2))
-    with_drift = overlap >= _DRIFT_FROM_S
+    from_middle, with_drift = t2 - float(t2.mean()), float(np.ptp(t2)) >= _DRIFT_FROM_S
     offset, drift = float(grid[best]), 0.0
     for _ in range(_ROUNDS):
-        at = t2 + offset + drift * (t2 - middle)
-        system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
+        at = t2 + offset + drift * from_middle
+        system, rest = _linearised(t1, signal, at, wanted, from_middle, with_drift)
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
         step, *_ = np.linalg.lstsq(system / scale, rest, rcond=None)
         step = step / scale
         offset, drift = offset + float(step[0]), drift + (float(step[3]) if with_drift else 0.0)
         if abs(step[0]) < 1e-9:
             break
-    at = t2 + offset + drift * (t2 - middle)
+    at = t2 + offset + drift * from_middle
     cost, gain, noise = _explained(t1, signal, at, wanted)
-    system, rest = _linearised(t1, signal, at, wanted, t2 - middle, with_drift)
+    system, rest = _linearised(t1, signal, at, wanted, from_middle, with_drift)
     alike = _autocorrelation(rest)
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
     sigma = noise * _unit_sigmas(system) * fewer
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    distinct = _rival(grid, costs, best) >= _told_apart(len(t2) / fewer**2)
-    assessment = _assess(explained, alike, float(sigma[0]), offset, search_s, distinct)
+    # of many samples, the second-best minimum has to be less worse than of few
+    distinct = _rival(grid, costs, best) >= np.clip(1.0 + 25.0 / max(len(t2) / fewer**2, 1.0), 1.15, 1.5)
+    assessment = _assess(explained, alike, float(sigma[0]), offset, search_s, bool(distinct))
     if assessment.refusals:
-        return TimeOffset(assessment, explained=explained, noise=noise, used=len(t2), overlap_s=overlap)
-    return TimeOffset(
-        assessment, offset, float(sigma[0]), 1e6 * drift if with_drift else None,
-        1e6 * float(sigma[3]) if with_drift else None, gain, explained, noise, len(t2), overlap,
-    )  # fmt: skip
+        return TimeOffset(assessment, explained=explained, used=len(t2))
+    drifts = (1e6 * drift, 1e6 * float(sigma[3])) if with_drift else (None, None)
+    return TimeOffset(assessment, offset, float(sigma[0]), *drifts, gain, explained, len(t2))
 
 
 def _assess(
@@ -147,20 +191,18 @@ def _assess(
 ) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
-        return Assessment((f"{share}: wiggle by several degrees",))
-    if explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
-        return Assessment(
-            ("what the best offset leaves is no noise: the offset may lie beyond the end of the search",)
+        reason = f"{share}: wiggle by several degrees"
+    elif explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
+        reason = "what the best offset leaves is no noise: the offset may lie beyond the end of the search"
+    elif abs(offset_s) > search_s - 2 * _GRID_S:
+        reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
+    elif not distinct:
+        reason = "another offset fits almost as well, because the motion repeats: wiggle at a changing rate"
+    else:
+        return limit(
+            1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
         )
-    if abs(offset_s) > search_s - 2 * _GRID_S:
-        return Assessment((f"the offset lies at the end of the search (+-{search_s:g} s): search wider",))
-    if not distinct:
-        return Assessment(
-            ("another offset fits almost as well, because the motion repeats: wiggle at a changing rate",)
-        )
-    return limit(
-        1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
-    )
+    return Assessment((reason,))
 
 
 def _autocorrelation(rest: Array) -> float:
@@ -215,11 +257,6 @@ def _rival(grid: Array, costs: Array, best: int) -> float:
         if abs(i - best) > 2 and costs[min(i, best) : max(i, best) + 1].max() > _HILL * costs[i]
     ]
     return float(min(others) / max(costs[best], 1e-300)) if others else np.inf
-
-
-def _told_apart(samples: float) -> float:
-    """By how much the second-best minimum has to be worse: of many samples, less than of few."""
-    return float(np.clip(1.0 + 25.0 / max(samples, 1.0), 1.15, 1.5))
 
 
 def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:

@@ -20,22 +20,18 @@ _HINT = "tilt the tool by 30 degrees and more, about two axes, with the tip in i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotResult:
-    """tip_m: (3,) in the tool's frame; point_m: (3,) the fixed point in base; None where refused.
+    """tip_m: (3,) in the tool's frame; None where refused.
 
-    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m, held_out_m:
-    per pose used. cone_deg: largest turn between two poses. condition: smallest over largest
-    singular value of the scaled system.
+    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m: per pose used.
+    cone_deg: largest turn between two poses.
     """
 
     assessment: Assessment
     rejected: tuple[Rejected, ...] = ()
+    cone_deg: float = 0.0
     tip_m: Array | None = None
-    point_m: Array | None = None
     covariance: Array | None = None
     residual_m: dict[str, float] | None = None
-    held_out_m: Array | None = None
-    cone_deg: float = 0.0
-    condition: float = 0.0
 
 
 def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
@@ -47,34 +43,32 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     names = [name for name, _ in good]
     turns = np.array([pose.rotation.as_matrix() for _, pose in good])
     moves = np.array([pose.position_m for _, pose in good])
-    cone, condition = _observability(turns)
-    gate = _gate(cone, condition)
+    cone_deg, gate = _gate(turns)
     if gate.refusals:
-        return PivotResult(gate, tuple(rejected), cone_deg=cone, condition=condition)
+        return PivotResult(gate, tuple(rejected), cone_deg)
     kept = _inliers(turns, moves)
     rejected += [Rejected(names[i], "its tip is off the others' point") for i in np.flatnonzero(~kept)]
-    return _finish([n for n, k in zip(names, kept, strict=True) if k], turns[kept], moves[kept], rejected)
+    names = [name for name, used in zip(names, kept, strict=True) if used]
+    return _finish(names, turns[kept], moves[kept], tuple(rejected))
 
 
 def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
     """Tip and fixed point, (3,) m each, from (N, 3, 3) and (N, 3) m."""
-    system = _system(turns)
-    both, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
+    both, *_ = np.linalg.lstsq(_system(turns), -moves.reshape(-1), rcond=None)
     return both[:3], both[3:]
 
 
-def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejected]) -> PivotResult:
-    cone, condition = _observability(turns)
-    gate = _gate(cone, condition)
-    if gate.refusals or len(names) < FEWEST:
-        few = f"{counted(len(names), 'agreeing pose')}, {FEWEST} are the least"
-        left = gate if gate.refusals else Assessment((few,))
-        return PivotResult(left, tuple(rejected), cone_deg=cone, condition=condition)
+def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Rejected, ...]) -> PivotResult:
+    cone_deg, assessment = _gate(turns)
+    if len(names) < FEWEST and not assessment.refusals:
+        assessment = Assessment((f"{counted(len(names), 'agreeing pose')}, {FEWEST} are the least",))
+    if assessment.refusals:
+        return PivotResult(assessment, rejected, cone_deg)
     tip, point = solve_pivot(turns, moves)
     missed = turns @ tip + moves - point
     distance = np.linalg.norm(missed, axis=1)
-    covariance, held_out = _spread(turns, moves, tip, missed)
-    assessment = gate + limit(
+    covariance = _spread(turns, moves, tip, missed)
+    assessment += limit(
         1e3 * float(np.sqrt((distance**2).mean())), 1.0, 5.0,
         "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?",
     )  # fmt: skip
@@ -83,29 +77,22 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: list[Rejecte
     )
     assessment += floor(len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good")
     if assessment.refusals:
-        return PivotResult(assessment, tuple(rejected), cone_deg=cone, condition=condition)
+        return PivotResult(assessment, rejected, cone_deg)
     residual = dict(zip(names, distance.tolist(), strict=True))
-    return PivotResult(
-        assessment, tuple(rejected), tip, point, covariance, residual, held_out, cone, condition
-    )
+    return PivotResult(assessment, rejected, cone_deg, tip, covariance, residual)
 
 
-def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> tuple[Array, Array]:
-    """Covariance of the tip (the larger of fit and jackknife), and held-out distances (N,) m."""
-    system = _system(turns)
-    _, strengths, directions = np.linalg.svd(system, full_matrices=False)
+def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> Array:
+    """Covariance of the tip: the larger of fit and jackknife."""
+    _, strengths, directions = np.linalg.svd(_system(turns), full_matrices=False)
     count = len(turns)
     noise = float((missed**2).sum()) / max(3 * count - 6, 1)
     spread = directions / strengths[:, None]
     fit = (spread.T @ spread)[:3, :3] * noise
-    changes, held_out = [], []
-    for i in range(count):
-        others = np.delete(np.arange(count), i)
-        other_tip, other_point = solve_pivot(turns[others], moves[others])
-        changes.append(other_tip - tip)
-        held_out.append(float(np.linalg.norm(turns[i] @ other_tip + moves[i] - other_point)))
-    jackknife = (count - 1) / count * np.array(changes).T @ np.array(changes)
-    return (jackknife if np.trace(jackknife) > np.trace(fit) else fit), np.array(held_out)
+    left_out = [np.delete(np.arange(count), i) for i in range(count)]
+    changes = np.array([solve_pivot(turns[others], moves[others])[0] - tip for others in left_out])
+    jackknife = (count - 1) / count * changes.T @ changes
+    return jackknife if np.trace(jackknife) > np.trace(fit) else fit
 
 
 def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
@@ -136,19 +123,18 @@ def _same(pose: Pose, other: Pose) -> bool:
     return bool(np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1))
 
 
-def _gate(cone_deg: float, condition: float) -> Assessment:
-    if cone_deg < 10.0:
-        return Assessment((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
-    if condition < 0.02:
-        return Assessment((f"all turns are about one axis, so the tip along it is free: {_HINT}",))
-    return floor(cone_deg, 30.0, 10.0, "the tool turned by {value:.0f} degrees at most: " + _HINT)
-
-
-def _observability(turns: Array) -> tuple[float, float]:
+def _gate(turns: Array) -> tuple[float, Assessment]:
+    """Largest turn between two poses in degrees, and whether the turns determine the tip."""
     first, second = np.triu_indices(len(turns), 1)
     relative = Rotation.from_matrix(turns[second] @ turns[first].transpose(0, 2, 1))
+    cone_deg = float(np.degrees(relative.magnitude()).max())
     strengths = np.linalg.svd(_system(turns), compute_uv=False)
-    return float(np.degrees(relative.magnitude()).max()), float(strengths[-1] / strengths[0])
+    if cone_deg < 10.0:
+        return cone_deg, Assessment((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
+    if strengths[-1] < 0.02 * strengths[0]:
+        reason = f"all turns are about one axis, so the tip along it is free: {_HINT}"
+        return cone_deg, Assessment((reason,))
+    return cone_deg, floor(cone_deg, 30.0, 10.0, "the tool turned by {value:.0f} degrees at most: " + _HINT)
 
 
 def _system(turns: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
-from calibration.targets.views import View, usable_views
+from calibration.targets.boards import View, usable_views
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError
 
@@ -78,27 +78,20 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     remain, or when no fit converges.
     """
     good, rejected = usable_views(views)
-    need(good, rejected)
-    good, bad = (good, []) if keep_all else _without_bad_views(good)
-    rejected = [*rejected, *bad]
+    if len(good) < FEWEST_VIEWS:
+        why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:6]) or "none left out"
+        raise CalibrationError(
+            f"camera: {len(good)} usable distinct views of the board, {FEWEST_VIEWS} are the least and 15 "
+            f"are good ({why})"
+        )
+    if not keep_all:
+        good, bad = _without_bad_views(good)
+        rejected += bad
     held_out = {lens.name: held_out_error(good, lens, folds) for lens in LENS_MODELS}
     lens = _chosen(held_out)
     best = fit_camera(good, lens)
-    covariance, noise = lens_covariance(best)
-    return CameraFit(
-        best, covariance, noise, {k: v for k, v in held_out.items() if np.isfinite(v)}, tuple(rejected)
-    )
-
-
-def need(views: Sequence[View], rejected: Sequence[Rejected]) -> None:
-    """Raise `CalibrationError` when there are too few views, with what became of the others."""
-    if len(views) >= FEWEST_VIEWS:
-        return
-    why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:6]) or "none left out"
-    raise CalibrationError(
-        f"camera: {len(views)} usable distinct views of the board, {FEWEST_VIEWS} are the least and 15 "
-        f"are good ({why})"
-    )
+    finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
+    return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:

@@ -44,7 +44,6 @@ class BallFit:
     component of the normal in those. null_rms: rms of a component where nothing touches. centres_px: found.
     """
 
-    assessment: Assessment
     map: GradientMap
     held_out_mm: dict[str, float]
     true_mm: dict[str, float]
@@ -61,6 +60,32 @@ class BallFit:
             errors[radius] = float(np.median(found)) / radius - 1.0
         return errors
 
+    @property
+    def assessment(self) -> Assessment:
+        """By the errors of held-out presses, the slope where nothing touches, and the number of presses."""
+        errors = self.radius_error()
+        spread = np.array([abs(self.held_out_mm[i] / true - 1.0) for i, true in self.true_mm.items()])
+        worst = max(abs(e) for e in errors.values())
+        assessment = limit(
+            100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
+        )
+        assessment += limit(
+            100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
+        )
+        assessment += limit(
+            self.null_rms, 0.03, 0.2, "where nothing touches, the slope is {value:.3f} and not zero",
+            "slope where nothing touches: {value:.3f}",
+        )  # fmt: skip
+        assessment += floor(
+            len(self.true_mm), 20, FEWEST_PRESSES,
+            f"{counted(len(self.true_mm), 'picture')} of presses; 30 all over the gel are good",
+        )  # fmt: skip
+        if len(errors) < 2:
+            assessment += Assessment(
+                doubts=("only one ball diameter: a wrong scale or diameter would go unseen",)
+            )
+        return assessment
+
 
 def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], folds: int = 8) -> BallFit:
     """Fit the colour map to presses all over the gel; every press is left out once to check it.
@@ -74,27 +99,29 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
         raise CalibrationError(
             f"gel: {counted(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
         )
-    good = find_centres(good, mm_per_px)
+    good = _find_centres(good, mm_per_px)
     held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
-    normal_rms = float(np.sqrt(np.mean(np.square(errors))))
-    null_rms = float(np.sqrt(np.mean(np.square(nulls)))) if nulls else 0.0
-    true = {p.press.id: p.radius_mm for p in good}
-    centres = {p.press.id: p.press.centre_px for p in good}
-    fitted = fit_to(good, mm_per_px)
-    result = BallFit(Assessment(), fitted, held_out, true, normal_rms, null_rms, centres, tuple(rejected))
-    return replace(result, assessment=_assess(result))
+    return BallFit(
+        _fit_to(good, mm_per_px),
+        held_out,
+        {p.press.id: p.radius_mm for p in good},
+        normal_rms=float(np.sqrt(np.mean(np.square(errors)))),
+        null_rms=float(np.sqrt(np.mean(np.square(nulls)))),
+        centres_px={p.press.id: p.press.centre_px for p in good},
+        rejected=tuple(rejected),
+    )
 
 
-def find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
+def _find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
     """Fit map and centres alternately: a press is centred where its normals, times R, point back to."""
     presses = list(presses)
     for _ in range(_ROUNDS):
-        fitted = fit_to(presses, mm_per_px)
+        fitted = _fit_to(presses, mm_per_px)
         presses = [_centred(press, fitted, mm_per_px) for press in presses]
     return presses
 
 
-def fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
+def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
     """The map for presses whose centres are taken as they are."""
     rows, columns = presses[0].press.strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
@@ -143,7 +170,7 @@ def _held_out(
     errors: list[float] = []
     nulls: list[float] = []
     for fold in range(folds):
-        fitted = fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
+        fitted = _fit_to([p for i, p in enumerate(presses) if i % folds != fold], mm_per_px)
         for press in presses[fold::folds]:
             radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
             change, places, truth = _samples(press, mm_per_px)
@@ -178,31 +205,3 @@ def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
     if len(core_pixels(press.press)[0]) < _LEAST_PIXELS:
         return "too little of its contact is in the picture"
     return None
-
-
-def _assess(result: BallFit) -> Assessment:
-    errors = result.radius_error()
-    spread = np.array([abs(result.held_out_mm[i] / true - 1.0) for i, true in result.true_mm.items()])
-    worst = max(abs(e) for e in errors.values())
-    assessment = limit(
-        100 * worst, 5.0, 25.0, "balls left out come out {value:.0f} % wrong in radius (median per ball)"
-    )
-    assessment += limit(
-        100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
-    )
-    assessment += limit(
-        result.null_rms,
-        0.03,
-        0.2,
-        "where nothing touches, the slope is {value:.3f} and not zero",
-        "slope where nothing touches: {value:.3f}",
-    )
-    assessment += floor(
-        len(result.true_mm), 20, FEWEST_PRESSES,
-        f"{counted(len(result.true_mm), 'picture')} of presses; 30 all over the gel are good",
-    )  # fmt: skip
-    if len(errors) < 2:
-        assessment += Assessment(
-            doubts=("only one ball diameter: a wrong scale or diameter would go unseen",)
-        )
-    return assessment

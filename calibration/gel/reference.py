@@ -32,7 +32,6 @@ class Reference:
     noise_grey: float
     saturated: float
     hot_pixels: int
-    frames: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +70,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
             f"tactile reference: {change:.0%} of the picture changed while it was taken; "
             "nothing may touch the gel"
         )
-    return Reference(image, noise, float((image >= _SATURATED).mean()), _hot_pixels(image), len(frames))
+    return Reference(image, noise, float((image >= _SATURATED).mean()), _hot_pixels(image))
 
 
 def check_light(frame: Image, name: str) -> None:
@@ -111,12 +110,9 @@ def assess_reference(reference: Reference, drift: Drift | None = None) -> Assess
     )
     assessment += limit(reference.hot_pixels, 20, np.inf, "{value} hot pixels")
     assessment += floor(
-        float(reference.image.mean()),
-        25.0,
-        8.0,
-        "the picture is dark (mean {value:.0f} grey)",
+        float(reference.image.mean()), 25.0, 8.0, "the picture is dark (mean {value:.0f} grey)",
         "mean brightness: {value:.0f} grey",
-    )
+    )  # fmt: skip
     if drift is None:
         return assessment + Assessment(
             doubts=("no earlier reference to compare with: contact in it would go unseen",)

@@ -29,16 +29,13 @@ class GelScale:
     """A gel's scale.
 
     mm_per_px: (2,) along x and y of the picture; sigma: (2,) one sigma of each; aspect_sigma: of
-    their ratio, in which the bulge cancels. turn_deg: rotation of the picture against the axes of the motion.
-    residual_px: rms. held_out_px: rms by leave-one-out.
+    their ratio, in which the bulge cancels. residual_px: rms.
     """
 
     mm_per_px: Array
     sigma: Array
     aspect_sigma: float
-    turn_deg: float
     residual_px: float
-    held_out_px: float
     assessment: Assessment
 
     @property
@@ -65,72 +62,52 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
             "at least, some mm apart along x and along y"
         )
     apart = radii_mm is not None and np.max(radii_mm) >= _SIZES_APART * np.min(radii_mm)
-    known = _KnownMoves(centres_px, moves_mm, np.asarray(radii_mm) if apart else np.zeros(len(moves_mm)))
-    return _scale(known)
+    radii = np.asarray(radii_mm, np.float64) if apart else np.zeros(len(moves_mm))
+    return _scale(centres_px, moves_mm, radii)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _KnownMoves:
-    """Centres (N, 2) px, moves (N, 2) mm, radii (N,) mm; all zero where balls of one size were used."""
+def _system(centres_px: Array, radii_mm: Array, bulge_per_mm: float) -> Array:
+    """(N, 3) or (N, 4): centres stretched by the bulge, with an offset for each size of ball.
 
-    centres_px: Array
-    moves_mm: Array
-    radii_mm: Array
-
-    def without(self, i: int) -> "_KnownMoves":
-        others = np.delete(np.arange(len(self.moves_mm)), i)
-        return _KnownMoves(self.centres_px[others], self.moves_mm[others], self.radii_mm[others])
-
-    def system(self, bulge_per_mm: float) -> Array:
-        """(N, 3) or (N, 4): centres stretched by the bulge, with an offset for each size of ball."""
-        stretched = self.centres_px * (1.0 + bulge_per_mm * self.radii_mm[:, None])
-        zeros = [np.ones(len(self.moves_mm)), *([self.radii_mm] if self.radii_mm.any() else [])]
-        return np.column_stack([stretched, *zeros])
+    radii_mm: (N,), all zero where balls of one size were used.
+    """
+    stretched = centres_px * (1.0 + bulge_per_mm * radii_mm[:, None])
+    zeros = [np.ones(len(radii_mm)), *([radii_mm] if radii_mm.any() else [])]
+    return np.column_stack([stretched, *zeros])
 
 
-def _fit(known: _KnownMoves) -> tuple[Array, float]:
-    """Weights from the system to the moves, the first two rows for x and y, and the bulge, per mm."""
+def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
+    """(2,) mm per px along x and y, and the (N, 2) mm by which the moves are missed."""
 
-    def solve(bulge_per_mm: float) -> Array:
-        return np.linalg.lstsq(known.system(bulge_per_mm), known.moves_mm, rcond=None)[0]
+    def solve(bulge_per_mm: float) -> tuple[Array, Array]:
+        system = _system(centres_px, radii_mm, bulge_per_mm)
+        weights = np.linalg.lstsq(system, moves_mm, rcond=None)[0]
+        return np.linalg.norm(weights[:2], axis=1), moves_mm - system @ weights
 
-    if not known.radii_mm.any():
-        return solve(0.0), 0.0
-
-    def cost(bulge_per_mm: float) -> float:
-        return float((_missed(known, solve(bulge_per_mm), bulge_per_mm) ** 2).sum())
-
-    found: Any = minimize_scalar(cost, bounds=(0.0, _MOST_BULGE_PER_MM), method="bounded")
-    bulge = float(found.x)
-    return solve(bulge), bulge
-
-
-def _missed(known: _KnownMoves, weights: Array, bulge_per_mm: float) -> Array:
-    return known.moves_mm - known.system(bulge_per_mm) @ weights
+    if not radii_mm.any():
+        return solve(0.0)
+    found: Any = minimize_scalar(
+        lambda bulge_per_mm: float((solve(bulge_per_mm)[1] ** 2).sum()),
+        bounds=(0.0, _MOST_BULGE_PER_MM),
+        method="bounded",
+    )
+    return solve(float(found.x))
 
 
-def _scale(known: _KnownMoves) -> GelScale:
+def _scale(centres_px: Array, moves_mm: Array, radii_mm: Array) -> GelScale:
     """Lengths in mm of one pixel along x and y, with their sigma by jackknife."""
-    weights, bulge = _fit(known)
-    scale = np.linalg.norm(weights[:2], axis=1)
-    missed = _missed(known, weights, bulge)
+    scale, missed = _fit(centres_px, moves_mm, radii_mm)
     count = len(missed)
-    scales, left_out = np.empty((count, 2)), np.empty((count, 2))
-    for i in range(count):
-        other, other_bulge = _fit(known.without(i))
-        scales[i] = np.linalg.norm(other[:2], axis=1)
-        left_out[i] = _missed(known, other, other_bulge)[i]
+    left_out = [np.delete(np.arange(count), i) for i in range(count)]
+    scales = np.array([_fit(centres_px[o], moves_mm[o], radii_mm[o])[0] for o in left_out])
     spread = scales - scales.mean(axis=0)
     sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
     aspects = scales[:, 0] / scales[:, 1]
     aspect_sigma = float(np.sqrt((count - 1) / count * ((aspects - aspects.mean()) ** 2).sum()))
-    turn = float(np.degrees(np.arctan2(weights[0, 1], weights[0, 0])))
-    residual, held_out = (
-        float(np.sqrt((m**2).sum(axis=1).mean()) / scale.mean()) for m in (missed, left_out)
-    )
-    assessment = limit(residual, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
+    residual_px = float(np.sqrt((missed**2).sum(axis=1).mean()) / scale.mean())
+    assessment = limit(residual_px, 2.0, 15.0, "contact centres miss the known moves by {value:.1f} px")
     assessment += limit(
         100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"
     )
     assessment += floor(count, 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, aspect_sigma, turn, residual, held_out, assessment)
+    return GelScale(scale, sigma, aspect_sigma, residual_px, assessment)

@@ -27,8 +27,8 @@ class Transforms:
 
 def park(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
     """Park and Martin 1994 over all pairs: rotation from axis-angle vectors, then translation."""
-    pa_R, _ = _motions(a_R, a_t)  # noqa: N806
-    pb_R, _ = _motions(b_R, b_t)  # noqa: N806
+    pa_R, _ = motions(a_R, a_t)  # noqa: N806
+    pb_R, _ = motions(b_R, b_t)  # noqa: N806
     alpha, beta = Rotation.from_matrix(pa_R).as_rotvec(), Rotation.from_matrix(pb_R).as_rotvec()
     x_R = nearest_rotation(alpha.T @ beta)  # noqa: N806
     return _with_translations(x_R, a_R, a_t, b_R, b_t)
@@ -36,8 +36,8 @@ def park(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa:
 
 def kronecker(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
     """Null vector of the linear rotation system over all pairs (Andreff et al. 1999)."""
-    pa_R, _ = _motions(a_R, a_t)  # noqa: N806
-    pb_R, _ = _motions(b_R, b_t)  # noqa: N806
+    pa_R, _ = motions(a_R, a_t)  # noqa: N806
+    pb_R, _ = motions(b_R, b_t)  # noqa: N806
     _, _, right = np.linalg.svd(rotation_system(pa_R, pb_R), full_matrices=False)
     x = right[-1].reshape(3, 3)
     x_R = nearest_rotation(x * np.sign(np.linalg.det(x) or 1.0))  # noqa: N806
@@ -66,15 +66,7 @@ def nearest_rotation(matrix: Array) -> Array:
     return left @ mirror @ right
 
 
-def target_from_x(x_R: Array, x_t: Array, a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
-    """Z as the mean over the samples, for a given X."""
-    back = a_R.transpose(0, 2, 1)
-    z_R = nearest_rotation((back @ x_R @ b_R).mean(axis=0))  # noqa: N806
-    z_t = (back @ (b_t @ x_R.T + x_t - a_t)[..., None])[..., 0].mean(axis=0)
-    return Transforms(x_R, x_t, z_R, z_t)
-
-
-def _motions(turns: Array, moves: Array) -> tuple[Array, Array]:
+def motions(turns: Array, moves: Array) -> tuple[Array, Array]:
     """Motions between all pairs of poses: T_j T_i^-1."""
     first, second = pair_indices(len(turns))
     relative = turns[second] @ turns[first].transpose(0, 2, 1)
@@ -82,10 +74,13 @@ def _motions(turns: Array, moves: Array) -> tuple[Array, Array]:
 
 
 def _with_translations(x_R: Array, a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
-    """Translation of X from (R_A - I) t = X t_B - t_A over all pairs."""
-    pa_R, pa_t = _motions(a_R, a_t)  # noqa: N806
-    _, pb_t = _motions(b_R, b_t)
+    """Translation of X from (R_A - I) t = X t_B - t_A over all pairs; Z as the mean over the samples."""
+    pa_R, pa_t = motions(a_R, a_t)  # noqa: N806
+    _, pb_t = motions(b_R, b_t)
     x_t, *_ = np.linalg.lstsq(
         (pa_R - np.eye(3)).reshape(-1, 3), (pb_t @ x_R.T - pa_t).reshape(-1), rcond=None
     )
-    return target_from_x(x_R, x_t, a_R, a_t, b_R, b_t)
+    back = a_R.transpose(0, 2, 1)
+    z_R = nearest_rotation((back @ x_R @ b_R).mean(axis=0))  # noqa: N806
+    z_t = (back @ (b_t @ x_R.T + x_t - a_t)[..., None])[..., 0].mean(axis=0)
+    return Transforms(x_R, x_t, z_R, z_t)

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
+from calibration.hand_eye.closed_form import Transforms
 from calibration.hand_eye.refine import linearised
 from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem
 from calibration.hand_eye.solve import HandEyeResult
-from calibration.targets.views import View
+from calibration.targets.boards import View
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 
@@ -39,42 +40,38 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
         raise CalibrationError(
             "hand-eye: no answer yet to improve; visit poses turned by 30 degrees about two axes"
         )
-    known = _information(result.problem, result)
-    noise = max(float(result.rms_px or 0.0) / np.sqrt(2.0), 0.05)
+    camera_T_base_or_tcp, at = result.pose.inverse(), result.refined.transforms  # noqa: N806
+    points = np.unique(result.problem.points_m, axis=0)
+    known = _information(result.problem, at)
+    noise = max(result.refined.rms_px / np.sqrt(2.0), 0.05)
     best: NextPose | None = None
     for index, pose in enumerate(candidates):
-        seen = predicted_sample(result, camera, pose)
-        if seen is None:
+        robot = pose if result.setup is Setup.EYE_TO_HAND else pose.inverse()
+        view = _predicted_view(camera, points, camera_T_base_or_tcp @ robot @ result.target)
+        if view is None:
             continue
-        sigma = _sigma_m(known + _information(make_problem([seen], camera, result.setup), result), noise)
-        if best is None or sigma < best.sigma_m:
-            best = NextPose(index, sigma)
+        seen = make_problem([HandEyeSample("next", pose, view)], camera, result.setup)
+        sigma_m = _sigma_m(known + _information(seen, at), noise)
+        if best is None or sigma_m < best.sigma_m:
+            best = NextPose(index, sigma_m)
     return best
 
 
-def predicted_sample(result: HandEyeResult, camera: CameraModel, base_T_tcp: Pose) -> HandEyeSample | None:  # noqa: N803
-    """What the camera would see at a pose; None where the target is out of the picture or too oblique."""
-    if result.pose is None or result.target is None or result.problem is None:
-        return None
-    robot = base_T_tcp if result.setup is Setup.EYE_TO_HAND else base_T_tcp.inverse()
-    camera_T_target = result.pose.inverse() @ robot @ result.target  # noqa: N806
-    points = np.unique(result.problem.points_m, axis=0)
-    in_camera = camera_T_target.rotation.apply(points) + np.asarray(camera_T_target.position_m)
+def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose) -> View | None:  # noqa: N803
+    """What the camera would see; None where the target is out of the picture or too oblique."""
+    in_camera = camera_T_target.rotation.apply(points_m) + np.asarray(camera_T_target.position_m)
     normal = camera_T_target.rotation.as_matrix()[:, 2]
     sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
     if in_camera[:, 2].min() < 0.05 or abs(float(normal @ sight)) < _LARGEST_TILT:
         return None
     pixels = camera.project(in_camera)
     inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
-    view = View("next", np.arange(len(points)), points, pixels, camera.size)
-    return HandEyeSample("next", base_T_tcp, view) if inside else None
+    return View("next", np.arange(len(points_m)), points_m, pixels, camera.size) if inside else None
 
 
-def _information(problem: Problem, result: HandEyeResult) -> Array:
+def _information(problem: Problem, at: Transforms) -> Array:
     """(12, 12) of X and Z: J^T J, in px^-2."""
-    if result.refined is None:
-        raise CalibrationError("hand-eye: no answer yet")
-    _, jacobian = linearised(problem, result.refined.transforms)
+    _, jacobian = linearised(problem, at)
     rows = jacobian.reshape(-1, 12)
     return rows.T @ rows
 

@@ -10,8 +10,6 @@ from calibration.verdict import Assessment, floor
 
 Array = NDArray[np.floating]
 
-GOOD_TURN_DEG, GOOD_RATIO, GOOD_GAP = 20.0, 0.2, 1e-2
-"""Below these a motion is doubted."""
 _HINT = "turn the tool by 30 degrees and more about two axes at least, between still poses"
 
 
@@ -57,34 +55,26 @@ def assess_motion(seen: Observability) -> Assessment:
     All three numbers are needed: a pure translation passes two of them, half turns the other two.
     """
     if seen.max_angle_deg < 5.0:
-        return Assessment(refusals=(f"the tool turned by {seen.max_angle_deg:.2f} degrees at most: {_HINT}",))
-    if seen.rotation_gap < 1e-4 and seen.least_angle_deg > 150.0:
-        return Assessment(
-            refusals=(
-                "all turns between poses are near 180 degrees, which leaves mirror answers: use 30 to 120",
+        reason = f"the tool turned by {seen.max_angle_deg:.2f} degrees at most: {_HINT}"
+    elif seen.rotation_gap < 1e-4 and seen.least_angle_deg > 150.0:
+        reason = "all turns between poses are near 180 degrees, which leaves mirror answers: use 30 to 120"
+    elif seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
+        reason = f"all turns are about parallel axes: {_HINT}"
+    else:
+        return (
+            floor(seen.max_angle_deg, 20.0, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT)
+            + floor(
+                seen.translation_ratio, 0.2, 0.01,
+                "turns are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+                "how far the axes of the turns differ, as a ratio: {value:.2f}",
             )
-        )
-    if seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
-        return Assessment(refusals=(f"all turns are about parallel axes: {_HINT}",))
-    return (
-        floor(
-            seen.max_angle_deg, GOOD_TURN_DEG, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT
-        )
-        + floor(
-            seen.translation_ratio,
-            GOOD_RATIO,
-            0.01,
-            "turns are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
-            "how far the axes of the turns differ, as a ratio: {value:.2f}",
-        )
-        + floor(
-            seen.rotation_gap,
-            GOOD_GAP,
-            1e-4,
-            "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
-            "how well the turns determine the rotation, as a gap of eigenvalues: {value:.2g}",
-        )
-    )
+            + floor(
+                seen.rotation_gap, 1e-2, 1e-4,
+                "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
+                "how well the turns determine the rotation, as a gap of eigenvalues: {value:.2g}",
+            )
+        )  # fmt: skip
+    return Assessment((reason,))
 
 
 def rotation_system(a_R: Array, b_R: Array) -> Array:  # noqa: N803

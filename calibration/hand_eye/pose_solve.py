@@ -9,14 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms
-from calibration.hand_eye.observability import Observability, assess_motion, observability, pair_indices
-from calibration.hand_eye.pose_noise import fit_noise, noise_model, usual_noise
+from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, motions
+from calibration.hand_eye.observability import Observability, assess_motion, observability
 from calibration.hand_eye.pose_pairs import (
+    USUAL_NOISE,
     PosePairs,
     PoseSample,
     by_robot,
+    covariances,
+    fit_noise,
     make_pairs,
+    noise_parts,
     pair_residuals,
     sample_fault,
 )
@@ -81,8 +84,8 @@ class PosePairResult:
     """The answer and its assessment; as `HandEyeResult`, of poses.
 
     pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None where refused
-    before a solution. covariance, target_covariance: (6, 6), turn about its own axes (rad), move (m).
-    sigmas: (6,) of the noise found, as `pose_noise` orders them. samples: pairs used, or blocks of them.
+    before a solution. covariance: (6, 6) of the pose, turn about its own axes (rad), move (m).
+    sigmas: (6,) of the noise found, in the order of `USUAL_NOISE`. samples: pairs used, or blocks of them.
     """
 
     setup: Setup
@@ -92,7 +95,6 @@ class PosePairResult:
     pose: Pose | None = None
     target: Pose | None = None
     covariance: Array | None = None
-    target_covariance: Array | None = None
     sigmas: Array | None = None
     samples: int = 0
     used: tuple[str, ...] = ()
@@ -119,10 +121,10 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
     out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
     rejected += [Rejected(pairs.ids[i], "contradicts the others") for i in out]
     alike = _alike(fit)
-    pose, target, count = _spread(fit, alike)
+    covariance, count = _spread(fit, alike)
     return PosePairResult(
-        setup, gate + _assess(pose, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
-        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), pose, target, sigmas, count,
+        setup, gate + _assess(covariance, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
+        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance, sigmas, count,
         tuple(pairs.ids[i] for i in kept),
     )  # fmt: skip
 
@@ -186,13 +188,10 @@ def _surprise(pairs: PosePairs, at: Transforms, sigmas: Array) -> float:
 def _distance_scale(pairs: PosePairs, at: Transforms) -> float:
     """How many times too long distances to the target are, by the motions between all pairs.
 
-    Linear in that factor and X's place once its rotation is known (Andreff et al. 2001).
+    Linear in that factor and X's position once its rotation is known (Andreff et al. 2001).
     """
-    first, second = pair_indices(len(pairs.ids))
-    turns = pairs.a_R[second] @ pairs.a_R[first].transpose(0, 2, 1)
-    moves = pairs.a_t[second] - (turns @ pairs.a_t[first][..., None])[..., 0]
-    seen_turns = pairs.b_R[second] @ pairs.b_R[first].transpose(0, 2, 1)
-    seen = pairs.b_t[second] - (seen_turns @ pairs.b_t[first][..., None])[..., 0]
+    turns, moves = motions(pairs.a_R, pairs.a_t)
+    _, seen = motions(pairs.b_R, pairs.b_t)
     system = np.concatenate([turns - np.eye(3), -(seen @ at.x_R.T)[..., None]], axis=2).reshape(-1, 4)
     answer, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
     return 1.0 / float(answer[3]) if abs(answer[3]) > 1e-9 else np.inf
@@ -212,7 +211,7 @@ def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS)
 
 def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
     missed, by_step = pair_residuals(pairs, at)
-    inverse = np.linalg.inv(noise_model(by_robot(pairs, at)).covariances(sigmas))
+    inverse = np.linalg.inv(covariances(noise_parts(by_robot(pairs, at)), sigmas))
     return _Fit(at, missed, by_step, inverse, np.einsum("ni,nij,nj->n", missed, inverse, missed))
 
 
@@ -229,7 +228,7 @@ def _best_start(pairs: PosePairs) -> Transforms:
         start = CLOSED_FORMS[name](part.a_R, part.a_t, part.b_R, part.b_t)
         if not np.isfinite(start.x_t).all():
             continue
-        fit = _fit(some, start, _FIRST_GUESS * usual_noise(), _TRIED)
+        fit = _fit(some, start, _FIRST_GUESS * USUAL_NOISE, _TRIED)
         cost = float(np.log1p(fit.distance / _TAIL).sum())
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = cost, fit.at
@@ -241,11 +240,11 @@ def _best_start(pairs: PosePairs) -> Transforms:
 def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fit, Array]:
     """Pairs that agree, their fit, and the (6,) noise found; outliers go, and may come back."""
     everyone = np.arange(len(pairs.ids))
-    at, sigmas, kept = start, _FIRST_GUESS * usual_noise(), everyone
+    at, sigmas, kept = start, _FIRST_GUESS * USUAL_NOISE, everyone
     for _ in range(_NOISE_ROUNDS):
         used = pairs.subset(kept)
         fit = _fit(used, at, sigmas, 8)
-        found = fit_noise(noise_model(by_robot(used, fit.at)), fit.missed, fit.weights, 12, sigmas)
+        found = fit_noise(noise_parts(by_robot(used, fit.at)), fit.missed, fit.weights, 12, sigmas)
         at, change, sigmas = fit.at, float(np.abs(np.log(found / sigmas)).max()), found
         again = everyone[_at(pairs, at, sigmas).distance <= _OUTLIER]
         if change < 0.02 and np.array_equal(again, kept):
@@ -263,8 +262,8 @@ def _alike(fit: _Fit) -> float:
     return found if found > 3.5 / np.sqrt(len(white)) else 0.0
 
 
-def _spread(fit: _Fit, alike: float) -> tuple[Array, Array, int]:
-    """(6, 6) of X and of Z: the larger of fit and jackknife over blocks; and how many blocks.
+def _spread(fit: _Fit, alike: float) -> tuple[Array, int]:
+    """(6, 6) of X, the larger of fit and jackknife over blocks; and the number of blocks.
 
     Where neighbours' errors are alike there are as many fewer pairs to count.
     """
@@ -273,5 +272,4 @@ def _spread(fit: _Fit, alike: float) -> tuple[Array, Array, int]:
     blocks = np.array_split(np.arange(count), min(count, _BLOCKS))
     changes = np.array([fit.step(np.setdiff1d(np.arange(count), block)) for block in blocks])
     jackknife = (len(blocks) - 1) / len(blocks) * changes.T @ changes
-    x, z = slice(0, 6), slice(6, 12)
-    return larger_of(model[x, x], jackknife[x, x]), larger_of(model[z, z], jackknife[z, z]), len(blocks)
+    return larger_of(model[:6, :6], jackknife[:6, :6]), len(blocks)

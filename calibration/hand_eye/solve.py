@@ -11,8 +11,15 @@ from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
 from calibration.hand_eye.observability import Observability, assess_motion, observability
 from calibration.hand_eye.refine import Refined, refine
-from calibration.hand_eye.samples import HandEyeSample, Problem, Setup, make_problem, usable_samples
-from calibration.hand_eye.target_pose import consistent_choice, target_poses
+from calibration.hand_eye.samples import (
+    HandEyeSample,
+    Problem,
+    Setup,
+    consistent_choice,
+    make_problem,
+    target_poses,
+    usable_samples,
+)
 from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
 from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
 from drivers.errors import counted
@@ -22,7 +29,7 @@ Array = NDArray[np.floating]
 
 FEWEST_SAMPLES = 5
 """Three give as many equations as unknowns and nothing to judge them by."""
-SOFT_PX = 1.0
+_SOFT_PX = 1.0
 _STANDS_OUT = 3.0
 _LEAST_OUTLIER_PX = 1.0
 _MOST_REJECTED = 0.34
@@ -30,24 +37,7 @@ _DRAWS = 6
 _WORST_RMS_PX = 5.0
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
 _LOOSE = "samples are missed by {value:.2f} px: is the target firm, the robot still?"
-BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
-
-
-@dataclass(frozen=True, slots=True)
-class _Judged:
-    """How a sigma is judged: above which it is weak and refused, what is said, the samples' remedy."""
-
-    weak: float
-    refused: float
-    text: str
-    cause: str
-    digits: str
-
-
-_POSITION = _Judged(1.0, 50.0, "position known to {value:.2f} mm only", ": add samples", ".2f")
-_ORIENTATION = _Judged(
-    0.1, 5.0, "orientation known to {value:.3f} degrees only", ": add samples with larger turns", ".3f"
-)
+_BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +46,7 @@ class HandEyeResult:
 
     setup: which of the two. pose: base_T_camera or tcp_T_camera; target: tcp_T_target or
     base_T_target; both None where refused before a solution. rms_px: residual of the samples used;
-    sample_px: the same by id, rejected ones included. closed_form: the start that won.
+    sample_px: the same by id, rejected ones included.
     """
 
     setup: Setup
@@ -68,7 +58,6 @@ class HandEyeResult:
     rms_px: float | None = None
     sample_px: dict[str, float] | None = None
     spread: Uncertainty | None = None
-    closed_form: str | None = None
     used: tuple[str, ...] = ()
     problem: Problem | None = None
     refined: Refined | None = None
@@ -86,25 +75,24 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     gate = assess_motion(motion)
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
-    start, name = robust_start(problem)
+    start = _robust_start(problem)
     kept = _inliers(problem, start)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
     sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
     if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
-        reason = contradiction(problem, start)
+        reason = _contradiction(problem, start)
         return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)
     rejected += [
         Rejected(problem.ids[i], f"missed by {sample_px[problem.ids[i]]:.1f} px by the others' answer")
         for i in outliers
     ]
-    return _finish(setup, problem.subset(kept), start, name, tuple(rejected), sample_px)
+    return _finish(setup, problem.subset(kept), start, tuple(rejected), sample_px)
 
 
 def _finish(
     setup: Setup,
     problem: Problem,
     start: Refined,
-    name: str,
     rejected: tuple[Rejected, ...],
     sample_px: dict[str, float],
 ) -> HandEyeResult:
@@ -112,7 +100,7 @@ def _finish(
     gate = assess_motion(motion)
     final = refine(problem, start.transforms)
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
-        reasons = gate if gate.refusals else Assessment((contradiction(problem, final),))
+        reasons = gate if gate.refusals else Assessment((_contradiction(problem, final),))
         return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
     spread = uncertainty(problem, final)
     sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
@@ -120,15 +108,21 @@ def _finish(
     t = final.transforms
     return HandEyeResult(
         setup, assessment, rejected, motion, as_pose(t.x_R, t.x_t),
-        as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, name, problem.ids, problem, final,
+        as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem, final,
     )  # fmt: skip
 
 
 def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraModel) -> Assessment:
     return (
         limit(final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX, _LOOSE)
-        + _assess_sigma(1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, _POSITION)
-        + _assess_sigma(np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), _ORIENTATION)
+        + _assess_sigma(
+            1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, 1.0, 50.0,
+            "position known to {value:.2f} mm only", ": add samples", ".2f",
+        )
+        + _assess_sigma(
+            np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), 0.1, 5.0,
+            "orientation known to {value:.3f} degrees only", ": add samples with larger turns", ".3f",
+        )
         + floor(
             spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES,
             f"{counted(spread.samples, 'sample')} used; 15 are good",
@@ -141,16 +135,18 @@ def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraMo
     )  # fmt: skip
 
 
-def _assess_sigma(sigma: Array, from_camera: Array, judged: "_Judged") -> Assessment:
-    """A doubt names what limits the answer: the camera, where more than half the variance is its."""
+def _assess_sigma(
+    sigma: Array, from_camera: Array, weak: float, refused: float, text: str, remedy: str, digits: str
+) -> Assessment:
+    """A doubt names what limits the answer: the camera, if more than half of the variance is its."""
     whole, part = float(np.linalg.norm(sigma)), float(np.linalg.norm(from_camera))
-    limits = f", {part:{judged.digits}} of it by the camera's intrinsics: {BETTER_CAMERA}"
-    cause = limits if 2 * part**2 > whole**2 else judged.cause
-    return limit(whole, judged.weak, judged.refused, judged.text + cause)
+    if 2 * part**2 > whole**2:
+        remedy = f", {part:{digits}} of it by the camera's intrinsics: {_BETTER_CAMERA}"
+    return limit(whole, weak, refused, text + remedy)
 
 
-def robust_start(problem: Problem) -> tuple[Refined, str]:
-    """The best of several starts after robust refinement on pixels, and the name of its closed form.
+def _robust_start(problem: Problem) -> Refined:
+    """The best of several starts after robust refinement on pixels.
 
     Closed forms over all samples, again with the flat target's two-fold poses chosen to agree, and
     over random halves (fixed seed), so that a few wrong samples cannot spoil all starts.
@@ -160,19 +156,18 @@ def robust_start(problem: Problem) -> tuple[Refined, str]:
     rng = np.random.default_rng(0)
     half = max(4, len(everyone) // 2)
     subsets = [everyone, *(np.sort(rng.choice(everyone, half, replace=False)) for _ in range(_DRAWS))]
-    best: tuple[Refined, str] | None = None
+    best: Refined | None = None
     for number, subset in enumerate(subsets):
         for name in CLOSED_FORMS if number == 0 else ("shah",):
-            start = _closed(name, problem, subset, turns, moves)
-            found = refine(problem, start, SOFT_PX)
-            if _finite(found) and (best is None or found.cost < best[0].cost * (1 - 1e-6)):
-                best = found, name
+            found = refine(problem, _closed(name, problem, subset, turns, moves), _SOFT_PX)
+            if _finite(found) and (best is None or found.cost < best.cost * (1 - 1e-6)):
+                best = found
     if best is None:  # every start runs from finite poses, so this is a defect and not an input
         raise ArithmeticError("hand-eye: no start led to a finite answer")
     return best
 
 
-def contradiction(problem: Problem, found: Refined) -> str:
+def _contradiction(problem: Problem, found: Refined) -> str:
     """Say that the samples contradict one another, and name a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
     seen = f"the samples contradict one another (missed by {now:.0f} px, median)"
@@ -182,7 +177,7 @@ def contradiction(problem: Problem, found: Refined) -> str:
         "pictures and poses look mispaired by one, the other way": problem.shifted(-1),
     }
     for text, other in tries.items():
-        if float(np.median(robust_start(other)[0].sample_rms_px(other))) < 0.2 * now:
+        if float(np.median(_robust_start(other).sample_rms_px(other))) < 0.2 * now:
             return f"{seen}: {text}"
     return f"{seen}: check the pairing, the pose convention, that the target is firm and the robot still"
 

@@ -19,24 +19,18 @@ from calibration.hand_eye.samples import Problem
 
 Array = NDArray[np.floating]
 
-_X, _Z = slice(0, 6), slice(6, 12)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
     """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
 
-    fit: of the least squares, scaled by the residuals. jackknife: over samples. camera: from that of the
-    camera; zero where it is exact. covariance: the larger of the first two in each direction, and the
-    camera's. target: the same of Z. held_out_px: (N,) rms px by which each sample is missed by the answer
-    from all others. samples: N.
+    covariance: the larger of fit and jackknife in each direction, and the camera's. camera: from that of the
+    camera; zero where it is exact. held_out_px: (N,) rms px by which each sample is missed by the answer from
+    all others. samples: N.
     """
 
-    fit: Array
-    jackknife: Array
-    camera: Array
     covariance: Array
-    target: Array
+    camera: Array
     held_out_px: Array
     samples: int
 
@@ -60,6 +54,11 @@ class Uncertainty:
         """(3,) one sigma of the rotation, likewise."""
         return np.sqrt(np.diag(self.camera)[:3])
 
+    @property
+    def held_out_rms_px(self) -> float:
+        """Rms of `held_out_px`."""
+        return float(np.sqrt((self.held_out_px**2).mean()))
+
     def region_bound(self, dimensions: int, level: float = 0.95) -> float:
         """Squared Mahalanobis distance that holds the truth with probability `level` (F, samples - 1)."""
         return float(dimensions * f_distribution.ppf(level, dimensions, max(self.samples - 1, 1)))
@@ -71,54 +70,55 @@ class Uncertainty:
 
 def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
     """Of the samples and of the camera; one short refit per sample and per direction of the camera's."""
-    fit = fit_covariance(problem, answer.transforms)
     count = len(problem.ids)
-    changes, held_out = np.zeros((count, 12)), np.zeros(count)
+    changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
         without = refine(problem.without(i), answer.transforms).transforms
-        changes[i] = difference(answer.transforms, without)
+        changes[i] = _change(answer.transforms, without)
         missed, _ = linearised(problem.subset(np.array([i])), without)
         held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
     jackknife = (count - 1) / count * changes.T @ changes
     camera = _camera_covariance(problem, answer)
-    pose, target = (
-        larger_of(fit[part, part], jackknife[part, part]) + camera[part, part] for part in (_X, _Z)
-    )
-    return Uncertainty(fit[_X, _X], jackknife[_X, _X], camera[_X, _X], pose, target, held_out, count)
+    samples = larger_of(_fit_covariance(problem, answer.transforms), jackknife)
+    return Uncertainty(samples + camera, camera, held_out, count)
 
 
 def _camera_covariance(problem: Problem, answer: Refined) -> Array:
-    """(12, 12) of X and Z: what the answer changes with cameras that are off by one sigma."""
+    """(6, 6) of X: what the answer changes with cameras that are off by one sigma."""
     changes = [
-        difference(answer.transforms, refine(problem.seen_by(camera), answer.transforms).transforms)
+        _change(answer.transforms, refine(problem.seen_by(camera), answer.transforms).transforms)
         for camera in problem.camera.off_by_one_sigma()
     ]
-    stacked = np.array(changes).reshape(-1, 12)
+    stacked = np.array(changes).reshape(-1, 6)
     return stacked.T @ stacked
 
 
-def difference(one: Transforms, other: Transforms) -> Array:
-    """(12,): turn from one X to the other about its own axes (rad), and move (m); the same of Z."""
-    turns = [one.x_R.T @ other.x_R, one.z_R.T @ other.z_R]
-    x_turn, z_turn = Rotation.from_matrix(turns).as_rotvec()
-    return np.concatenate([x_turn, other.x_t - one.x_t, z_turn, other.z_t - one.z_t])
+def _change(one: Transforms, other: Transforms) -> Array:
+    """(6,): turn from one X to the other about its own axes (rad), and move (m)."""
+    turn = Rotation.from_matrix(one.x_R.T @ other.x_R).as_rotvec()
+    return np.concatenate([turn, other.x_t - one.x_t])
 
 
-def fit_covariance(problem: Problem, at: Transforms) -> Array:
-    """(12, 12) of X and Z from the Jacobian by SVD, scaled by the larger of two residual variances.
+def _fit_covariance(problem: Problem, at: Transforms) -> Array:
+    """(6, 6) of X from the Jacobian by SVD, scaled by the larger of two residual variances.
 
     One is over all pixels; the other over what a rigid move of the target in each picture could
     explain, because that is where a wrong robot pose goes, and all points of a picture share it.
     """
     missed, jacobian = linearised(problem, at)
-    rows = jacobian.reshape(-1, 12)
+    rows, count = jacobian.reshape(-1, 12), len(problem.ids)
     scale = np.linalg.norm(rows, axis=0)
     _, strengths, directions = np.linalg.svd(rows / scale, full_matrices=False)
     spread = directions / np.maximum(strengths, 1e-12)[:, None] / scale
     pixels = float((missed**2).sum()) / max(rows.shape[0] - 12, 1)
-    rigid = sum(_rigid_part(problem, missed, jacobian, i) for i in range(len(problem.ids)))
-    variance = max(pixels, rigid / max(6 * len(problem.ids) - 12, 1))
-    return (spread.T @ spread) * variance
+    rigid = 0.0
+    for sample in range(count):
+        mine = problem.owner == sample
+        by_target = jacobian[mine].reshape(-1, 12)[:, 6:]
+        q, _ = np.linalg.qr(by_target / np.maximum(np.linalg.norm(by_target, axis=0), 1e-12))
+        rigid += float(((q.T @ missed[mine].reshape(-1)) ** 2).sum())
+    variance = max(pixels, rigid / max(6 * count - 12, 1))
+    return (spread.T @ spread)[:6, :6] * variance
 
 
 def larger_of(one: Array, other: Array) -> Array:
@@ -134,10 +134,3 @@ def larger_of(one: Array, other: Array) -> Array:
     ratio, axes = np.linalg.eigh((white + white.T) / 2)
     mixed = root @ axes
     return (mixed * np.maximum(ratio, 1.0)) @ mixed.T * np.outer(scale, scale)
-
-
-def _rigid_part(problem: Problem, missed: Array, jacobian: Array, sample: int) -> float:
-    mine = problem.owner == sample
-    by_target = jacobian[mine].reshape(-1, 12)[:, 6:]
-    q, _ = np.linalg.qr(by_target / np.maximum(np.linalg.norm(by_target, axis=0), 1e-12))
-    return float(((q.T @ missed[mine].reshape(-1)) ** 2).sum())

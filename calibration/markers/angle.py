@@ -161,18 +161,14 @@ def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered:
             plane.side_px, 30.0, 16.0, "markers are {value:.0f} px wide; 40 px and more are good: move nearer"
         )
         + limit(
-            sigma_deg,
-            0.05,
-            1.0,
+            sigma_deg, 0.05, 1.0,
             "the angle at rest scatters by {value:.3f} degrees: more light, larger markers",
         )
         + limit(abs(drift_deg), 0.05, 1.0, "the angle drifted by {value:.3f} degrees: did something move?")
         + limit(plane.tilt_deg or 0.0, 30.0, 60.0, "the markers lean by {value:.0f} degrees to the camera")
         + limit(
-            plane.fit_px,
-            0.3,
-            1.0,
+            plane.fit_px, 0.3, 1.0,
             "two equal squares fit to {value:.2f} px only: are the markers flat and equal?",
         )
         + floor(answered, 0.98, 0.5, "{value:.0%} of the pictures gave an angle")
-    )
+    )  # fmt: skip

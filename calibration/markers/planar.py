@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
-from calibration.markers.plane_fit import CameraPlane, FreePlane, solve
+from calibration.markers.plane_fit import MarkerPlane, solve
 from calibration.targets.aruco import side_lengths
 from drivers.errors import CalibrationError
 
@@ -47,7 +47,6 @@ class PlaneReference:
     plane_T_image: Array  # noqa: N815
     template: NDArray[np.complex128]
     side_px: float
-    frames: int
     scatter_px: float
     fit_px: float
     camera: CameraModel | None
@@ -93,7 +92,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     mean = corners_px.mean(axis=0)
     ideal = mean if camera is None else camera.undistorted(mean)
     scatter = float(np.sqrt(corners_px.var(axis=0, ddof=1).mean()))
-    model = FreePlane(ideal) if camera is None else CameraPlane(ideal, camera.matrix)
+    model = MarkerPlane(ideal, None if camera is None else camera.matrix)
     parameters, spread, fit = solve(model, ideal, scatter / np.sqrt(len(corners_px)))
     side = float(side_lengths(ideal).mean())
     if fit > _WORST_FIT_PX * max(1.0, side / 100):
@@ -105,13 +104,12 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
     off = () if camera is None else tuple(camera.off_by_one_sigma())
     seen_off = [_seen_by(other, mean) for other in off]
     inverse = np.array([np.linalg.inv(model.image_T_plane(p)) for p in shifted] + seen_off)
-    normal, middle = model.normal(parameters), model.middle(parameters)
+    normal, middle = model.normal_and_middle(parameters) or (None, None)
     reference = PlaneReference(
         corners_px=mean,
         plane_T_image=inverse,
         template=np.empty(0, np.complex128),
         side_px=side,
-        frames=len(corners_px),
         scatter_px=scatter,
         fit_px=fit,
         camera=camera,
@@ -126,7 +124,7 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
 def _seen_by(camera: CameraModel, mean_px: Array) -> Array:
     """(3, 3) `plane_T_image` as this camera would have it."""
     ideal = camera.undistorted(mean_px)
-    model = CameraPlane(ideal, camera.matrix)
+    model = MarkerPlane(ideal, camera.matrix)
     return np.linalg.inv(model.image_T_plane(solve(model, ideal, 0.0)[0]))
 
 

@@ -14,50 +14,41 @@ SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
 """A marker of side 1 in its plane, y up, clockwise from the top left."""
 
 
-class FreePlane:
-    """A plane seen by an unknown camera: eight numbers of a homography, three of the second marker."""
+class MarkerPlane:
+    """The plane of both markers, seen by a camera of known matrix, or by an unknown camera (None).
 
-    def __init__(self, ideal_px: Array) -> None:
-        image_T_plane = _first_marker(ideal_px)  # noqa: N806
-        self.starts = [np.append(image_T_plane.reshape(-1)[:8], _second_marker(image_T_plane, ideal_px))]
+    Its parameters: the plane's pose (6), or without a camera a homography (8); then three of the second
+    marker, its place and turn in the plane of the first. Unit of the plane: a marker's side.
+    """
 
-    def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
-        """(3, 3) homography."""
-        return np.append(parameters[:8], 1.0).reshape(3, 3)
-
-    def normal(self, parameters: Array) -> Array | None:
-        """Unknown without a camera."""
-        return None
-
-    def middle(self, parameters: Array) -> Array | None:
-        """Unknown without a camera."""
-        return None
-
-
-class CameraPlane:
-    """A plane seen by a known camera: six numbers of its pose, three of the second marker."""
-
-    def __init__(self, ideal_px: Array, camera_matrix: Array) -> None:
+    def __init__(self, ideal_px: Array, camera_matrix: Array | None) -> None:
         self._camera_matrix = camera_matrix
-        rays_T_plane = np.linalg.solve(camera_matrix, _first_marker(ideal_px))  # noqa: N806
-        # one small marker allows two poses; the second marker decides
-        poses = [np.append(turn.as_rotvec(), move) for turn, move in _two_poses(rays_T_plane)]
-        self.starts = [np.append(p, _second_marker(self.image_T_plane(p), ideal_px)) for p in poses]
+        first = _first_marker(ideal_px)
+        if camera_matrix is None:
+            guesses = [first.reshape(-1)[:8]]
+        else:
+            # one small marker allows two poses; the second marker decides
+            poses = _two_poses(np.linalg.solve(camera_matrix, first))
+            guesses = [np.append(turn.as_rotvec(), move) for turn, move in poses]
+        self.starts = [np.append(g, _second_marker(self.image_T_plane(g), ideal_px)) for g in guesses]
 
     def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
         """(3, 3) homography."""
+        if self._camera_matrix is None:
+            return np.append(parameters[:8], 1.0).reshape(3, 3)
         pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
         pose[:, 2] = parameters[3:6]
         return self._camera_matrix @ pose
 
-    def normal(self, parameters: Array) -> Array | None:
-        """(3,) unit vector from the plane towards the camera, camera axes."""
-        return Rotation.from_rotvec(parameters[:3]).as_matrix()[:, 2]
+    def normal_and_middle(self, parameters: Array) -> tuple[Array, Array] | None:
+        """(3,) unit vector towards the camera and (3,) the middle of both markers, in marker sides.
 
-    def middle(self, parameters: Array) -> Array | None:
-        """(3,) the middle of both markers, camera axes, in marker sides."""
-        x, y = _corners_in_plane(parameters[-3:]).mean(axis=0)
-        return Rotation.from_rotvec(parameters[:3]).apply([x, y, 0.0]) + parameters[3:6]
+        Both in camera axes; None if the camera is unknown.
+        """
+        if self._camera_matrix is None:
+            return None
+        turn, (x, y) = Rotation.from_rotvec(parameters[:3]), _corners_in_plane(parameters[-3:]).mean(axis=0)
+        return turn.as_matrix()[:, 2], turn.apply([x, y, 0.0]) + parameters[3:6]
 
 
 def _first_marker(ideal_px: Array) -> Array:
@@ -96,7 +87,7 @@ def _corners_in_plane(second: Array) -> Array:
     return np.vstack([SQUARE, SQUARE @ np.array([[c, s], [-s, c]]) + second[:2]])
 
 
-def solve(model: "FreePlane | CameraPlane", ideal_px: Array, noise_px: float) -> tuple[Array, Array, float]:
+def solve(model: MarkerPlane, ideal_px: Array, noise_px: float) -> tuple[Array, Array, float]:
     """Best parameters (P,), their one-sigma directions (P, P) as rows, rms misfit in px."""
 
     def missed(parameters: Array) -> Array:

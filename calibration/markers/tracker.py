@@ -4,9 +4,7 @@ Searching the whole picture costs several times a search around the last place, 
 of a marker elsewhere; it is done only to find the markers, or to find them again.
 """
 
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,10 +14,10 @@ from calibration.targets.aruco import (
     detect_all,
     detector,
     mean_side,
+    refine_quick,
     region_detector,
     side_lengths,
 )
-from calibration.targets.edges import refine_quick
 from drivers.errors import InputError
 from drivers.types import Image
 
@@ -29,15 +27,6 @@ Refine = Callable[[Image, Corners], Corners | Refusal]
 SMALLEST_SIDE_PX = 16.0
 FORGET_AFTER_FRAMES = 10
 _REGION_MARGIN = 0.35
-
-
-@dataclass(slots=True)
-class SearchCounts:
-    """Searches of a tracker so far, and its refused pictures by reason (misses)."""
-
-    full_searches: int = 0
-    region_searches: int = 0
-    misses: Counter[Refusal] = field(default_factory=Counter)
 
 
 class MarkerTracker:
@@ -63,7 +52,6 @@ class MarkerTracker:
         self._refine = refine
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
-        self.counts = SearchCounts()
         self._size: tuple[int, ...] | None = None
         self.forget()
 
@@ -84,7 +72,7 @@ class MarkerTracker:
         if not isinstance(found, Refusal):
             found = self._refine(gray, found)
         if isinstance(found, Refusal):
-            self._miss(found)
+            self._miss()
         else:
             self._follow(found)
         return found
@@ -99,11 +87,9 @@ class MarkerTracker:
     def _search(self, gray: Image) -> Corners | Refusal:
         expected = None if self._last is None else self._last + self._motion
         if expected is not None and not self._everywhere:
-            self.counts.region_searches += 1
             found = self._search_regions(gray, expected)
             if not isinstance(found, Refusal):
                 return found
-        self.counts.full_searches += 1
         return self._search_picture(gray, expected)
 
     def _search_regions(self, gray: Image, expected: Corners) -> Corners | Refusal:
@@ -127,8 +113,7 @@ class MarkerTracker:
         moved = np.linalg.norm(found - expected, axis=-1).max()
         return Refusal.JUMP if moved > mean_side(expected) * (1 + self._missed) else found
 
-    def _miss(self, reason: Refusal) -> None:
-        self.counts.misses[reason] += 1
+    def _miss(self) -> None:
         self._missed += 1
         self._motion[...] = 0.0
         if self._missed >= FORGET_AFTER_FRAMES:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.targets.aruco import detector
-from calibration.targets.boards import Charuco, Chessboard, Marker, parse_target
+from calibration.targets.boards import Chessboard, Marker, parse_target
 from drivers.errors import InputError
 from drivers.types import Image
 
@@ -38,14 +38,14 @@ class TargetPicture:
 @lru_cache(maxsize=8)
 def target_picture(spec: str) -> TargetPicture:
     """The picture of a target on white paper, as dense as printing or rendering needs."""
-    shapes, size, margin = _rectangles(spec)
-    density = _density(spec)
-    high, wide = (int(np.ceil((s + 2 * margin) * density)) for s in (size[1], size[0]))
+    drawn = _drawn(spec)
+    margin, density = drawn.margin, drawn.density()
+    high, wide = (int(np.ceil((s + 2 * margin) * density)) for s in (drawn.size[1], drawn.size[0]))
     fine = np.full((high, wide), 255, np.uint8)
-    for x, y, w, h in shapes:
+    for x, y, w, h in drawn.ink:
         left, top = round((x + margin) * density), round((y + margin) * density)
         fine[top : round((y + h + margin) * density), left : round((x + w + margin) * density)] = 0
-    return TargetPicture(fine, _origin(spec) - margin, density)
+    return TargetPicture(fine, np.full(2, drawn.corner) - margin, density)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +67,10 @@ def target_sheet(spec: str) -> TargetSheet:
 
     Raises `InputError` for a target that is not understood.
     """
-    shapes, size, _ = _rectangles(spec)
+    drawn = _drawn(spec)
+    size = drawn.size
     foot = size[1] * 1e3 + 2 * _MARGIN_MM
-    ink = [(_MARGIN_MM + x * 1e3, _MARGIN_MM + y * 1e3, w * 1e3, h * 1e3) for x, y, w, h in shapes]
+    ink = [(_MARGIN_MM + x * 1e3, _MARGIN_MM + y * 1e3, w * 1e3, h * 1e3) for x, y, w, h in drawn.ink]
     ticks = [(_MARGIN_MM + 10.0 * i - 0.1, foot, 0.2, 4.0) for i in range(11)]
     bar = (_MARGIN_MM, foot + 4.0, _BAR_MM, 0.4)
     wide = max(size[0] * 1e3, _BAR_MM) + 2 * _MARGIN_MM
@@ -94,45 +95,54 @@ def sheet_svg(spec: str) -> str:
     )
 
 
-def _rectangles(spec: str) -> tuple[list[Rectangle], tuple[float, float], float]:
-    """Ink as rectangles (x, y, w, h) in m from the top left, the target's size, and its white margin."""
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """A target's ink as rectangles from its top left corner, its size and its white margin, in m.
+
+    corner: x and y of the top left corner in the target's coordinates. A marker's origin is its middle, a
+    chessboard's its first inner corner.
+    """
+
+    ink: list[Rectangle]
+    size: tuple[float, float]
+    margin: float
+    corner: float = 0.0
+
+    def density(self) -> float:
+        """Pixels per m at which every edge of the ink lies nearly on a whole pixel."""
+        corners = [(x + self.margin, y + self.margin) for x, y, _, _ in self.ink]
+        edges = np.unique(np.round(np.array(corners).ravel(), 9))
+        coarse = _PX_PER_MODULE / min(w for _, _, w, _ in self.ink) / 2
+        longest = max(self.size)
+        densities = np.clip(coarse, 1200 / longest, 4000 / longest) * np.linspace(1.0, 2.0, 801)
+        off = np.abs(densities[:, None] * edges - np.rint(densities[:, None] * edges)).max(axis=1)
+        return float(densities[np.argmin(off)])
+
+
+def _drawn(spec: str) -> _Drawn:
+    """Draw a target. Raises `InputError`."""
     target = parse_target(spec)
-    if isinstance(target, Charuco):
-        return _charuco_ink(target), _times(target.squares, target.square_m), target.square_m / 2
-    if isinstance(target, Chessboard):
-        squares = (target.corners[0] + 1, target.corners[1] + 1)
-        return _checks(squares, target.square_m), _times(squares, target.square_m), target.square_m
     if isinstance(target, Marker):
-        ink = _marker_ink(target.dictionary, target.marker_id, 0.0, 0.0, target.side_m)
-        return ink, (target.side_m, target.side_m), target.side_m / 4
-    raise InputError(f"target {spec}: there is no sheet for it")
-
-
-def _charuco_ink(target: Charuco) -> list[Rectangle]:
-    """Checks and markers where OpenCV's own board has them."""
-    board = target.board()
-    ink = _checks(target.squares, target.square_m, first_white=_first_white(target))
-    for marker_id, corners in zip(
-        np.asarray(board.getIds()).ravel(), np.asarray(board.getObjPoints()), strict=True
-    ):
-        x, y = corners[:, :2].min(axis=0)
+        side = target.side_m
+        ink = _marker_ink(target.dictionary, target.marker_id, 0.0, 0.0, side)
+        return _Drawn(ink, (side, side), side / 4, -side / 2)
+    side = target.square_m
+    if isinstance(target, Chessboard):
+        across, down = target.corners[0] + 1, target.corners[1] + 1
+        return _Drawn(_checks(across, down, side), (across * side, down * side), side, -side)
+    # checks and markers where OpenCV's own board has them; a marker stands on white
+    board, (across, down) = target.board(), target.squares
+    starts = np.asarray(board.getObjPoints())[..., :2].min(axis=1)
+    ink = _checks(across, down, side, int((starts.max(axis=1) < side).any()))
+    for marker_id, (x, y) in zip(np.asarray(board.getIds()).ravel(), starts, strict=True):
         ink += _marker_ink(target.dictionary, int(marker_id), float(x), float(y), target.marker_m)
-    return ink
+    return _Drawn(ink, (across * side, down * side), side / 2)
 
 
-def _first_white(target: Charuco) -> bool:
-    """Whether the top left square holds a marker, which stands on white."""
-    first = np.asarray(target.board().getObjPoints())[..., :2].min(axis=1)
-    return bool((first.max(axis=1) < target.square_m).any())
-
-
-def _checks(squares: tuple[int, int], side: float, first_white: bool = False) -> list[Rectangle]:
-    return [
-        (c * side, r * side, side, side)
-        for r in range(squares[1])
-        for c in range(squares[0])
-        if (r + c) % 2 == int(first_white)
-    ]
+def _checks(across: int, down: int, side: float, first: int = 0) -> list[Rectangle]:
+    """Every other square, in ink. first: 0 if the top left one is."""
+    squares = ((c, r) for r in range(down) for c in range(across) if (r + c) % 2 == first)
+    return [(c * side, r * side, side, side) for c, r in squares]
 
 
 def _marker_ink(dictionary: str, marker_id: int, x: float, y: float, side: float) -> list[Rectangle]:
@@ -143,28 +153,3 @@ def _marker_ink(dictionary: str, marker_id: int, x: float, y: float, side: float
     cells = cv2.aruco.generateImageMarker(words, marker_id, modules)
     step = side / modules
     return [(x + c * step, y + r * step, step, step) for r, c in zip(*np.nonzero(cells == 0), strict=True)]
-
-
-def _times(squares: tuple[int, int], side: float) -> tuple[float, float]:
-    return squares[0] * side, squares[1] * side
-
-
-def _origin(spec: str) -> NDArray[np.floating]:
-    """Coordinates of the top left corner.
-
-    A marker's origin is its middle, a chessboard's its first inner corner.
-    """
-    target = parse_target(spec)
-    if isinstance(target, Marker):
-        return np.full(2, -target.side_m / 2)
-    return np.full(2, -target.square_m) if isinstance(target, Chessboard) else np.zeros(2)
-
-
-def _density(spec: str) -> float:
-    """Pixels per m at which every edge of the ink lies nearly on a whole pixel."""
-    shapes, size, margin = _rectangles(spec)
-    edges = np.unique(np.round(np.array([(x + margin, y + margin) for x, y, _, _ in shapes]).ravel(), 9))
-    coarse = _PX_PER_MODULE / min(w for _, _, w, _ in shapes) / 2
-    densities = np.clip(coarse, 1200 / max(size), 4000 / max(size)) * np.linspace(1.0, 2.0, 801)
-    off = np.abs(densities[:, None] * edges - np.rint(densities[:, None] * edges)).max(axis=1)
-    return float(densities[np.argmin(off)])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calibration.camera.files import read_camera, unstated
 from calibration.camera.model import CameraModel
+from calibration.store import write_bytes
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.images import encode_png
@@ -194,3 +195,8 @@ def write_picture(path: Path, image: Image) -> None:
         path.write_bytes(encode_png(image))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
+
+
+def write_table(path: Path, header: str, rows: Sequence[str]) -> None:
+    """Write a CSV file, as `--from` reads it. Raises `RecordingError`."""
+    write_bytes(path, ("\n".join([header, *rows]) + "\n").encode())

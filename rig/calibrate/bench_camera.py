@@ -17,8 +17,7 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.bench.twins import refuse_undrawn
 from rig.calibrate.bench import Station, write_picture
 from rig.calibrate.bench_hand_eye import visits
-from rig.calibrate.camera import camera_from_folder
-from rig.calibrate.markers import markers_from_folder
+from rig.calibrate.camera import camera_from_folder, markers_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 

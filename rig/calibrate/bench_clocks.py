@@ -1,14 +1,12 @@
 """Time offsets on a bench, from one wiggle of a held object that arm, camera and fingertips recorded."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
-from calibration.store import write_text
 from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
@@ -18,7 +16,7 @@ from protocols.capture_wiggle import Stroke, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn
-from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_table
 from rig.calibrate.from_tables import sync_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
@@ -55,8 +53,9 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         )
         capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
         station.note(f"{touch.name}: moved up and down", 1, 1)
-    for name, stream in watch.streams().items():
-        _write(raw / f"{name}.csv", *stream)
+    for name, (times, values) in watch.streams().items():
+        rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
+        write_table(raw / f"{name}.csv", "time_ns,value", rows)
     sensors = [config.camera.serial, *(t.serial for t in config.tactile)]
     return [sync_from_folder(raw, ARM, name, search_s).marked(config.simulated) for name in sensors]
 
@@ -151,8 +150,3 @@ def strongest_change(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
 
 def _series(pairs: list[tuple[int, float]]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return np.array([t for t, _ in pairs], np.int64), np.array([v for _, v in pairs], np.float64)
-
-
-def _write(path: Path, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-    rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
-    write_text(path, "\n".join(["time_ns,value", *rows]) + "\n")

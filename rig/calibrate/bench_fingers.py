@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from calibration.store import write_text
 from drivers.errors import InputError, counted
 from protocols.capture_touch import Touch, capture_openings
-from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_table
 from rig.calibrate.from_tables import gripper_from_folder
 from rig.calibrate.result import CalibrationResult
 
@@ -47,5 +46,5 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
             lambda touch, counts: note(touch, counts, "closing"),
             lambda touch, counts: note(touch, counts, "opening"),
         )  # fmt: skip
-    write_text(raw / "gripper.csv", "\n".join(["counts,opening_mm,direction", *rows]) + "\n")
+    write_table(raw / "gripper.csv", "counts,opening_mm,direction", rows)
     return gripper_from_folder(raw, config.name).marked(config.simulated)

@@ -12,9 +12,7 @@ from calibration.camera.model import CameraModel
 from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
-from calibration.store import write_text
-from calibration.targets.boards import Target
-from calibration.targets.views import View
+from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected
 from drivers.errors import counted
 from drivers.types import Pose
@@ -22,7 +20,7 @@ from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_e
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN
 from rig.bench.plan import PlannedMotion
-from rig.calibrate.bench import Station, write_picture
+from rig.calibrate.bench import Station, write_picture, write_table
 from rig.calibrate.hand_eye import hand_eye_result
 from rig.calibrate.result import CalibrationResult
 from rig.calibrate.sources import picture_files
@@ -62,7 +60,7 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
         capture_hand_eye(bench, session.next, session.keep, session.skip)
-    session.write()
+    write_poses(session.raw, session.rows, "tcp")
     serial = config.camera.serial
     result = hand_eye_result(
         session.samples, camera, serial, setup, str(session.raw), session.rejected, target
@@ -120,7 +118,7 @@ class _Session:
         self.raw: Path = station.raw("hand-eye")
         self.samples: list[HandEyeSample] = []
         self.rejected: list[Rejected] = []
-        self._rows: list[str] = []
+        self.rows: list[str] = []
         self._visited = 0
 
     def next(self) -> tuple[str, Pose] | None:
@@ -136,7 +134,7 @@ class _Session:
         write_picture(self.raw / f"{capture.id}.png", grey)
         if self._station.show is not None:
             self._station.show(capture.frame)
-        self._rows.append(pose_row(capture.id, capture.base_T_tcp))
+        self.rows.append(pose_row(capture.id, capture.base_T_tcp))
         view = self._target.find(grey, capture.id)
         if isinstance(view, View):
             self.samples.append(HandEyeSample(capture.id, capture.base_T_tcp, view))
@@ -149,10 +147,6 @@ class _Session:
         """Note why a pose gave no sample."""
         self.rejected.append(Rejected(name, reason))
         self._station.left_out(name, reason)
-
-    def write(self) -> None:
-        """Write the poses beside the pictures, as `--from` reads them."""
-        write_poses(self.raw, self._rows, "tcp")
 
     def _choice(self) -> int:
         if len(self.samples) < FIRST_POSES:
@@ -171,5 +165,5 @@ def pose_row(name: str, pose: Pose) -> str:
 
 def write_poses(folder: Path, rows: list[str], child_frame: str) -> None:
     """Write poses.csv as `--from` reads it. child_frame: "tcp" for base_T_tcp, "flange" for base_T_flange."""
-    lines = ["id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame", *(f"{row},{child_frame}" for row in rows)]
-    write_text(folder / "poses.csv", "\n".join(lines) + "\n")
+    header = "id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame"
+    write_table(folder / "poses.csv", header, [f"{row},{child_frame}" for row in rows])

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.reference import Drift, Reference, assess_reference, drift_since, make_reference
-from calibration.store import write_text
+from calibration.gel.reference import Reference, assess_reference, drift_since, make_reference
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
 from protocols.capture_still import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
-from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_picture
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_picture, write_table
 from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.tactile import tactile_from_folder
 from rig.config import BenchConfig
@@ -74,7 +73,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
 
         capture_presses(bench, operator, watch, touches, keep)
     for serial, folder in folders.items():
-        write_text(folder / "catalog.csv", "\n".join([_CATALOG, *rows[serial]]) + "\n")
+        write_table(folder / "catalog.csv", _CATALOG, rows[serial])
     return [
         tactile_from_folder(folder, serial, None).marked(config.simulated)
         for serial, folder in folders.items()
@@ -112,37 +111,36 @@ def _kept(
 def _reference_result(reference: Reference, serial: str, folder: Path, simulated: bool) -> CalibrationResult:
     path = folder / f"tactile-reference-{serial}.png"
     drift = drift_since(reference, _earlier(path)) if path.exists() else None
-    assessment = assess_reference(reference, drift)
+    assessment, mean = assess_reference(reference, drift), np.rint(reference.image).astype(np.uint8)
     if not assessment.refusals:
-        write_picture(path, np.rint(reference.image).astype(np.uint8))
-    rows, columns = reference.image.shape[:2]
-    value = {"image_height": rows, "image_width": columns, "reference_image": path.name}
-    return CalibrationResult(
-        "tactile", {"tactile": serial}, value, _quality(reference, drift), assessment,
-        _numbers(reference, drift),
-        f"{_FRAMES} frames at rest", _FRAMES, files=[path] if path.exists() else [],
-        pictures=[Picture("Reference", "The mean of the frames.", _png(reference))],
-        simulated=simulated, part="reference",
-    )  # fmt: skip
-
-
-def _quality(reference: Reference, drift: Drift | None) -> dict[str, object]:
+        write_picture(path, mean)
+    rows, columns = mean.shape[:2]
     quality: dict[str, object] = {
         "noise_grey": reference.noise_grey,
         "saturated": reference.saturated,
         "hot_pixels": reference.hot_pixels,
     }
-    if drift is not None and np.isfinite(drift.gain).all():
-        quality["drift"] = {"gain": drift.gain, "changed": drift.contact_share, "moved_px": drift.moved_px}
-    return quality
-
-
-def _numbers(reference: Reference, drift: Drift | None) -> dict[str, str]:
     numbers = {"noise": f"{reference.noise_grey:.2f} grey", "saturated": f"{reference.saturated:.2%}"}
     if drift is not None:
+        if np.isfinite(drift.gain).all():
+            moved = {"changed": drift.contact_share, "moved_px": drift.moved_px}
+            quality["drift"] = {"gain": drift.gain, **moved}
         numbers["light since the earlier reference (R, G, B)"] = ", ".join(f"{g:.3f}" for g in drift.gain)
         numbers["picture that changed shape"] = f"{drift.contact_share:.2%}"
-    return numbers
+    return CalibrationResult(
+        "tactile",
+        {"tactile": serial},
+        assessment,
+        f"{_FRAMES} frames at rest",
+        {"image_height": rows, "image_width": columns, "reference_image": path.name},
+        quality,
+        numbers,
+        _FRAMES,
+        files=[path] if path.exists() else [],
+        pictures=[Picture("Reference", "The mean of the frames.", figures.thumbnail(mean))],
+        simulated=simulated,
+        part="reference",
+    )
 
 
 def _earlier(path: Path) -> np.ndarray:
@@ -150,7 +148,3 @@ def _earlier(path: Path) -> np.ndarray:
     if image is None:
         raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start anew")
     return image.astype(np.float32)
-
-
-def _png(reference: Reference) -> bytes:
-    return figures.thumbnail(np.rint(reference.image).astype(np.uint8))

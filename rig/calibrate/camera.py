@@ -1,16 +1,17 @@
-"""`rig calibrate camera`: a camera file from pictures of a board."""
+"""`rig calibrate camera, markers`: a camera from pictures of a board, and how well it knows angles."""
 
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.checks import assess_camera, board_tilts_deg, tilt_spread_deg
+from calibration.camera.checks import assess_camera, board_tilts_deg, covered, projection_sigma_px
 from calibration.camera.files import TERMS, camera_info
 from calibration.camera.intrinsics import CameraFit, calibrate_camera
-from calibration.camera.projection_sigma import projection_sigma_px
-from calibration.targets.boards import Target
-from calibration.targets.views import View, coverage
+from calibration.camera.model import CameraModel
+from calibration.markers.angle import TURN_DEG, MarkerAngle, assess_markers
+from calibration.markers.tracker import MarkerTracker
+from calibration.targets.boards import Target, View, coverage
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
 from drivers.images import read_image
@@ -27,44 +28,36 @@ def camera_from_folder(
     files = picture_files(folder, pattern)
     found = {path.name: target.find(read_image(path, grey=True), path.name) for path in files}
     views = [view for view in found.values() if isinstance(view, View)]
-    unseen = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
-    by_name = {path.name: path for path in files}
+    rejected = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
+    serials, source = {"camera": serial}, str(folder)
     try:
         result = calibrate_camera(views, keep_all=keep_all)
     except CalibrationError as error:
-        return _refused(folder, files, serial, unseen, str(error))
-    rejected = [*unseen, *result.rejected]
-    projected = projection_sigma_px(result)
+        thumbs = [Thumbnail.of(r, folder / r.id) for r in rejected[:12]]
+        refused = Assessment((str(error),))
+        return CalibrationResult(
+            "camera", serials, refused, source, rejected=rejected, files=files, thumbnails=thumbs
+        )
+    rejected += result.rejected
+    projected_px = projection_sigma_px(result)
     return CalibrationResult(
         "camera",
-        {"camera": serial},
-        camera_info(result.fit.camera, serial),
-        _quality(result, target, projected),
+        serials,
         assess_camera(result),
-        _numbers(result, projected),
-        str(folder),
+        source,
+        camera_info(result.fit.camera, serial),
+        _quality(result, target, float(projected_px.max())),
+        _numbers(result, projected_px),
         len(result.fit.views),
         rejected,
         files,
-        _pictures(result, projected),
-        [_thumbnail(r, by_name[r.id], found[r.id]) for r in rejected],
+        _pictures(result, projected_px),
+        [Thumbnail.of(r, folder / r.id, found[r.id]) for r in rejected],
     )
 
 
-def _refused(
-    folder: Path, files: list[Path], serial: str, unseen: list[Rejected], reason: str
-) -> CalibrationResult:
-    thumbs = [
-        Thumbnail(r.id, r.reason, figures.thumbnail(read_image(folder / r.id, grey=True)))
-        for r in unseen[:12]
-    ]
-    assessment = Assessment(refusals=(reason,))
-    return CalibrationResult(
-        "camera", {"camera": serial}, {}, {}, assessment, {}, str(folder), 0, unseen, files, (), thumbs
-    )
-
-
-def _quality(result: CameraFit, target: Target, projected: figures.Array) -> dict[str, object]:
+def _quality(result: CameraFit, target: Target, projected_px: float) -> dict[str, object]:
+    spread_deg, largest_deg = board_tilts_deg(result)
     return {
         "target": target.spec,
         "lens_model": result.fit.lens.name,
@@ -74,14 +67,10 @@ def _quality(result: CameraFit, target: Target, projected: figures.Array) -> dic
         "fit_rms_px": result.fit.rms_px,
         "held_out_rms_px": result.held_out_px,
         "corner_noise_px": result.noise_px,
-        "projection_sigma_px": {
-            "grid": list(projected.shape[::-1]),
-            "worst": float(projected.max()),
-            "values": projected,
-        },
-        "tilt_spread_deg": tilt_spread_deg(result),
-        "largest_tilt_deg": float(board_tilts_deg(result).max()),
-        "covered": float((coverage(result.fit.views) > 0).mean()),
+        "projection_sigma_px": {"worst": projected_px},
+        "tilt_spread_deg": spread_deg,
+        "largest_tilt_deg": largest_deg,
+        "covered": covered(result),
         "view_rms_px": _view_rms_px(result),
     }
 
@@ -90,7 +79,7 @@ def _view_rms_px(result: CameraFit) -> dict[str, float]:
     return {v.id: float(e) for v, e in zip(result.fit.views, result.fit.view_rms_px, strict=True)}
 
 
-def _numbers(result: CameraFit, projected: figures.Array) -> dict[str, str]:
+def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
     matrix, sigma = result.fit.camera.matrix, result.sigma
     return {
         "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
@@ -98,21 +87,20 @@ def _numbers(result: CameraFit, projected: figures.Array) -> dict[str, str]:
         "distortion": ", ".join(f"{v:.5g}" for v in result.fit.camera.distortion),
         "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
         "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f})",
-        "projection uncertain by": f"{np.median(projected):.2f} px (median), {projected.max():.2f} at worst",
+        "projection uncertain by": f"{np.median(projected_px):.2f} px (median), "
+        f"{projected_px.max():.2f} at worst",
     }
 
 
-def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
+def _pictures(result: CameraFit, projected_px: figures.Array) -> list[Picture]:
     fit, size = result.fit, result.fit.camera.size
     points = np.vstack([view.image_px for view in fit.views])
-    missed = []
+    missed, boards = [], []
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
         missed.append(view.image_px - fit.camera.project_from(view.board_m, turn, move)[0])
+        boards.append(Pose.from_rotation(move, Rotation.from_rotvec(turn)))
     limit = 3.0 * float(np.median(fit.view_rms_px))
-    boards = [
-        Pose.from_rotation(move, Rotation.from_rotvec(turn))
-        for turn, move in zip(fit.rotations, fit.translations, strict=True)
-    ]
+    by_lens = {k: v for k, v in result.held_out_px.items() if v < 5 * result.held_out_rms_px}
     return [
         Picture(
             "Poses in 3D",
@@ -123,7 +111,7 @@ def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of "
             "the camera taken out; dots: corners seen.",
-            figures.field(projected, size, "px", points),
+            figures.field(projected_px, size, "px", points),
         ),
         Picture(
             "Residuals over the picture",
@@ -141,13 +129,61 @@ def _pictures(result: CameraFit, projected: figures.Array) -> list[Picture]:
         Picture(
             "Lens models",
             "Rms px of views held out: the simplest model within 1 % of the best is taken.",
-            figures.bars(
-                {k: v for k, v in result.held_out_px.items() if v < 5 * result.held_out_rms_px}, "px"
-            ),
+            figures.bars(by_lens, "px"),
         ),
     ]
 
 
-def _thumbnail(rejected: Rejected, path: Path, view: View | str) -> Thumbnail:
-    marks = [view.image_px] if isinstance(view, View) else []
-    return Thumbnail(rejected.id, rejected.reason, figures.thumbnail(read_image(path, grey=True), marks))
+def markers_from_folder(
+    folder: Path,
+    pattern: str,
+    ids: tuple[int, int],
+    dictionary: str,
+    camera: CameraModel | None,
+    serial: str,
+) -> CalibrationResult:
+    """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
+    files = picture_files(folder, pattern)
+    pictures = [read_image(path, grey=True) for path in files]
+    report = assess_markers(pictures, MarkerAngle(MarkerTracker(ids, dictionary), camera))
+    plane = report.plane
+    turn_sigma_deg = float(np.hypot(report.plane_sigma_deg, report.camera_sigma_deg))
+    tilt = "unknown without intrinsics" if plane.tilt_deg is None else f"{plane.tilt_deg:.1f} degrees"
+    numbers = {
+        "side": f"{plane.side_px:.1f} px",
+        "tilt to the camera": tilt,
+        "angle at rest, one sigma": f"{report.sigma_deg:.4f} degrees",
+        f"a turn of {TURN_DEG:.0f} degrees, one sigma": f"{turn_sigma_deg:.4f} degrees, "
+        f"{report.camera_sigma_deg:.4f} of it by the camera",
+        "drift": f"{report.drift_deg:+.4f} degrees",
+    }
+    if report.refused:
+        reasons = (f"{count} ({reason})" for reason, count in report.refused.items())
+        numbers["pictures without an angle"] = ", ".join(reasons)
+    places = np.arange(float(len(report.rest_deg)))
+    shown = figures.curves({"angle": (places, report.rest_deg)}, "picture", "degrees")
+    return CalibrationResult(
+        "markers",
+        {"camera": serial},
+        report.assessment,
+        str(folder),
+        {
+            "dictionary": dictionary,
+            "ids": ids,
+            "side_px": plane.side_px,
+            "tilt_deg": plane.tilt_deg,
+            "angle_sigma_deg": report.sigma_deg,
+            "turn_sigma_deg": turn_sigma_deg,
+        },
+        {
+            "square_fit_px": plane.fit_px,
+            "drift_deg": report.drift_deg,
+            "turn_sigma_camera_deg": report.camera_sigma_deg,
+            "refused_pictures": report.refused,
+        },
+        numbers,
+        len(files),
+        files=files,
+        pictures=[Picture("Angle at rest", "It should scatter round zero, without a trend.", shown)],
+        thumbnails=[Thumbnail("first picture", "", figures.thumbnail(pictures[0]))],
+    )

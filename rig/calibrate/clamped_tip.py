@@ -39,13 +39,11 @@ def tip_from_folder(
     poses, rejected = _flange_poses(path, flange_T_tcp)
     found = calibrate_pivot(list(poses.items()))
     result = CalibrationResult(
-        kind="tcp",
-        serials={"tool": serial},
-        value={},
-        quality={"cone_deg": found.cone_deg, "condition": found.condition},
-        assessment=found.assessment,
-        numbers={},
-        source=str(folder),
+        "tcp",
+        {"tool": serial},
+        found.assessment,
+        str(folder),
+        quality={"cone_deg": found.cone_deg},
         used=len(found.residual_m or ()),
         rejected=[*rejected, *found.rejected],
         files=[path],
@@ -64,13 +62,12 @@ def _with_tip(
     result: CalibrationResult, found: PivotResult, tip_m: Array, covariance: Array
 ) -> CalibrationResult:
     sigma = np.sqrt(np.diag(covariance))
-    known = {"covariance": covariance, "sigma_m": sigma, "held_out_m": found.held_out_m}
     missed = {name: 1e3 * v for name, v in (found.residual_m or {}).items()}
     text = "How far each pose puts the tip from the common point."
     return replace(
         result,
         value={"parent_frame": FLANGE, "child_frame": "tip", "translation_m": tip_m},
-        quality={**result.quality, **known},
+        quality={**result.quality, "covariance": covariance, "sigma_m": sigma},
         numbers={
             "point of the clamped tip, from the flange": _mm(tip_m),
             "one sigma": " / ".join(f"{1e3 * v:.2f}" for v in sigma) + " mm",

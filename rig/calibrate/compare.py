@@ -1,13 +1,14 @@
 """The difference between two calibrations, in px over the picture or mm in the workspace."""
 
 from collections.abc import Callable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibration.camera.checks import camera_difference_px
 from calibration.camera.files import camera_from, read_camera
-from calibration.camera.projection_sigma import camera_difference_px
 from calibration.poses import pose_from_quaternion
 from calibration.store import read_yaml
 from drivers.errors import CalibrationError
@@ -52,9 +53,8 @@ def _kind(content: Mapping[str, Any], path: Path) -> str:
 
 def _cameras(one: Path, other: Path) -> Figures:
     lengths = np.linalg.norm(camera_difference_px(read_camera(one), read_camera(other)), axis=-1)
-    middle = lengths[
-        lengths.shape[0] // 3 : -lengths.shape[0] // 3, lengths.shape[1] // 3 : -lengths.shape[1] // 3
-    ]
+    rows, columns = lengths.shape
+    middle = lengths[rows // 3 : -rows // 3, columns // 3 : -columns // 3]
     return {
         "rms_px": round(float(np.sqrt((lengths**2).mean())), 4),
         "middle_rms_px": round(float(np.sqrt((middle**2).mean())), 4),
@@ -65,10 +65,10 @@ def _cameras(one: Path, other: Path) -> Figures:
 def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     """Distance between the places that the two answers give to points in the workspace."""
     x, y = _pose(one), _pose(other)
-    centre = x.inverse() @ _pose(one["target"]) if one.get("setup") == "eye-in-hand" else None
-    ahead = np.asarray([0.0, 0.0, 0.7]) if centre is None else np.asarray(centre.position_m)
-    corners = ahead + WORKSPACE_M * np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
-    apart = [np.subtract(_carried(x, p), _carried(y, p)) for p in corners]
+    in_hand = one.get("setup") == "eye-in-hand"
+    ahead = (x.inverse() @ _pose(one["target"])).position_m if in_hand else (0.0, 0.0, 0.7)
+    corners = ahead + WORKSPACE_M * np.array(list(product((-1, 1), repeat=3)))
+    apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
     return {
         "turn_deg": round(float(np.degrees((x.rotation.inv() * y.rotation).magnitude())), 4),
         "move_mm": round(1e3 * float(np.linalg.norm(np.subtract(x.position_m, y.position_m))), 3),
@@ -77,16 +77,13 @@ def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
 
 
 def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
-    found: Figures = {}
-    for way in ("closing", "opening"):
-        if way in one and way in other:
-            a, b = one[way], other[way]
-            at = np.intersect1d(*(np.arange(min(t["counts"]), max(t["counts"]) + 1) for t in (a, b)))
-            gaps = [np.interp(at, t["counts"], t["opening_m"]) for t in (a, b)]
-            found[f"{way}_worst_mm"] = (
-                round(1e3 * float(np.abs(gaps[0] - gaps[1]).max()), 3) if len(at) else None
-            )
-    return found
+    """Largest difference between the tables of closing fingers; None if they have no counts in common."""
+    tables = [file["closing"] for file in (one, other) if "closing" in file]
+    if len(tables) < 2:
+        return {"closing_worst_mm": None}
+    at = np.intersect1d(*(np.arange(min(t["counts"]), max(t["counts"]) + 1) for t in tables))
+    gaps = np.subtract(*(np.interp(at, t["counts"], t["opening_m"]) for t in tables))
+    return {"closing_worst_mm": round(1e3 * float(np.abs(gaps).max()), 3) if len(at) else None}
 
 
 def _place(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
@@ -100,7 +97,3 @@ def _sync(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
 
 def _pose(node: Mapping[str, Any]) -> Pose:
     return pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
-
-
-def _carried(pose: Pose, point: np.ndarray) -> np.ndarray:
-    return pose.rotation.apply(point) + np.asarray(pose.position_m)

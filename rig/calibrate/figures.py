@@ -1,6 +1,7 @@
-"""Figures of the calibration pages: SVG in the page's own colours, so that they follow light and dark."""
+"""Figures of the calibration pages, SVG in the page's own colours; and sheets to print, as PDF."""
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from itertools import cycle
 from typing import Any
 
@@ -8,9 +9,12 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from calibration.targets.sheets import TEXT_MM, target_sheet
 from drivers.images import encode_png
 from drivers.types import Image, Pose
 from rig.pages.figure import drawing, legend_above, svg
@@ -18,6 +22,8 @@ from rig.pages.palette import ESTIMATE, INK, SERIES, WARNING
 
 Array = NDArray[np.floating]
 _WIDTH_PX = 440
+_MM_PER_INCH = 25.4
+_POINTS_PER_INCH = 72.0
 _MOST_POSES = 60
 _MOST_NAMES = 14
 """Names below an axis that a phone still shows apart."""
@@ -71,29 +77,17 @@ def arrows(places: Array, vectors: Array, size: tuple[int, int], label: str) -> 
         return svg(figure, f"arrows: {label}")
 
 
-def lines(
-    series: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str, marks: bool = False
-) -> Markup:
-    """Curves over one axis."""
-    with drawing(280, _WIDTH_PX) as figure:
-        axes = figure.subplots()
-        for (name, (x, y)), colour in zip(series.items(), cycle(SERIES), strict=False):
-            style = "o-" if marks else "-"
-            axes.plot(x, y, style, label=name, markersize=3.5, linewidth=1.2, color=colour.light)
-        axes.set(xlabel=x_label, ylabel=y_label)
-        if len(series) > 1:
-            legend_above(axes, 2)
-        return svg(figure, f"{y_label} over {x_label}: {', '.join(series)}")
-
-
-def scatter(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str) -> Markup:
-    """Points of several groups, axes equal."""
-    with drawing(330, _WIDTH_PX) as figure:
+def curves(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str, style: str = "-") -> Markup:
+    """Curves of several groups over one axis; with style "." points in a plane, its axes equal."""
+    points = style == "."
+    with drawing(330 if points else 280, _WIDTH_PX) as figure:
         axes = figure.subplots()
         for (name, (x, y)), colour in zip(groups.items(), cycle(SERIES), strict=False):
-            axes.plot(x, y, ".", label=name, markersize=4, color=colour.light)
+            size = 4.0 if points else 3.5
+            axes.plot(x, y, style, label=name, markersize=size, linewidth=1.2, color=colour.light)
         axes.set(xlabel=x_label, ylabel=y_label)
-        axes.set_aspect("equal", adjustable="datalim")
+        if points:
+            axes.set_aspect("equal", adjustable="datalim")
         if len(groups) > 1:
             legend_above(axes, 2)
         return svg(figure, f"{y_label} over {x_label}: {', '.join(groups)}")
@@ -144,3 +138,21 @@ def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:
     scale = 320.0 / colour.shape[1]
     small = cv2.resize(np.asarray(colour, np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return encode_png(np.asarray(small, np.uint8))
+
+
+def sheet_pdf(spec: str) -> bytes:
+    """The sheet of a target. Raises `InputError` for a target that is not understood."""
+    sheet = target_sheet(spec)
+    wide, high = sheet.size_mm
+    figure = Figure(figsize=(wide / _MM_PER_INCH, high / _MM_PER_INCH))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, wide), ylim=(high, 0.0))
+    axes.axis("off")
+    corners = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in sheet.ink]
+    axes.add_collection(PolyCollection(corners, facecolors="black", linewidths=0.0))
+    size = TEXT_MM / _MM_PER_INCH * _POINTS_PER_INCH
+    axes.text(*sheet.text_mm, sheet.text, fontsize=size, family="sans-serif", va="baseline")
+    stream = BytesIO()
+    # without a date, so that equal targets give equal files
+    figure.savefig(stream, format="pdf", metadata={"Title": spec, "CreationDate": None})
+    return stream.getvalue()

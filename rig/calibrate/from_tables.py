@@ -1,9 +1,10 @@
 """`rig calibrate gripper, sync`: tables and streams from a folder."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from calibration.fingers.opening import Direction, OpeningSample, calibrate_opening
-from calibration.time_offset import time_offset
+from calibration.opening import Direction, OpeningSample, calibrate_opening
+from calibration.time_offset import TimedSignal, TimeOffset, time_offset
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.formats import read_csv_rows
@@ -15,63 +16,38 @@ from rig.calibrate.sources import number, read_stream
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
     """Calibrate the opening from gripper.csv: counts, opening_mm, direction (closing, opening)."""
     path = folder / "gripper.csv"
-    rows = read_csv_rows(path, ("counts", "opening_mm", "direction"))
     samples = []
-    for line, row in rows:
-        where = f"{path} line {line}"
-        if row["direction"] not in list(Direction):
-            raise InputError(f"{where}: direction '{row['direction']}' is neither closing nor opening")
-        opening_m = number(row, "opening_mm", where) / 1e3
-        samples.append(
-            OpeningSample(
-                f"line {line}", number(row, "counts", where), opening_m, Direction(row["direction"])
-            )
-        )
-    return _gripper_result(samples, serial, folder)
-
-
-def _gripper_result(samples: list[OpeningSample], serial: str, folder: Path) -> CalibrationResult:
+    for line, row in read_csv_rows(path, ("counts", "opening_mm", "direction")):
+        where, way = f"{path} line {line}", row["direction"]
+        if way not in list(Direction):
+            raise InputError(f"{where}: direction '{way}' is neither closing nor opening")
+        counts, opening_m = number(row, "counts", where), number(row, "opening_mm", where) / 1e3
+        samples.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
     result = calibrate_opening(samples)
-    value: dict[str, object] = {
-        str(way): {"counts": t.counts, "opening_m": t.opening_m, "sigma_m": t.sigma_m}
-        for way, t in result.tables.items()
-    }
-    curves = {str(way): (t.counts, 1e3 * t.opening_m) for way, t in result.tables.items()}
-    pictures = (
-        [
-            Picture(
-                "Opening over counts",
-                "As measured, monotone each way; nothing beyond its ends.",
-                figures.lines(curves, "counts", "opening, mm", marks=True),
-            )
-        ]
-        if curves
-        else []
-    )
-    numbers = {
-        f"{way}": f"{t.counts[0]:g} to {t.counts[-1]:g} counts, {1e3 * t.opening_m[-1]:.1f} to "
-        f"{1e3 * t.opening_m[0]:.1f} mm"
-        for way, t in result.tables.items()
-    }
+    numbers, curves = {}, {}
+    for way, table in result.tables.items():
+        counts, opening_mm = table.counts, 1e3 * table.opening_m
+        curves[str(way)] = counts, opening_mm
+        ends_mm = f"{opening_mm[-1]:.1f} to {opening_mm[0]:.1f} mm"
+        numbers[str(way)] = f"{counts[0]:g} to {counts[-1]:g} counts, {ends_mm}"
     if result.hysteresis_m is not None:
         numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
-    quality = {
-        k: v
-        for k, v in (("hysteresis_m", result.hysteresis_m), ("misfit_m", result.misfit_m))
-        if v is not None
-    }
+    text = "As measured, monotone each way; nothing beyond its ends. The bench uses the closing one."
+    used = result.tables.get(Direction.CLOSING)
     return CalibrationResult(
         "gripper",
         {"gripper": serial},
-        value,
-        quality,
         result.assessment,
-        numbers,
         str(folder),
+        {"closing": {"counts": used.counts, "opening_m": used.opening_m}} if used else {},
+        {} if result.hysteresis_m is None else {"hysteresis_m": result.hysteresis_m},
+        numbers,
         len(samples) - len(result.rejected),
         result.rejected,
-        [folder / "gripper.csv"],
-        pictures,
+        [path],
+        [Picture("Opening over counts", text, figures.curves(curves, "counts", "opening, mm", "o-"))]
+        if curves
+        else [],
     )
 
 
@@ -79,57 +55,54 @@ def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> 
     """Two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
-    result = time_offset(one, other, search_s)
-    value: dict[str, object] = {}
-    numbers: dict[str, str] = {}
-    pictures = []
-    if result.offset_s is not None and result.sigma_s is not None:
-        value = {
-            "reference": first,
-            "stream": second,
-            "add_to_stream_s": result.offset_s,
-            "drift_ppm": result.drift_ppm,
-        }
-        numbers = {
-            "to add to the stream": f"{1e3 * result.offset_s:.3f} ± {1e3 * result.sigma_s:.3f} ms",
-            "motion explained": f"{result.explained:.1%}",
-        }
-        zero = one.time_ns[0]
-        shown = {
-            first: ((one.time_ns - zero) / NS_PER_S, one.values - one.values.mean()),
-            f"{second}, moved": (
-                (other.time_ns - zero) / NS_PER_S + result.offset_s,
-                (other.values - other.values.mean()) / (result.gain or 1.0),
-            ),
-        }
-        pictures = [
-            Picture(
-                "Both streams",
-                "The second moved by the offset and scaled: they should lie on each other.",
-                figures.lines(shown, "s", "value"),
-            )
-        ]
+    found = time_offset(one, other, search_s)
     quality = {
-        k: v
-        for k, v in (
-            ("sigma_s", result.sigma_s),
-            ("drift_sigma_ppm", result.drift_sigma_ppm),
-            ("explained", result.explained),
-            ("noise", result.noise),
-            ("overlap_s", result.overlap_s),
-        )
-        if v is not None
+        "sigma_s": found.sigma_s,
+        "drift_sigma_ppm": found.drift_sigma_ppm,
+        "explained": found.explained,
     }
-    return CalibrationResult(
+    result = CalibrationResult(
         "sync",
         {"reference": first, "stream": second},
-        value,
-        quality,
-        result.assessment,
-        numbers,
+        found.assessment,
         str(folder),
-        result.used,
-        (),
-        paths,
-        pictures,
+        quality={name: value for name, value in quality.items() if value is not None},
+        used=found.used,
+        files=paths,
+    )
+    return result if found.offset_s is None else _with_offset(result, found, found.offset_s, one, other)
+
+
+def _with_offset(
+    result: CalibrationResult, found: TimeOffset, offset_s: float, one: TimedSignal, other: TimedSignal
+) -> CalibrationResult:
+    """Add the offset, its figures, and both streams on one time axis."""
+    first, second = result.serials.values()
+    numbers = {
+        "to add to the stream": f"{1e3 * offset_s:.3f} ± {1e3 * (found.sigma_s or 0.0):.3f} ms",
+        "motion explained": f"{found.explained:.1%}",
+    }
+    if found.drift_ppm is not None:
+        numbers["drift of the clocks"] = (
+            f"{found.drift_ppm:.2f} ± {found.drift_sigma_ppm:.2f} ppm; the bench uses the offset alone"
+        )
+    zero = one.time_ns[0]
+    shown = {
+        first: ((one.time_ns - zero) / NS_PER_S, one.values - one.values.mean()),
+        f"{second}, moved": (
+            (other.time_ns - zero) / NS_PER_S + offset_s,
+            (other.values - other.values.mean()) / (found.gain or 1.0),
+        ),
+    }
+    text = "The second moved by the offset and scaled: they should lie on each other."
+    return replace(
+        result,
+        value={
+            "reference": first,
+            "stream": second,
+            "add_to_stream_s": offset_s,
+            "drift_ppm": found.drift_ppm,
+        },
+        numbers=numbers,
+        pictures=[Picture("Both streams", text, figures.curves(shown, "s", "value"))],
     )

@@ -1,4 +1,4 @@
-"""`rig calibrate hand-eye`: the camera's pose from pictures at known robot poses."""
+"""`rig calibrate hand-eye`: the pose of a camera, from pictures or poses of a target at known robot poses."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration.camera.model import CameraModel
+from calibration.hand_eye.pose_pairs import PoseSample
+from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
 from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
-from calibration.targets.boards import Target
-from calibration.targets.views import View
+from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected
 from drivers.images import read_image
 from drivers.types import Pose
@@ -20,6 +21,10 @@ from rig.calibrate.sources import picture_files, read_poses
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
 """Parent and child frame of the answer, and the parent of the target, by setup."""
+TARGETS = "targets.csv"
+_NOISE = ("robot_turn_rad", "robot_m", "tilt_rad", "turn_rad", "across_m", "depth_m")
+"""Of the robot's poses, then of the target's."""
+_ORDER = "rotation vector about the child's axes (rad), translation in the parent (m)"
 
 
 def hand_eye_from_folder(
@@ -29,21 +34,51 @@ def hand_eye_from_folder(
     files = picture_files(folder)
     poses, rejected = read_poses(folder / "poses.csv")
     samples: list[HandEyeSample] = []
+    views: dict[str, View | str] = {}
     for path in files:
-        if path.stem not in poses:
-            if path.stem not in {r.id for r in rejected}:
-                rejected.append(Rejected(path.stem, "no pose of this id in poses.csv"))
+        name = path.stem
+        if name not in poses:
+            if name not in {r.id for r in rejected}:
+                rejected.append(Rejected(name, "no pose of this id in poses.csv"))
             continue
-        view = target.find(read_image(path, grey=True), path.stem)
+        view = views[name] = target.find(read_image(path, grey=True), name)
         if isinstance(view, str):
-            rejected.append(Rejected(path.stem, view))
+            rejected.append(Rejected(name, view))
         else:
-            samples.append(HandEyeSample(path.stem, poses[path.stem], view))
-    rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - {p.stem for p in files}]
-    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target)
+            samples.append(HandEyeSample(name, poses[name], view))
     pictures = {path.stem: path for path in files}
-    thumbs = [Thumbnail(r.id, r.reason, _thumb(pictures.get(r.id), samples)) for r in result.rejected]
+    rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - pictures.keys()]
+    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target)
+    thumbs = [Thumbnail.of(r, pictures.get(r.id), views.get(r.id)) for r in result.rejected]
     return replace(result, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
+
+
+def hand_eye_from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
+    """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve.
+
+    Raises `InputError`.
+    """
+    files = [folder / "poses.csv", folder / TARGETS]
+    (robot, rejected), (seen, also) = (read_poses(path) for path in files)
+    rejected = rejected + also
+    rejected += [Rejected(name, "no pose of the target of this id") for name in robot.keys() - seen.keys()]
+    rejected += [Rejected(name, "no robot pose of this id") for name in seen.keys() - robot.keys()]
+    samples = [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen]
+    result = calibrate_pose_pairs(samples, setup)
+    quality, numbers = _pair_figures(result)
+    return CalibrationResult(
+        "hand-eye",
+        {"camera": serial},
+        result.assessment,
+        str(folder),
+        _value(setup, result.pose, result.target),
+        quality,
+        numbers,
+        len(result.used),
+        [*rejected, *result.rejected],
+        files,
+        _poses_picture(setup, result.pose, result.target, [robot[name] for name in result.used]),
+    )
 
 
 def hand_eye_result(
@@ -52,27 +87,25 @@ def hand_eye_result(
     serial: str,
     setup: Setup,
     source: str,
-    rejected: Sequence[Rejected] = (),
-    target: Target | None = None,
+    rejected: Sequence[Rejected],
+    target: Target,
 ) -> CalibrationResult:
     """Solve, and make the figures of the page."""
     result = calibrate_hand_eye(samples, camera, setup)
-    views = [s.view for s in samples]
+    robot = [s.base_T_tcp for s in samples if s.id in result.used]
     return CalibrationResult(
         "hand-eye",
         {"camera": serial},
-        place_value(result.setup, result.pose, result.target),
-        _quality(result, target),
         result.assessment,
-        _numbers(result),
         source,
+        _value(setup, result.pose, result.target),
+        _quality(result, target),
+        _numbers(result),
         len(result.used),
         [*rejected, *result.rejected],
         pictures=[
-            *poses_picture(
-                setup, result.pose, result.target, [s.base_T_tcp for s in samples if s.id in result.used]
-            ),
-            *_pictures(result, views, camera),
+            *_poses_picture(setup, result.pose, result.target, robot),
+            *_pictures(result, [s.view for s in samples], camera),
         ],
     )
 
@@ -86,7 +119,7 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def place_value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
+def _value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
     """The value of a hand-eye file; nothing where there is no answer."""
     if pose is None or target is None:
         return {}
@@ -98,7 +131,7 @@ def place_value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[st
     }
 
 
-def poses_picture(
+def _poses_picture(
     setup: Setup, pose: Pose | None, target: Pose | None, robot: Sequence[Pose]
 ) -> list[Picture]:
     """Draw robot, camera and target of all samples in the base frame; nothing without an answer."""
@@ -112,8 +145,8 @@ def poses_picture(
     return [Picture("Poses in 3D", text, figures.poses(groups))]
 
 
-def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
-    quality: dict[str, object] = {"target": target.spec} if target else {}
+def _quality(result: HandEyeResult, target: Target) -> dict[str, object]:
+    quality: dict[str, object] = {"target": target.spec}
     if result.motion is not None:
         quality["observability"] = {
             "max_angle_deg": result.motion.max_angle_deg,
@@ -122,15 +155,11 @@ def _quality(result: HandEyeResult, target: Target | None) -> dict[str, object]:
         }
     if result.spread is not None:
         quality |= {
-            "covariance_order": "rotation vector about the child's axes (rad), translation in the parent (m)",
+            "covariance_order": _ORDER,
             "covariance": result.spread.covariance,
-            "covariance_of_fit": result.spread.fit,
-            "covariance_leave_one_out": result.spread.jackknife,
             "covariance_from_camera": result.spread.camera,
-            "covariance_of_target": result.spread.target,
             "rms_px": result.rms_px,
-            "held_out_rms_px": float(np.sqrt((result.spread.held_out_px**2).mean())),
-            "closed_form": result.closed_form,
+            "held_out_rms_px": result.spread.held_out_rms_px,
         }
     return quality
 
@@ -142,18 +171,43 @@ def _numbers(result: HandEyeResult) -> dict[str, str]:
     spread = result.spread
     mm, deg = 1e3 * spread.sigma_m, np.degrees(spread.sigma_rad)
     camera_mm, camera_deg = 1e3 * spread.camera_sigma_m, np.degrees(spread.camera_sigma_rad)
-    place = ", ".join(f"{v:.5f}" for v in result.pose.position_m)
     return {
-        f"{parent}_T_{child}, position": f"{place} m",
-        "orientation (xyzw)": ", ".join(f"{v:.6f}" for v in result.pose.quaternion_xyzw),
+        **_pose_numbers(result.pose, f"{parent}_T_{child}, position"),
         "one sigma, position": " / ".join(f"{v:.2f}" for v in mm) + " mm",
         "one sigma, orientation": " / ".join(f"{v:.3f}" for v in deg) + " degrees",
         "of that from the camera": f"{np.linalg.norm(camera_mm):.2f} mm, "
         f"{np.linalg.norm(camera_deg):.3f} degrees",
-        "samples used are missed by": f"{result.rms_px:.2f} px, left out by "
-        f"{np.sqrt((spread.held_out_px**2).mean()):.2f} px",
+        "samples used are missed by": f"{result.rms_px:.2f} px, left out by {spread.held_out_rms_px:.2f} px",
         "observability": f"turns up to {result.motion.max_angle_deg:.0f} degrees, ratio "
         f"{result.motion.translation_ratio:.2f}, gap {result.motion.rotation_gap:.2g}",
+    }
+
+
+def _pair_figures(result: PosePairResult) -> tuple[dict[str, object], dict[str, str]]:
+    """Quality and numbers of an answer from pairs of poses; nothing without one."""
+    if result.pose is None or result.covariance is None or result.sigmas is None:
+        return {}, {}
+    quality = {
+        "covariance_order": _ORDER,
+        "covariance": result.covariance,
+        "noise_found": dict(zip(_NOISE, result.sigmas.tolist(), strict=True)),
+    }
+    sigma = np.sqrt(np.diag(result.covariance))
+    robot, seen = result.sigmas[:2], result.sigmas[2:]
+    return quality, {
+        **_pose_numbers(result.pose, "position"),
+        "one sigma, position": " / ".join(f"{1e3 * v:.2f}" for v in sigma[3:]) + " mm",
+        "one sigma, orientation": " / ".join(f"{np.degrees(v):.3f}" for v in sigma[:3]) + " degrees",
+        "noise found, robot": f"{np.degrees(robot[0]):.3f} degrees, {1e3 * robot[1]:.2f} mm",
+        "noise found, target's pose": f"tilt {np.degrees(seen[0]):.3f}, turn {np.degrees(seen[1]):.3f} "
+        f"degrees, across {1e3 * seen[2]:.2f}, depth {1e3 * seen[3]:.2f} mm",
+    }
+
+
+def _pose_numbers(pose: Pose, name: str) -> dict[str, str]:
+    return {
+        name: ", ".join(f"{v:.5f}" for v in pose.position_m) + " m",
+        "orientation (xyzw)": ", ".join(f"{v:.6f}" for v in pose.quaternion_xyzw),
     }
 
 
@@ -161,36 +215,15 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
     pictures = []
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
-        pictures.append(
-            Picture(
-                "Error per sample",
-                "Rms px by which each sample is missed; orange ones stand out.",
-                figures.bars(result.sample_px, "px", limit),
-            )
-        )
+        text = "Rms px by which each sample is missed; orange ones stand out."
+        pictures.append(Picture("Error per sample", text, figures.bars(result.sample_px, "px", limit)))
     if result.spread is not None:
         held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
-        pictures.append(
-            Picture(
-                "Error of samples left out",
-                "Rms px by which the answer from all others misses each.",
-                figures.bars(held, "px"),
-            )
-        )
+        text = "Rms px by which the answer from all others misses each."
+        pictures.append(Picture("Error of samples left out", text, figures.bars(held, "px")))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
-        pictures.append(
-            Picture(
-                "Where the target was seen",
-                "Its points in all samples.",
-                figures.scatter({"points": (points[:, 0], camera.size[1] - points[:, 1])}, "x, px", "up, px"),
-            )
-        )
+        places = {"points": (points[:, 0], camera.size[1] - points[:, 1])}
+        shown = figures.curves(places, "x, px", "up, px", ".")
+        pictures.append(Picture("Where the target was seen", "Its points in all samples.", shown))
     return pictures
-
-
-def _thumb(path: Path | None, samples: Sequence[HandEyeSample]) -> bytes | None:
-    if path is None:
-        return None
-    marks = [s.view.image_px for s in samples if s.id == path.stem]
-    return figures.thumbnail(read_image(path, grey=True), marks)

@@ -10,9 +10,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from calibration.store import CalibrationFile, plain, save, write_text
+from calibration.store import CalibrationFile, plain, save, write_bytes
+from calibration.targets.boards import View
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError
+from drivers.images import read_image
+from rig.calibrate.figures import thumbnail
 from rig.pages.page import render
 
 
@@ -33,23 +36,33 @@ class Thumbnail:
     reason: str
     png: bytes | None = None
 
+    @classmethod
+    def of(
+        cls, rejected: Rejected, path: Path | None, view: View | str | None = None, grey: bool = True
+    ) -> "Thumbnail":
+        """Of a rejected sample and its picture file; the points of a view are marked. Raises `InputError`."""
+        marks = [view.image_px] if isinstance(view, View) else []
+        png = None if path is None else thumbnail(read_image(path, grey=grey), marks)
+        return cls(rejected.id, rejected.reason, png)
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
     """A calibration before it is filed.
 
-    value, quality: as in the file. numbers: what the page lists first, as text. source: where the
-    samples lie. files: the samples, for the hash. part: of the kind, where it has several files.
+    source: where the samples lie. value, quality: as in the file. numbers: what the page lists first, as
+    text. used: number of samples. files: the samples, for the hash. part: of the kind, where it has several
+    files.
     """
 
     kind: str
     serials: Mapping[str, str]
-    value: Mapping[str, Any]
-    quality: Mapping[str, Any]
     assessment: Assessment
-    numbers: Mapping[str, str]
     source: str
-    used: int
+    value: Mapping[str, Any] = field(default_factory=dict)
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, str] = field(default_factory=dict)
+    used: int = 0
     rejected: Sequence[Rejected] = ()
     files: Sequence[Path] = ()
     pictures: Sequence[Picture] = ()
@@ -68,7 +81,7 @@ class Filed:
 
     path: Path
     page: Path
-    figures: dict[str, object] = field(default_factory=dict)
+    figures: dict[str, object]
 
 
 def file_result(result: CalibrationResult, folder: Path) -> Filed:
@@ -76,43 +89,36 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
     part = [result.part] if result.part else []
     stem = "-".join([result.kind, *part, *result.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
-    filed = _as_file(result)
+    filed, verdict = _as_file(result), result.assessment.verdict
     save(filed, path)
-    write_text(page, _page(result, filed))
-    figures = plain(
-        {
-            "kind": result.kind,
-            "file": path,
-            "page": page,
-            "verdict": str(result.assessment.verdict),
-            "reasons": result.assessment.reasons,
-            "used": result.used,
-            "numbers": result.numbers,
-            "rejected": [{"id": r.id, "reason": r.reason} for r in result.rejected],
-            "value": result.value,
-            "quality": result.quality,
-            "simulated": result.simulated,
-        },
-        str(path),
-    )
-    if result.assessment.verdict is Verdict.REFUSED:
-        reasons = "; ".join(result.assessment.refusals)
-        about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-        raise CalibrationError(f"{result.kind} calibration, {about}: refused: {reasons} (page: {page})")
-    return Filed(path, page, figures)
-
-
-def _page(result: CalibrationResult, filed: CalibrationFile) -> str:
-    """One HTML page that needs nothing else; each picture is inside it as data."""
-    return render(
+    text = render(
         "rig.calibrate",
         "page.html",
         result=result,
         created=filed.created,
-        verdict=str(result.assessment.verdict),
+        verdict=str(verdict),
         software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
         inputs=filed.inputs,
     )
+    write_bytes(page, text.encode())
+    if verdict is Verdict.REFUSED:
+        reasons = "; ".join(result.assessment.refusals)
+        about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
+        raise CalibrationError(f"{result.kind} calibration, {about}: refused: {reasons} (page: {page})")
+    figures = {
+        "kind": result.kind,
+        "file": path,
+        "page": page,
+        "verdict": str(verdict),
+        "reasons": result.assessment.reasons,
+        "used": result.used,
+        "numbers": result.numbers,
+        "rejected": [{"id": r.id, "reason": r.reason} for r in result.rejected],
+        "value": result.value,
+        "quality": result.quality,
+        "simulated": result.simulated,
+    }
+    return Filed(path, page, plain(figures, str(path)))
 
 
 def _as_file(result: CalibrationResult) -> CalibrationFile:
@@ -121,17 +127,15 @@ def _as_file(result: CalibrationResult) -> CalibrationFile:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
-    software = {
-        name: version(name) for name in ("visuotactile-slip-rig", "opencv-contrib-python-headless", "numpy")
-    }
+    software = ("visuotactile-slip-rig", "opencv-contrib-python-headless", "numpy")
     return CalibrationFile(
-        result.kind,
-        result.serials,
-        result.value,
-        result.assessment,
-        datetime.now(UTC).isoformat(timespec="seconds"),
-        result.quality,
-        tuple(result.rejected),
-        inputs | ({"simulated": True} if result.simulated else {}),
-        software,
+        kind=result.kind,
+        serials=result.serials,
+        value=result.value,
+        assessment=result.assessment,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        quality=result.quality,
+        rejected=tuple(result.rejected),
+        inputs=inputs | ({"simulated": True} if result.simulated else {}),
+        software={name: version(name) for name in software},
     )

@@ -1,14 +1,12 @@
 """`rig calibrate tactile`: a gel's scale and colour map from a folder of ball presses."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 
 from calibration.gel.balls import BallFit, BallPress, calibrate_gel
-from calibration.gel.presses import Press, find_press, rim_centre
+from calibration.gel.presses import find_press, rim_centre
 from calibration.gel.reference import Reference, assess_reference
 from calibration.gel.scale import GelScale, fit_scale
 from calibration.verdict import Assessment, Rejected
@@ -22,14 +20,12 @@ from rig.calibrate.sources import number
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
-_COLUMNS = ("image", "diameter(mm)")
 
 
 @dataclass(slots=True)
 class _PressFolder:
     """The samples of a folder. moves_mm: place of the ball by id, x right and y down in the picture."""
 
-    folder: Path
     background: Image
     found: list[BallPress] = field(default_factory=list)
     rejected: list[Rejected] = field(default_factory=list)
@@ -47,53 +43,56 @@ def tactile_from_folder(
     out where there is a fitted scale to keep.
     """
     presses = _read(folder)
-    still = Reference(
-        presses.background.astype(np.float32), 0.0, float((presses.background >= 250).mean()), 0, 1
+    result = CalibrationResult(
+        "tactile",
+        {"tactile": serial},
+        Assessment(),
+        str(folder),
+        rejected=presses.rejected,
+        files=presses.files,
+        thumbnails=[Thumbnail.of(r, folder / r.id, grey=False) for r in presses.rejected],
     )
     try:
         scale = None if mm_per_px else _scale(presses)
-        used = mm_per_px or (_pair(scale) if scale else NOMINAL_MM_PER_PX)
-        result = calibrate_gel(presses.found, used)
+        used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
+        across, along = (float(v) for v in used)
+        fit = calibrate_gel(presses.found, (across, along))
     except CalibrationError as error:
-        return _refused(presses, serial, str(error))
-    mapped = not (result.assessment.refusals and scale)
-    assessment = (result.assessment if mapped else _without_map(result.assessment)) + assess_reference(still)
+        return replace(result, assessment=Assessment((str(error),)))
+    mapped = not (fit.assessment.refusals and scale)
+    saturated = float((presses.background >= 250).mean())
+    still = Reference(presses.background.astype(np.float32), 0.0, saturated, 0)
+    assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + assess_reference(still)
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:
         assessment += Assessment(
             doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
         )
-    return CalibrationResult(
-        "tactile",
-        {"tactile": serial},
-        _value(result, used, scale, mapped),
-        _quality(result, scale),
-        assessment,
-        _numbers(result, used, scale),
-        str(folder),
-        len(result.true_mm),
-        [*presses.rejected, *result.rejected],
-        presses.files,
-        _pictures(result, presses.found),
-        _thumbnails(presses),
+    return replace(
+        result,
+        assessment=assessment,
+        value=_value(fit, (across, along), scale, mapped),
+        quality=_quality(fit, scale),
+        numbers=_numbers(fit, (across, along), scale),
+        used=len(fit.true_mm),
+        rejected=[*presses.rejected, *fit.rejected],
+        pictures=_pictures(fit, presses.found),
     )
 
 
 def _read(folder: Path) -> _PressFolder:
     """Find the press in every picture of the catalog. Raises `InputError` naming file and line."""
-    path = folder / "catalog.csv"
-    rows = read_csv_rows(path, _COLUMNS)
-    presses = _PressFolder(
-        folder, read_image(folder / "background.png"), files=[folder / "background.png", path]
-    )
+    path, untouched = folder / "catalog.csv", folder / "background.png"
+    rows = read_csv_rows(path, ("image", "diameter(mm)"))
+    presses = _PressFolder(read_image(untouched), files=[untouched, path])
     for line, row in rows:
         where, name = f"{path} line {line}", row["image"]
         if not name or not (folder / name).is_file():
             raise InputError(f"{where}: {name} is not in {folder}")
-        untouched = read_image(folder / row["background"]) if row.get("background") else presses.background
+        background = read_image(folder / row["background"]) if row.get("background") else presses.background
         presses.files.append(folder / name)
-        found = find_press(read_image(folder / name), untouched.astype(np.float32), name)
+        found = find_press(read_image(folder / name), background.astype(np.float32), name)
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
             continue
@@ -113,109 +112,81 @@ def _scale(presses: _PressFolder) -> GelScale | None:
     return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
 
 
-def _pair(scale: GelScale) -> tuple[float, float]:
-    return float(scale.mm_per_px[0]), float(scale.mm_per_px[1])
-
-
-def _thumbnails(presses: _PressFolder) -> list[Thumbnail]:
-    return [
-        Thumbnail(r.id, r.reason, figures.thumbnail(read_image(presses.folder / r.id)))
-        for r in presses.rejected
-    ]
-
-
-def _refused(presses: _PressFolder, serial: str, reason: str) -> CalibrationResult:
-    return CalibrationResult(
-        "tactile", {"tactile": serial}, {}, {}, Assessment((reason,)), {}, str(presses.folder), 0,
-        presses.rejected, presses.files, (), _thumbnails(presses),
-    )  # fmt: skip
-
-
 def _without_map(assessment: Assessment) -> Assessment:
     """A scale from known moves stands without the colours: what is wrong with their map is a doubt."""
     return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 
 def _value(
-    result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, mapped: bool
-) -> Mapping[str, object]:
-    rows, columns = result.map.shape
-    gradient_map = {
-        "features": "log colour change x place, calibration.gel.gradient_map",
-        "weights": result.map.weights,
-    }
-    return {
-        "image_height": rows,
-        "image_width": columns,
-        "mm_per_px": mm_per_px,
-        **({} if scale is None else {"pixel_aspect": scale.pixel_aspect}),
-        **({"gradient_map": gradient_map} if mapped else {}),
-    }
+    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, mapped: bool
+) -> dict[str, object]:
+    rows, columns = fit.map.shape
+    value: dict[str, object] = {"image_height": rows, "image_width": columns, "mm_per_px": mm_per_px}
+    if scale is not None:
+        value["pixel_aspect"] = scale.pixel_aspect
+    if mapped:
+        value["gradient_map"] = {
+            "features": "log colour change x place, calibration.gel.gradient_map",
+            "weights": fit.map.weights,
+        }
+    return value
 
 
-def _quality(result: BallFit, scale: GelScale | None) -> Mapping[str, object]:
+def _quality(fit: BallFit, scale: GelScale | None) -> dict[str, object]:
     quality: dict[str, object] = {
-        "normal_rms_held_out": result.normal_rms,
-        "null_rms": result.null_rms,
-        "held_out_radius_mm": result.held_out_mm,
-        "radius_error": {f"{r:g} mm": e for r, e in result.radius_error().items()},
+        "normal_rms_held_out": fit.normal_rms,
+        "null_rms": fit.null_rms,
+        "held_out_radius_mm": fit.held_out_mm,
+        "radius_error": {f"{r:g} mm": e for r, e in fit.radius_error().items()},
     }
     if scale is not None:
         quality |= {
             "mm_per_px_sigma": scale.sigma,
             "pixel_aspect_sigma": scale.aspect_sigma,
-            "turn_deg": scale.turn_deg,
             "moves_missed_px": scale.residual_px,
-            "moves_held_out_px": scale.held_out_px,
         }
     return quality
 
 
-def _numbers(result: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> Mapping[str, str]:
+def _numbers(fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> dict[str, str]:
     across, along = mm_per_px
     numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
     if scale is not None:
         sx, sy = scale.sigma
         numbers["scale along x, y"] = f"{across:.5f} ± {sx:.5f}, {along:.5f} ± {sy:.5f} mm per px"
         numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
-    for radius, error in result.radius_error().items():
+    for radius, error in fit.radius_error().items():
         numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
     return numbers | {
-        "slope where nothing touches": f"{result.null_rms:.4f}",
-        "error of a normal's part, left out": f"{result.normal_rms:.4f}",
+        "slope where nothing touches": f"{fit.null_rms:.4f}",
+        "error of a normal's part, left out": f"{fit.normal_rms:.4f}",
     }
 
 
-def _pictures(result: BallFit, presses: list[BallPress]) -> list[Picture]:
-    groups = {}
-    for radius in sorted(set(result.true_mm.values())):
-        names = [i for i, true in result.true_mm.items() if true == radius]
-        groups[f"{2 * radius:g} mm"] = np.array([result.centres_px[i] for i in names])
-    rows, columns = result.map.shape
-    places = {name: (c[:, 0], rows - c[:, 1]) for name, c in groups.items()}
+def _pictures(fit: BallFit, presses: list[BallPress]) -> list[Picture]:
+    rows, columns = fit.map.shape
+    places = {}
+    for radius in sorted(set(fit.true_mm.values())):
+        x, y = np.array([fit.centres_px[i] for i, true in fit.true_mm.items() if true == radius]).T
+        places[f"{2 * radius:g} mm"] = x, rows - y
     press = max((p.press for p in presses), key=lambda p: float(p.strength.max()))
-    radii = {i: 2 * result.held_out_mm[i] for i in result.true_mm}
+    x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
+    at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    slopes = fit.map.slopes(press.change[y.ravel(), x.ravel()], at)[:, 0].reshape(x.shape)
     return [
         Picture(
             "Ball diameter of each press left out",
             "As the map of the others says it.",
-            figures.bars(radii, "mm"),
+            figures.bars({i: 2 * fit.held_out_mm[i] for i in fit.true_mm}, "mm"),
         ),
         Picture(
             "Where the balls were pressed",
             "Gaps are where the map is not known.",
-            figures.scatter(places, "x, px", "up, px"),
+            figures.curves(places, "x, px", "up, px", "."),
         ),
         Picture(
             "Slopes of one press",
             f"{press.id}: dz/dx as the map sees it.",
-            _slope_picture(press, result, columns, rows),
+            figures.field(slopes, (columns, rows), "dz/dx"),
         ),
     ]
-
-
-def _slope_picture(press: Press, result: BallFit, columns: int, rows: int) -> Markup:
-    x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
-    places = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
-    slopes = result.map.slopes(press.change[y.ravel(), x.ravel()], places)
-    return figures.field(slopes[:, 0].reshape(x.shape), (columns, rows), "dz/dx")

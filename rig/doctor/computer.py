@@ -136,7 +136,7 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
 
 
 def _calibration(path: Path, serials: set[str]) -> Finding:
-    from calibration.store import load, read_yaml
+    from calibration.store import age_days, age_text, load, read_yaml
 
     try:
         about = read_yaml(path).get("calibration")
@@ -146,11 +146,11 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
         seen, _, todo = str(error).partition("; ")
         return Finding("calibration", path.name, Severity.WARNING, seen, todo)
     now = datetime.now(UTC)
-    days = file.age_days(now)
+    days = age_days(file.created, now)
     strangers = sorted(set(file.serials.values()) - serials)
     verdict, todo = Severity.GOOD, ""
     if days > OLD_DAYS:
         verdict, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
     if strangers:
         verdict, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
-    return Finding("calibration", file.kind, verdict, file.age_text(now), todo, {"age_days": days})
+    return Finding("calibration", file.kind, verdict, f"{age_text(days)} old", todo, {"age_days": days})

@@ -13,7 +13,7 @@ from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
 from calibration.poses import pose_from_matrix, pose_matrix
-from calibration.targets.views import View
+from calibration.targets.boards import View
 from drivers.errors import InputError
 from drivers.short_repr import short_repr
 from drivers.types import Pose

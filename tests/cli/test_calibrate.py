@@ -45,10 +45,10 @@ def page_is_whole(page: str, pictures: int) -> None:
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eleven views of the board and one of nothing."""
+    """Seven views of the board and one of nothing."""
     folder = tmp_path_factory.mktemp("photos")
     rng = np.random.default_rng(0)
-    for i in range(11):
+    for i in range(7):
         cv2.imwrite(str(folder / f"{i:02d}.png"), render_target(BOARD, CAMERA, board_pose(rng), rng))
     cv2.imwrite(str(folder / "nothing.png"), np.full((720, 1280), 90, np.uint8))
     return folder

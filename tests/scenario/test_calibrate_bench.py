@@ -30,10 +30,12 @@ from rig.calibrate.clamped_tip import tip_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
+from support.benches import lighter
 
 
-def station(folder: Path, seed: int = 0, bench: str = "fake", agreed: bool = True) -> Station:
-    return Station(load_bench(bench), seed, folder, ConsoleOperator(lambda _: False, agreed), lambda _: None)
+def station(folder: Path, seed: int = 0, bench: BenchConfig | None = None) -> Station:
+    person = ConsoleOperator(lambda _: False, True)
+    return Station(bench or load_bench("fake"), seed, folder, person, lambda _: None)
 
 
 def flange_tip_m(seed: int) -> tuple[float, ...]:
@@ -79,13 +81,13 @@ def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     assert found.assessment.verdict is verdict
 
 
-def test_blocks_tell_the_openings_both_ways(tmp_path: Path) -> None:
-    found = collect_openings(station(tmp_path), [20.0, 45.0, 70.0])
-    layout = load_bench("fake").gripper.limits
-    for way in ("closing", "opening"):
-        table = found.value[way]
-        nominal = layout.max_opening_m - (np.asarray(table["counts"]) - 6) * layout.opening_per_count_m
-        assert np.abs(np.asarray(table["opening_m"]) - nominal).max() < 1.2 * layout.opening_per_count_m
+def test_blocks_give_the_table_of_closing_fingers(tmp_path: Path) -> None:
+    found = collect_openings(station(tmp_path, bench=lighter()), [20.0, 45.0, 70.0])
+    limits = load_bench("fake").gripper.limits
+    table = found.value["closing"]
+    nominal = limits.max_opening_m - (np.asarray(table["counts"]) - 6) * limits.opening_per_count_m
+    assert np.abs(np.asarray(table["opening_m"]) - nominal).max() < 1.2 * limits.opening_per_count_m
+    assert found.quality["hysteresis_m"] < 2.0 * limits.opening_per_count_m
     with pytest.raises(InputError, match="between the fingers fit"):
         collect_openings(station(tmp_path), [200.0])
 
@@ -123,7 +125,7 @@ def test_a_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
 
 
 def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
-    for outcome in collect_presses(station(tmp_path), [12.0], 9):
+    for outcome in collect_presses(station(tmp_path, bench=lighter()), [12.0], 9):
         truth = GelSensor(unit_seed(outcome.serials["tactile"])).mm_per_px
         measured = outcome.value["pixel_aspect"]
         assert measured == pytest.approx(truth[0] / truth[1], abs=0.015)
@@ -145,7 +147,7 @@ def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(t
     earlier.parent.mkdir()
     earlier.write_text("an afternoon's work")
     with pytest.raises(DeviceError, match="5 of 5 devices cannot be read, nothing was started"):
-        collect_tip(station(tmp_path, bench=str(path), agreed=True), 4)
+        collect_tip(station(tmp_path, bench=load_bench(str(path))), 4)
     assert earlier.read_text() == "an afternoon's work"
 
 

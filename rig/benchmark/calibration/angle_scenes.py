@@ -12,8 +12,7 @@ from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.planar import PlaneReference, fit_plane, wrapped_deg
 from calibration.markers.tracker import MarkerTracker, Refine
-from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corners
-from calibration.targets.edges import refine_edges
+from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corners, refine_edges
 from drivers.types import Image
 from fakes.studio.marker_pictures import MarkerPictures
 from rig.benchmark.harness import column

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.targets.boards import Charuco, Chessboard, Marker, Target
+from calibration.targets.boards import Charuco, Chessboard, Marker, Target, View
 from calibration.targets.sheets import TargetPicture, target_picture
-from calibration.targets.views import View
 from drivers.types import Image, Pose
 
 Array = NDArray[np.floating]

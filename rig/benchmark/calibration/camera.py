@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.camera.checks import assess_camera
+from calibration.camera.checks import assess_camera, camera_difference_px
 from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
-from calibration.camera.projection_sigma import camera_difference_px
-from calibration.targets.boards import Chessboard, Target, parse_target
-from calibration.targets.views import View
+from calibration.targets.boards import Chessboard, Target, View, parse_target
 from calibration.verdict import Verdict
 from drivers.images import read_image
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target

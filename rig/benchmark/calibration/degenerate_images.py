@@ -9,10 +9,8 @@ import numpy as np
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.planar import PlanarAngle
 from calibration.markers.tracker import MarkerTracker
-from calibration.targets.aruco import Refusal, side_lengths
-from calibration.targets.boards import Charuco, parse_target
-from calibration.targets.edges import refine_edges
-from calibration.targets.views import View
+from calibration.targets.aruco import Refusal, refine_edges, side_lengths
+from calibration.targets.boards import Charuco, View, parse_target
 from drivers.types import Image, Pose
 from fakes.studio.marker_pictures import MarkerPictures
 from rig.benchmark.calibration.angle_scenes import true_camera

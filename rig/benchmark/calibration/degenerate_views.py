@@ -6,11 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from calibration.camera.checks import assess_camera
+from calibration.camera.checks import assess_camera, camera_difference_px, projection_sigma_px
 from calibration.camera.intrinsics import calibrate_camera
 from calibration.camera.model import CameraModel
-from calibration.camera.projection_sigma import camera_difference_px, projection_sigma_px
-from calibration.targets.views import View
+from calibration.targets.boards import View
 from drivers.types import Pose
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.targets.boards import Marker
-from calibration.targets.views import View
+from calibration.targets.boards import Marker, View
 from drivers.types import Pose
 
 Array = NDArray[np.floating]

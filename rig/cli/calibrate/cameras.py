@@ -97,8 +97,7 @@ def hand_eye(
     from calibration.targets.boards import parse_target
     from drivers.errors import InputError
     from rig.calibrate.bench_hand_eye import collect_hand_eye
-    from rig.calibrate.hand_eye import hand_eye_from_folder
-    from rig.calibrate.pose_pairs import TARGETS, hand_eye_from_poses
+    from rig.calibrate.hand_eye import TARGETS, hand_eye_from_folder, hand_eye_from_poses
 
     if setup not in list(Setup):
         raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
@@ -146,7 +145,7 @@ def markers(
     """
     from calibration.camera.files import read_camera
     from rig.calibrate.bench_camera import collect_markers
-    from rig.calibrate.markers import markers_from_folder
+    from rig.calibrate.camera import markers_from_folder
 
     if common.source is None:
         with station(context, common, "objects", 1, objects=objects) as at:

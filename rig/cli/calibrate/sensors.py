@@ -73,7 +73,7 @@ def gripper(
     ] = None,
     serial: Annotated[str, typer.Option("--serial", help="Of the gripper.")] = "unknown",
 ) -> None:
-    """Make the table of opening over counts, closing and opening, monotone, with its hysteresis.
+    """Make the table of opening over counts of closing fingers, monotone, and measure the hysteresis.
 
     On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels
     feel them, and open until they do not.

@@ -5,22 +5,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel, CameraUncertainty
-from calibration.hand_eye.closed_form import CLOSED_FORMS, nearest_rotation, park, shah
+from calibration.hand_eye.closed_form import park, shah
 from calibration.hand_eye.guidance import next_pose
-from calibration.hand_eye.observability import observability
-from calibration.hand_eye.refine import linearised, moved
-from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem
+from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem, target_poses
 from calibration.hand_eye.solve import calibrate_hand_eye
-from calibration.hand_eye.target_pose import target_poses
-from calibration.hand_eye.uncertainty import larger_of
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.degenerate_hand_eye import motion
 from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Noise, general_scene
 
 EXACT = Noise(0.0, 0.0, 0.0)
@@ -40,14 +32,14 @@ def test_exact_samples_give_the_exact_answer(setup: Setup) -> None:
     assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-7)
 
 
-@pytest.mark.parametrize("setup", list(Setup))
-def test_noisy_samples_give_a_good_answer(setup: Setup) -> None:
+# a camera on the tool sees the robot's angular noise over the whole distance to the target
+@pytest.mark.parametrize(("setup", "limit_mm"), [(Setup.EYE_TO_HAND, 1.0), (Setup.EYE_IN_HAND, 2.0)])
+def test_noisy_samples_give_a_good_answer(setup: Setup, limit_mm: float) -> None:
     truth, samples = general_scene(np.random.default_rng(1), 20, setup)
     result = solved(samples, setup)
     assert result.pose is not None
-    # a camera on the tool sees the robot's angular noise over the whole distance to the target
-    distance_mm, turn_deg = truth.error(result.pose)
-    assert distance_mm < (1.0 if setup is Setup.EYE_TO_HAND else 2.0)
+    error_mm, turn_deg = truth.error(result.pose)
+    assert error_mm < limit_mm
     assert turn_deg < 0.1
     assert result.assessment.refusals == ()
 
@@ -87,37 +79,6 @@ def test_shah_is_opencvs_shah() -> None:
     assert ours.z_t == pytest.approx(z_t.ravel(), abs=1e-6)
 
 
-@pytest.mark.parametrize("name", CLOSED_FORMS)
-@given(seed=st.integers(0, 10_000))
-@settings(max_examples=15)
-def test_closed_forms_are_exact_without_noise(name: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    turns = Rotation.from_rotvec(rng.normal(0, 0.6, (6, 3))).as_matrix()
-    a_t = rng.normal(0, 0.3, (6, 3))
-    x, z = (Pose.from_rotation(rng.normal(0, 0.5, 3), Rotation.random(random_state=seed + k)) for k in (0, 1))
-    b = [
-        x.inverse() @ Pose.from_rotation(t, Rotation.from_matrix(r)) @ z
-        for r, t in zip(turns, a_t, strict=True)
-    ]
-    b_R = np.array([p.rotation.as_matrix() for p in b])  # noqa: N806
-    ours = CLOSED_FORMS[name](turns, a_t, b_R, np.array([p.position_m for p in b]))
-    assert ours.x_t == pytest.approx(x.position_m, abs=1e-6)
-    assert ours.z_t == pytest.approx(z.position_m, abs=1e-6)
-
-
-def test_the_jacobian_is_the_derivative() -> None:
-    _, samples = general_scene(np.random.default_rng(5), 6)
-    problem = make_problem(samples, CAMERA, Setup.EYE_TO_HAND)
-    turns, moves = target_poses(problem)
-    at = shah(problem.a_R, problem.a_t, turns[:, 0], moves[:, 0])
-    _, jacobian = linearised(problem, at)
-    for k in range(12):
-        step = np.zeros(12)
-        step[k] = 1e-6
-        up, down = (linearised(problem, moved(at, s))[0] for s in (step, -step))
-        assert (up - down) / 2e-6 == pytest.approx(jacobian[..., k], rel=1e-4, abs=1e-3)
-
-
 def test_flipped_samples_are_left_out_by_name() -> None:
     truth, samples = general_scene(np.random.default_rng(2), 20, flipped=2)
     result = solved(samples)
@@ -126,7 +87,7 @@ def test_flipped_samples_are_left_out_by_name() -> None:
     assert truth.error(result.pose)[0] < 1.0
 
 
-def test_the_region_holds_the_truth_about_as_often_as_it_says() -> None:
+def test_confidence_region_holds_the_truth_as_often_as_stated() -> None:
     held = []
     for seed in range(24):
         truth, samples = general_scene(np.random.default_rng(seed))
@@ -147,7 +108,7 @@ def unsure_camera(rng: np.random.Generator | None) -> CameraModel:
     return CameraModel(CAMERA.size, matrix, np.zeros(5), known)
 
 
-def test_the_region_holds_the_truth_of_a_camera_that_is_off_as_it_says() -> None:
+def test_confidence_region_includes_the_cameras_uncertainty() -> None:
     held, held_without = [], []
     for seed in range(16):
         rng = np.random.default_rng((11, seed))
@@ -157,13 +118,13 @@ def test_the_region_holds_the_truth_of_a_camera_that_is_off_as_it_says() -> None
         assert result.spread is not None
         error = truth.error_vector(result.pose)
         held.append(result.spread.holds(error))
-        alone = larger_of(result.spread.fit, result.spread.jackknife)
-        held_without.append(replace(result.spread, covariance=alone).holds(error))
+        alone = replace(result.spread, covariance=result.spread.covariance - result.spread.camera)
+        held_without.append(alone.holds(error))
     assert np.mean(held) >= 0.85
     assert np.mean(held_without) <= 0.35, "the samples alone cannot know"
 
 
-def test_a_verdict_names_the_input_that_limits_it() -> None:
+def test_verdict_names_the_input_that_limits_it() -> None:
     _, samples = general_scene(np.random.default_rng(1), 20)
     exact = calibrate_hand_eye(samples, CAMERA, Setup.EYE_TO_HAND)
     assert exact.assessment.verdict is Verdict.GOOD
@@ -176,7 +137,7 @@ def test_a_verdict_names_the_input_that_limits_it() -> None:
     assert "add samples" in str(few.assessment)
 
 
-def test_a_verdict_is_no_better_than_the_cameras() -> None:
+def test_verdict_is_no_better_than_the_cameras() -> None:
     _, samples = general_scene(np.random.default_rng(1), 20)
     doubted = CameraUncertainty(doubts=("corners cover 20% of the picture",))
     result = calibrate_hand_eye(samples, replace(CAMERA, uncertainty=doubted), Setup.EYE_TO_HAND)
@@ -185,7 +146,7 @@ def test_a_verdict_is_no_better_than_the_cameras() -> None:
     )
 
 
-def test_a_lens_that_is_known_badly_moves_the_answer_as_refits_say() -> None:
+def test_cameras_part_of_sigma_is_what_a_camera_one_sigma_off_changes() -> None:
     """The camera's part is what the answer changes with a camera that is one sigma off: no linearisation."""
     _, samples = general_scene(np.random.default_rng(6), 12)
     terms = CameraUncertainty((4,), np.array([[0.02**2]]))
@@ -199,25 +160,7 @@ def test_a_lens_that_is_known_badly_moves_the_answer_as_refits_say() -> None:
     assert result.spread.camera_sigma_m == pytest.approx(moved_m, rel=0.05, abs=1e-5)
 
 
-def test_the_larger_covariance_is_no_smaller_than_either() -> None:
-    rng = np.random.default_rng(0)
-    one, other = (m @ m.T for m in (rng.normal(0, 1, (6, 6)), rng.normal(0, 1, (6, 4))))
-    both = larger_of(one, other)
-    for each in (one, other):
-        assert np.linalg.eigvalsh(both - each).min() > -1e-9 * np.linalg.eigvalsh(both).max()
-
-
-def test_each_number_of_the_gate_alone_would_pass_a_bad_case() -> None:
-    numbers = {}
-    for kind in ("parallel", "translation", "half turns"):
-        _, samples = motion(np.random.default_rng(7), kind)
-        numbers[kind] = observability(make_problem(samples, CAMERA, Setup.EYE_TO_HAND).a_R)
-    assert numbers["parallel"].max_angle_deg > 5.0
-    assert numbers["translation"].rotation_gap > 1e-4
-    assert numbers["half turns"].translation_ratio > 0.01
-
-
-def test_samples_no_solver_should_see_are_left_out() -> None:
+def test_invalid_samples_are_left_out_by_name() -> None:
     truth, samples = general_scene(np.random.default_rng(4))
     view = samples[1].view
     nan = view.image_px.copy()
@@ -234,13 +177,6 @@ def test_samples_no_solver_should_see_are_left_out() -> None:
     assert {r.id for r in result.rejected} == {o.id for o in odd}
     assert result.pose is not None
     assert truth.error(result.pose)[0] < 1.0
-
-
-@given(st.lists(st.floats(-5, 5), min_size=9, max_size=9))
-def test_the_nearest_rotation_is_always_one(values: list[float]) -> None:
-    found = nearest_rotation(np.array(values).reshape(3, 3))
-    assert np.abs(found @ found.T - np.eye(3)).max() < 1e-9
-    assert np.linalg.det(found) > 0
 
 
 def test_the_next_pose_lowers_the_predicted_sigma_most() -> None:

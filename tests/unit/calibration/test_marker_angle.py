@@ -8,11 +8,16 @@ from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle, assess_markers
 from calibration.markers.planar import PlanarAngle
 from calibration.markers.tracker import MarkerTracker, Refine
-from calibration.targets.aruco import Refusal, detector, refine_corners
-from calibration.targets.edges import find_corners, refine_edges, refine_quick
+from calibration.targets.aruco import (
+    Refusal,
+    detector,
+    refine_edges,
+    refine_quick,
+)
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from fakes.studio.marker_pictures import MarkerPictures
+from rig.benchmark.calibration.markers import find_corners
 from support.markers import find_markers
 
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
@@ -61,29 +66,11 @@ def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None
         assert abs(off) < 6 * max(answer.sigma_deg, 0.01)
 
 
-@pytest.mark.parametrize("side_px", [24.0, 40.0])
-def test_edges_nearly_halve_the_scatter_of_the_angle_at_every_size(side_px: float) -> None:
-    pictures = MarkerPictures(side_px=side_px, tilt_deg=5.0)
-    scatter = {}
-    for refine in (refine_corners, refine_quick):
-        angle = angle_of(pictures, refine)
-        angle.take_reference(_still(pictures, 10))
-        answers = [angle.measure(p) for p in _still(pictures, 25, seed=4)]
-        scatter[refine] = np.std([a.angle_deg for a in answers if isinstance(a, PlanarAngle)])
-    assert scatter[refine_quick] < 0.6 * scatter[refine_corners]
-
-
 def test_a_report_at_rest_judges_size_and_scatter() -> None:
-    good = assess_markers(
-        _still(NEAR, 30),
-        angle_of(NEAR),
-    )
+    good = assess_markers(_still(NEAR, 30), angle_of(NEAR))
     assert good.assessment.verdict is Verdict.GOOD, good.assessment
     small = MarkerPictures(side_px=20.0, tilt_deg=5.0)
-    weak = assess_markers(
-        _still(small, 30),
-        angle_of(small),
-    )
+    weak = assess_markers(_still(small, 30), angle_of(small))
     assert any("px wide" in reason for reason in weak.assessment.reasons)
 
 

@@ -62,9 +62,6 @@ def test_corners_follow_the_exact_projection(scene):
         error = found - scene.exact_corners_px(pose)
         assert np.sqrt((error**2).sum(axis=-1).mean()) < 0.3
         assert side_lengths(found).mean() == pytest.approx(40.0, abs=1.0)
-    assert tracker.counts.full_searches == 1
-    assert tracker.counts.region_searches == 29
-    assert not tracker.counts.misses
 
 
 def test_order_of_ids_is_the_order_of_the_answer(scene):
@@ -85,16 +82,6 @@ def test_tracking_and_searching_anew_agree(scene):
         np.testing.assert_allclose(followed, anew, atol=0.05)
 
 
-def test_equal_pictures_give_equal_numbers(scene):
-    pictures = [picture(scene, seen_from(turn_deg=k), k) for k in range(5)]
-    first, second = MarkerTracker((0, 1)), MarkerTracker((0, 1))
-    for gray in pictures:
-        one, other = first.detect(gray), second.detect(gray)
-        assert isinstance(one, np.ndarray)
-        assert isinstance(other, np.ndarray)
-        np.testing.assert_array_equal(one, other)
-
-
 def noise_picture():
     return np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
 
@@ -110,7 +97,6 @@ def test_a_picture_without_markers_is_refused_before_and_after(scene, gray):
     assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
     assert tracker.detect(gray) is Refusal.NOT_FOUND
     assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
-    assert tracker.counts.misses == {Refusal.NOT_FOUND: 2}
 
 
 def test_one_hidden_marker_refuses_the_frame(scene):
@@ -154,7 +140,6 @@ def test_markers_are_taken_up_elsewhere_after_a_while(scene):
     answers = [tracker.detect(moved) for _ in range(FORGET_AFTER_FRAMES + 1)]
     assert isinstance(answers[0], Refusal)
     assert isinstance(answers[-1], np.ndarray)
-    assert tracker.counts.misses[Refusal.JUMP] + tracker.counts.misses[Refusal.DUPLICATE] < len(answers)
 
 
 @pytest.mark.parametrize("x", [-0.24, 0.24])
@@ -214,6 +199,5 @@ def test_markers_of_a_real_photo_are_followed(ids):
     first, second = tracker.detect(gray), tracker.detect(gray)
     assert isinstance(first, np.ndarray)
     assert isinstance(second, np.ndarray)
-    assert tracker.counts.full_searches == 1
     np.testing.assert_allclose(first, second, atol=0.1)
     assert np.abs(second - [gold[i] for i in ids]).max() < 2.0

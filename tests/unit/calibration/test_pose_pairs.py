@@ -7,10 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from calibration.hand_eye.closed_form import park, shah
-from calibration.hand_eye.pose_pairs import PoseSample, by_robot, make_pairs, pair_residuals
+from calibration.hand_eye.closed_form import park
+from calibration.hand_eye.pose_pairs import PoseSample, make_pairs
 from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
-from calibration.hand_eye.refine import moved
 from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import as_pose
 from calibration.verdict import Verdict
@@ -66,26 +65,7 @@ def test_exact_pairs_give_the_exact_answer(setup: Setup) -> None:
 
 
 @pytest.mark.parametrize("setup", list(Setup))
-def test_derivatives_are_those_of_the_residuals(setup: Setup) -> None:
-    _, samples = scene(1, 8, setup)
-    pairs = make_pairs(samples, setup)
-    at = shah(pairs.a_R, pairs.a_t, pairs.b_R, pairs.b_t)
-    missed, by_step = pair_residuals(pairs, at)
-    for column in range(12):
-        step = np.zeros(12)
-        step[column] = 1e-6
-        other, _ = pair_residuals(pairs, moved(at, step))
-        assert (other - missed) / 1e-6 == pytest.approx(by_step[:, :, column], abs=0.02)
-    twist = Pose.from_rotation((0.0, 2e-6, 0.0), Rotation.from_rotvec([1e-6, 0.0, 0.0]))
-    told = make_pairs([replace(s, base_T_tcp=s.base_T_tcp @ twist) for s in samples], setup)
-    change = (pair_residuals(told, at)[0] - missed) / 1e-6
-    assert change == pytest.approx(
-        by_robot(pairs, at)[:, :, 0] + 2.0 * by_robot(pairs, at)[:, :, 4], abs=0.03
-    )
-
-
-@pytest.mark.parametrize("setup", list(Setup))
-def test_the_region_holds_the_truth_about_as_often_as_it_says(setup: Setup) -> None:
+def test_confidence_region_holds_the_truth_as_often_as_stated(setup: Setup) -> None:
     held = []
     for seed in range(10):
         truth, samples = scene(seed, 15, setup)

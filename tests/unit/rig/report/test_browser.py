@@ -101,8 +101,8 @@ def calibration(folder: Path) -> Path:
         figures.bars(samples, "px", limit=0.03),
         figures.field(np.ones((6, 8)), (640, 480), "sigma, px", places),
         figures.arrows(places, places / 1e4, (640, 480), "misses"),
-        figures.lines({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
-        figures.scatter({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px"),
+        figures.curves({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
+        figures.curves({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px", "."),
         figures.poses({"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}),
     )
     pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
@@ -114,8 +114,8 @@ def calibration(folder: Path) -> Path:
         8, 10, 5, "{value} samples used; 15 are good"
     )
     result = CalibrationResult(
-        "sync", {"stream": "SIM-C0001"}, {"add_to_stream_s": 0.001}, {}, checked, numbers, "folder", 40,
-        pictures=pictures, simulated=True,
+        "sync", {"stream": "SIM-C0001"}, checked, "folder", {"add_to_stream_s": 0.001},
+        numbers=numbers, used=40, pictures=pictures, simulated=True,
     )  # fmt: skip
     return file_result(result, folder).page
 

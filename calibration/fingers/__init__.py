@@ -1,4 +1,0 @@
-"""The gripper's fingers: measured tables of opening over counts.
-
-Imports `calibration.verdict` alone.
-"""

@@ -19,7 +19,8 @@ from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
 from rig.experiments.attempts import MAX_FAULTS_IN_A_ROW
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import resolve_objects
 from rig.lift.marker_truth import interpolate
 from rig.lift.recorded_truth import recorded_truth

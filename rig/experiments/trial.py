@@ -16,7 +16,8 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks, attempt_lift, plan_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks, plan_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed

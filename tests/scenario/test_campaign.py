@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial, trial_manifest
 from rig.results.listing import SessionState, find_sessions, list_session
 from rig.results.table import read_results

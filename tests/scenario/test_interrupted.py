@@ -12,7 +12,7 @@ import pytest
 from protocols.observer import Phase
 from rig.config import BenchConfig
 from rig.experiments.interrupted import interrupted_lifts
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.results.listing import SessionState, list_session
 from rig.sessions.reading import phase_times, recorded_frames

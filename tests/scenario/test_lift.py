@@ -11,19 +11,14 @@ import pytest
 from mcap.reader import make_reader
 
 from drivers.errors import OperatorStopError, RecordingError
-from drivers.types import ArmState, Frame, GripperState
+from drivers.types import ArmState, Frame
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt
-from rig.experiments.lift_attempt import (
-    LiftTask,
-    TrialSettings,
-    attempt_lift,
-    new_measurement,
-    plan_lift,
-)
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result
 from rig.sessions.reading import show_again
@@ -48,9 +43,6 @@ class Relay(LiftObserver):
 
     def arm(self, state: ArmState) -> None:
         self.to.arm(state)
-
-    def gripper(self, state: GripperState) -> None:
-        self.to.gripper(state)
 
     def touching(self, serial: str) -> bool:
         return self.to.touching(serial)
@@ -234,7 +226,7 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow
 
     class Noise(Relay):
         def frame(self, frame: Frame) -> None:
-            if frame.serial in self.to.tips:
+            if frame.serial in self.to.angle.tips:
                 rng = np.random.default_rng(frame.sequence)
                 noise = rng.normal(110, 3, frame.image.shape).clip(0, 255).astype(np.uint8)
                 frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)

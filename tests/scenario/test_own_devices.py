@@ -13,6 +13,7 @@ from rig.benchmark.wire.real_bench import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
 from support.own_devices import MODULE, SOURCE
@@ -60,6 +61,6 @@ def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_b
     assert row.simulated is False
     manifest = read_manifest_of(tmp_path / "agreed", TrialManifest, "no trial")
     assert manifest.config.own_drivers == {f"{MODULE}:{name}" for name in ("Wrist", "Hand", "Finger", "Eye")}
-    assert run_replay(tmp_path / "agreed", None, None, jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "agreed"), jobs=1).identical == 1
     assert not (tmp_path / "imported").exists()
     assert MODULE not in sys.modules

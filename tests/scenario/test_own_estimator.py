@@ -20,8 +20,9 @@ from rig.benchmark.estimators.lifts import score_lift, session_lifts
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import run_replay, session_settings
+from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.report.write import write_report
 from rig.results.listing import list_session
@@ -62,7 +63,7 @@ def not_imported(lab: Path) -> Callable[[], bool]:
 
 def test_a_trial_measures_as_the_estimator_it_is_made_of(session: Path) -> None:
     rows = read_finished_lifts(session)
-    again = run_replay(session, "pca", 1, jobs=1).rows
+    again = run_replay(stored_trial(session, "pca", 1), jobs=1).rows
     assert [replace(row, marker_distance=None) for row in again] == rows
     assert all(row.answered > 0.5 and row.estimator_faults is None for row in rows)
 
@@ -74,11 +75,11 @@ def test_a_replay_that_names_it_again_repeats_it(session: Path) -> None:
 
 
 def test_a_session_alone_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
-    assert session_settings(session, None, None).bench.simulated
+    assert stored_trial(session).settings.bench.simulated
     assert list_session(session).problem is None
     write_report([session])
     with pytest.raises(EstimatorError, match=f"add --estimator {MINE}"):
-        run_replay(session, None, None, jobs=1)
+        run_replay(stored_trial(session), jobs=1)
     for command in (
         ["replay", session],
         ["replay", session, session.parent, "--out", session.parent / "table"],

@@ -12,9 +12,11 @@ from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.benchmark.reaction.wire import times_of
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary
@@ -96,7 +98,7 @@ def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught:
 
 
 def test_replay_reads_what_was_done_and_finds_the_same_events(folder: Path, caught: FinishedLift) -> None:
-    replay = run_replay(folder, None, None, jobs=1)
+    replay = run_replay(stored_trial(folder), jobs=1)
     assert replay.identical == 1
     assert replay.rows == [caught]
 
@@ -104,7 +106,7 @@ def test_replay_reads_what_was_done_and_finds_the_same_events(folder: Path, caug
 def test_another_estimator_sees_the_same_commands_and_no_event_of_its_own(
     folder: Path, caught: FinishedLift
 ) -> None:
-    row = run_replay(folder, "pca", None, jobs=1).rows[0]
+    row = run_replay(stored_trial(folder, "pca"), jobs=1).rows[0]
     assert row.reactions
     assert caught.reactions
     assert [r.command_s for r in row.reactions] == [r.command_s for r in caught.reactions]

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.experiments.replay import run_replay, session_settings, truth_note
+from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
 from rig.report.film import FilmedLift, write_film
@@ -61,7 +62,7 @@ def test_they_are_listed_with_what_came_of_them() -> None:
 def test_a_replay_gives_the_fingertips_answers_to_the_last_digit() -> None:
     """The markers' angle may be measured better than it was; the estimate may not change."""
     [stored] = read_finished_lifts(TRIAL)
-    [again] = run_replay(TRIAL, None, None, jobs=1).rows
+    [again] = run_replay(stored_trial(TRIAL), jobs=1).rows
     for key in ("final_estimate_deg", "onset_estimate_s", "onset_alarm_s", "answered", "contact_area_px",
                 "phases_s", "frames", "dropped", "states", "skipped", "disagreements"):  # fmt: skip
         assert getattr(again, key) == getattr(stored, key), key
@@ -70,7 +71,7 @@ def test_a_replay_gives_the_fingertips_answers_to_the_last_digit() -> None:
 
 
 def test_a_replay_says_that_it_measures_the_truth_in_another_way() -> None:
-    said = truth_note(TRIAL)
+    said = stored_trial(TRIAL).truth_note
     assert said is not None
     assert "by the markers' corners, a replay measures them by their edges" in said
     assert "stored rows stay" in said
@@ -81,14 +82,14 @@ def test_an_unfinished_trial_does_not_go_on_with_another_truth(trial: Path) -> N
     unfinished = replace(manifest, status="running", completed=None, lifts_per_object=2)
     (trial / "session.json").write_text(json.dumps(json_value(unfinished)))
     with pytest.raises(InputError, match="measured by the markers' corners, now they are by their edges"):
-        run_trial(trial, session_settings(trial, None, None), list(manifest.objects), 2, resume=True)
+        run_trial(trial, stored_trial(trial).settings, list(manifest.objects), 2, resume=True)
     assert len(read_lifts(trial)) == 1
 
 
 def test_a_complete_trial_is_opened_and_left_as_it_is(trial: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     before = {p: p.read_bytes() for p in trial.rglob("*") if p.is_file() and p.name != LOG}
-    summary = run_trial(trial, session_settings(trial, None, None), list(manifest.objects), 1, resume=True)
+    summary = run_trial(trial, stored_trial(trial).settings, list(manifest.objects), 1, resume=True)
     assert summary.lifts_accepted == 1
     assert {path: path.read_bytes() for path in before} == before
 

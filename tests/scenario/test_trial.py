@@ -13,8 +13,9 @@ import pytest
 
 from drivers.errors import DeviceError
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
@@ -56,10 +57,10 @@ def test_side_by_side_gives_the_same_bytes_as_one_after_the_other(session: Path,
 
 def test_replay_is_exact_and_changes_nothing(session: Path) -> None:
     before = contents(session)
-    replay = run_replay(session, None, None, jobs=1)
+    replay = run_replay(stored_trial(session), jobs=1)
     assert replay.identical == 2
     assert contents(session) == before
-    other = run_replay(session, "pca", 4, jobs=1)
+    other = run_replay(stored_trial(session, "pca", 4), jobs=1)
     assert other.identical is None
     assert other.summary.lifts_accepted == 2
 
@@ -72,7 +73,7 @@ def test_swapping_the_frames_of_two_lifts_swaps_their_estimates(session: Path, t
     second.rename(first)
     (tmp_path / "x").rename(second)
     stored = read_finished_lifts(session)
-    replayed = run_replay(swapped, None, None, jobs=1).rows
+    replayed = run_replay(stored_trial(swapped), jobs=1).rows
     assert replayed[0].final_estimate_deg == stored[1].final_estimate_deg
     assert replayed[1].final_estimate_deg == stored[0].final_estimate_deg
 

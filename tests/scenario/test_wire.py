@@ -14,6 +14,7 @@ from rig.benchmark.wire.faults import MID_LIFT, run_faults
 from rig.benchmark.wire.lift import measure_wire
 from rig.config import BenchConfig
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
@@ -44,7 +45,7 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert report.row.re_b.mean_deg < max(report.errors_deg) + 0.5
     manifest = read_manifest_of(tmp_path / "s", TrialManifest, "no trial")
     assert (manifest.bench, manifest.simulated) == ("wire", True)
-    assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "s"), jobs=1).identical == 1
 
 
 @pytest.mark.long

@@ -24,9 +24,9 @@ from rig.benchmark.estimators.timing import TimingReport, time_lifts
 from rig.benchmark.harness import machine
 from rig.benchmark.measured import Measured
 from rig.config import load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.process_pool import run_tasks
-from rig.experiments.replay import session_settings
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import is_session
 from rig.sessions.records import FinishedLift, LiftRow
@@ -118,7 +118,7 @@ def run_benchmark(settings: BenchmarkSettings, progress: Progress = lambda *_: N
     gap, apart = max(lift.skip_gap_deg for lift in lifts), sum(lift.skip_apart for lift in lifts)
     return BenchmarkResult(
         session=folder,
-        simulated=session_settings(folder, None, None).bench.simulated,
+        simulated=stored_trial(folder).manifest.simulated,
         settings=settings,
         lifts=len(lifts),
         scores=scores,

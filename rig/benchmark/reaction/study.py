@@ -20,7 +20,7 @@ from rig.benchmark.reaction.wire import times_over_wire
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks
+from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks
 from rig.experiments.reactions import require_reaction
 from rig.experiments.trial import resolve_objects
 from rig.lift.slip_watch import SlipSettings

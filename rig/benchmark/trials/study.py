@@ -18,7 +18,7 @@ from rig.benchmark.trials.passes import ANGLENET_ON_TEST, PEER_FILES, PLAIN, Tri
 from rig.benchmark.trials.picture import draw
 from rig.config import load_bench
 from rig.config.models import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import resolve_objects, run_trial
 from rig.pages.page import render
 from rig.sessions.manifest import is_session

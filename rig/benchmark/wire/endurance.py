@@ -30,9 +30,8 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.sessions.background_file import BackgroundFile
-from rig.sessions.images import stored
 from rig.sessions.recorder import LiftRecorder
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.touch import TouchDebounce
@@ -153,8 +152,7 @@ class StillContact(LiftObserver):
 
     def frame(self, frame: Frame) -> None:
         """Record a frame and estimate its angle."""
-        frame, jpeg = stored(frame)
-        self._recordings.recorder.image(frame, jpeg)
+        self._recordings.recorder.frame(frame)
         self._tallies[frame.serial].add(frame)
         tip = self._tips.get(frame.serial)
         if tip is None:

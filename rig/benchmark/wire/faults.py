@@ -27,7 +27,7 @@ from rig.benchmark.wire.fault_cases import CASES, FaultCase
 from rig.benchmark.wire.moments import Moment, Stage, wait_for
 from rig.benchmark.wire.true_track import dropped, read_track, standstill
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.sessions.records import FinishedLift, LiftRow
 from rig.sessions.rows import read_usable_lifts

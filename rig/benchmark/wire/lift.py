@@ -19,9 +19,10 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live.feed import LiveFeed
+from rig.live.feed import NOBODY, LiveFeed
 from rig.live.phases import begin_phase
 from rig.sessions.layout import TIMING
 from rig.sessions.reading import recorded_frames

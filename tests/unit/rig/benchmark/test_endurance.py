@@ -78,7 +78,7 @@ def test_recordings_are_deleted_when_complete(tmp_path: Path) -> None:
     image = np.zeros((2, 2, 3), np.uint8)
     with closing(MinuteRecordings(tmp_path)) as recordings:
         for minute in range(3):
-            recordings.recorder.image(Frame(image, minute, minute, "T1"), b"jpeg")
+            recordings.recorder.frame(Frame(image, minute, minute, "T1", b"jpeg"))
             assert recordings.next_file() > 0
     assert list(tmp_path.iterdir()) == []
 
@@ -86,9 +86,9 @@ def test_recordings_are_deleted_when_complete(tmp_path: Path) -> None:
 def test_unwritable_recording_ends_the_measurement(tmp_path: Path) -> None:
     (tmp_path / "a_file").touch()
     recordings = MinuteRecordings(tmp_path / "a_file")
-    frame = Frame(np.zeros((2, 2, 3), np.uint8), 0, 0, "T1")
+    frame = Frame(np.zeros((2, 2, 3), np.uint8), 0, 0, "T1", b"x" * 200_000)
     with pytest.raises(RecordingError, match=r"000001\.mcap"):
-        recordings.recorder.image(frame, b"x" * 200_000)
+        recordings.recorder.frame(frame)
 
 
 def test_wander_is_measured_from_the_first_minute(recordings: MinuteRecordings) -> None:

@@ -12,7 +12,7 @@ from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.faults import IN_REACTION, FaultResult
 from rig.benchmark.wire.moments import Stage, StageWatch
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.lift.fusion import TipAnswer
 from rig.sessions.records import LiftOutcome
 from rig.tactile.estimators import choose_estimator

@@ -22,7 +22,8 @@ from rig.benchmark.estimators.picture import Point, pareto, spread_labels
 from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
 from rig.benchmark.estimators.tables import NAME, README_COLUMNS, estimator_table, stress_table
 from rig.benchmark.readme import check_readme, markers
-from rig.experiments.replay import replay_lift, session_settings
+from rig.experiments.replay import replay_with_angles
+from rig.experiments.stored_trial import stored_trial
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 
@@ -61,7 +62,9 @@ def test_progress_names_the_part_and_how_far_it_is(run: tuple[BenchmarkResult, T
 def test_the_benchmark_scores_a_lift_as_the_trial_does(result: BenchmarkResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
-        row = replay_lift(result.session, session_settings(result.session, name, window), rows[0])
+        row = replay_with_angles(
+            result.session, stored_trial(result.session, name, window).settings, rows[0]
+        )[0]
         score = result.scores[name, window]
         assert score.mare is not None
         assert score.mare_b is not None

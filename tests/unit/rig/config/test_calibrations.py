@@ -17,8 +17,9 @@ from drivers.types import GripperLimits
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.estimators import choose_estimator
@@ -210,4 +211,4 @@ def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, 
     assert calibrated.mare != plain.mare
     kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
     assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
-    assert run_replay(tmp_path / "calibrated", None, None, jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).identical == 1

@@ -10,10 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from drivers.images import read_image
+from drivers.images import read_image, with_jpeg
 from drivers.types import Frame
 from rig.frames.series import make_background, read_frames
-from rig.sessions.images import stored
 from rig.sessions.recorder import LiftRecorder
 
 Image = NDArray[np.uint8]
@@ -228,7 +227,7 @@ def recording(tmp_path: Path) -> Path:
         recorder.phase("reference", 0)
         for number in range(9):
             for serial in ("T1", "T2", "CAM"):
-                recorder.image(*stored(Frame(grey(20 * number), number, number, serial)))
+                recorder.frame(with_jpeg(Frame(grey(20 * number), number, number, serial)))
         recorder.close()
     return path
 

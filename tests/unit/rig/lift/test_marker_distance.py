@@ -12,7 +12,7 @@ from fakes.camera.marker_scene import MarkerScene
 from rig.cli.printing import lift_note
 from rig.config import load_bench
 from rig.config.in_use import CalibrationsInUse, PlaceInUse
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.lift.marker_distance import ExpectedDistance
 from rig.report.advice import trial_notices

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from protocols.reaction import ReactionStep
+from protocols.observer import ReactionStep
 from rig.lift.fusion import TipAnswer
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for

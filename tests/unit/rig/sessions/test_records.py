@@ -169,7 +169,11 @@ def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
         line = json.dumps(row)
     (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
     plan = plan_replays([broken, good], None, None)
-    assert [(task.folder, task.row.number) for task in plan.tasks] == [(broken, 1), (good, 1), (good, 2)]
+    assert [(task.trial.folder, task.row.number) for task in plan.tasks] == [
+        (broken, 1),
+        (good, 1),
+        (good, 2),
+    ]
     [(folder, problem)] = plan.broken
     assert folder == broken
     assert "lifts.jsonl: line 2 is damaged" in problem

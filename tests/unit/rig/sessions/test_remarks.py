@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import InputError
 from rig.config import load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import trial_manifest
 from rig.report.header import header
 from rig.sessions.codec import json_value

@@ -159,7 +159,7 @@ def _partial(folder: Path, json: bool) -> None:
     """Print the table of the lifts that are replayed when the command ends early."""
     from rig.cli.results import print_results
     from rig.sessions.layout import RESULTS
-    from rig.sessions.records import REPLAYS
+    from rig.sessions.lift_columns import REPLAYS
     from rig.sessions.rows import read_rows
 
     print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)

@@ -16,7 +16,8 @@ from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial, trial_manifest
 from rig.results.listing import SessionState, find_sessions, list_session
 from rig.results.table import read_results
-from rig.sessions.records import LIFTS, REPLAYS, ReplayRow
+from rig.sessions.lift_columns import REPLAYS, ReplayRow
+from rig.sessions.records import LIFTS
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
 from rig.tactile.estimators import choose_estimator

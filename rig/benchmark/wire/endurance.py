@@ -7,21 +7,21 @@ per minute.
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.observer import LiftObserver, Phase
-from protocols.pump import Pump
 from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
 from protocols.slip_trial import REFERENCE_S, SETTLE_S
@@ -129,29 +129,17 @@ def judge_endurance(minutes: Sequence[Minute], period_ms: float) -> tuple[Measur
 
 def measure_endurance(
     minutes: int,
-    progress: Callable[[int, Minute], None] = lambda number, minute: None,
-    bench: BenchConfig | None = None,
+    progress: Callable[[int, Minute], None],
+    wanted: BenchConfig,
     minute_s: float = MINUTE_S,
 ) -> list[Minute]:
-    """Hold an object that stands on its support, and return the measurements of each minute.
+    """Grasp an object that stands on its support, as a lift does, and return the measurements of each minute.
 
-    progress: called after each minute with its number, from 1, and its measurements. bench: whose fakes are
-    reached over the wire protocols, by default `wire`. minute_s: length of a "minute" in s; shorter in tests.
-    Raises the device's error if a device fails, `RecordingError` if a recording cannot be written.
+    progress: called after each minute with its number, from 1, and its measurements. wanted: the bench whose
+    fakes are reached over the wire protocols. minute_s: length of a "minute" in s; shorter in tests. Raises
+    the device's error if a device fails, `RecordingError` if a recording cannot be written.
     """
     measured = []
-    with _grasped(bench or load_bench("wire")) as (pump, observer):
-        observer.begin_minute()
-        for number in range(1, minutes + 1):
-            pump.run_for(minute_s)
-            measured.append(observer.minute())
-            progress(number, measured[-1])
-    return measured
-
-
-@contextmanager
-def _grasped(wanted: BenchConfig) -> "Iterator[tuple[Pump, StillContact]]":
-    """Grasp an object as a lift does, and release it at the end."""
     with (
         tempfile.TemporaryDirectory(prefix="endurance-") as folder,
         closing(MinuteRecordings(Path(folder))) as recordings,
@@ -169,8 +157,13 @@ def _grasped(wanted: BenchConfig) -> "Iterator[tuple[Pump, StillContact]]":
             pump = start_watching(bench, observer, REFERENCE_S)
             tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
             pump.run_for(SETTLE_S)
-            yield pump, observer
+            observer.begin_minute()
+            for number in range(1, minutes + 1):
+                pump.run_for(minute_s)
+                measured.append(observer.minute())
+                progress(number, measured[-1])
             open_and_rise(bench, plan.base_T_grasp, plan.width_m, pump)
+    return measured
 
 
 class MinuteRecordings:
@@ -230,7 +223,7 @@ class _Tip:
     jumped: int = 0
     zero_deg: float | None = None
 
-    def off_deg(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    def off_deg(self) -> NDArray[np.float64]:
         """Return the distances of this minute's angles from the mean of the first minute with an angle."""
         angles = np.array(self.angles_deg, float)
         if self.zero_deg is None and np.isfinite(angles).any():

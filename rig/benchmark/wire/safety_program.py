@@ -1,12 +1,11 @@
 """The program of `rig benchmark safety`, its bench, and the events that happen to it."""
 
+import os
 import resource
 import signal
 import socket
 import subprocess
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -22,9 +21,6 @@ TWICE_S = 0.15
 """Between two signals: the first has begun to work."""
 DASHBOARD_PORT = 29999
 POWER_S = 6.0
-KEPT_LINES = 200
-READ_S = 2.0
-"""Longest time for which the pipe of an ended program stays open: its children end too."""
 
 
 def as_real(bench: BenchConfig) -> BenchConfig:
@@ -33,56 +29,40 @@ def as_real(bench: BenchConfig) -> BenchConfig:
     return bench.model_copy(update={"fakes": None, "table": table})
 
 
-class TrialProgram:
-    """A trial of two lifts that continues with the second one, at a bench that counts as real."""
+def start_trial(bench: Path, session: Path, object_id: str) -> subprocess.Popen[str]:
+    """Start a trial of two lifts that continues with the second one.
 
-    def __init__(self, bench: Path, session: Path, object_id: str) -> None:
-        command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
-        command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
-        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
-        self.process = subprocess.Popen(  # noqa: S603 - our own program, no shell
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,  # no file: messages must arrive although the disk is full
-            text=True,
-            errors="replace",
-            start_new_session=True,  # a Ctrl-C at the benchmark's terminal is the benchmark's
-            preexec_fn=_reset_signals,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+    bench: file of a bench that counts as real.
+    """
+    command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
+    command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
+    return subprocess.Popen(  # noqa: S603 - our own program, no shell
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,  # no file: messages must arrive although the disk is full
+        text=True,
+        errors="replace",
+        start_new_session=True,  # a Ctrl-C at the benchmark's terminal is the benchmark's
+        preexec_fn=_reset_signals,
+    )
 
-    def over(self) -> bool:
-        """Whether it has ended."""
-        return self.process.poll() is not None
 
-    def wait(self, limit_s: float) -> None:
-        """Wait for its end; after the time limit kill it, and add a line that says so."""
-        try:
-            self.process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self._reader.join(READ_S)
-            self._lines.append(f"did not end within {limit_s:.0f} s")
+def wait_for_end(program: subprocess.Popen[str], limit_s: float) -> str:
+    """Wait for the end of a program and its children; after the time limit kill them.
 
-    def said(self) -> str:
-        """Return its last line on stderr after its end, or all from a traceback on."""
-        self._reader.join(READ_S)
-        lines = list(self._lines)
-        first = next((i for i, line in enumerate(lines) if "Traceback" in line), -1)
-        return "\n".join(lines[first:])
-
-    def _read(self) -> None:
-        self._lines.extend(line.rstrip() for line in self.process.stderr or () if line.strip())
-
-    def close(self) -> None:
-        """Kill it if it still runs."""
-        self.process.kill()
-        self.process.wait()
-        self._reader.join(READ_S)
-        if self.process.stderr is not None:
-            self.process.stderr.close()
+    Return its last line on stderr, or everything from a traceback on; after the time limit, a line that says
+    so. Its few lines fit into the pipe.
+    """
+    try:
+        lines = program.communicate(timeout=limit_s)[1].splitlines()
+    except subprocess.TimeoutExpired:
+        with suppress(ProcessLookupError):
+            os.killpg(program.pid, signal.SIGKILL)
+        lines = [*program.communicate()[1].splitlines(), f"did not end within {limit_s:.0f} s"]
+    lines = [line.rstrip() for line in lines if line.strip()]
+    first = next((i for i, line in enumerate(lines) if "Traceback" in line), -1)
+    return "\n".join(lines[first:])
 
 
 def _reset_signals() -> None:
@@ -92,23 +72,23 @@ def _reset_signals() -> None:
             signal.signal(number, signal.SIG_DFL)
 
 
-def strike(event: Event, program: TrialProgram, call: Callable[..., Mapping[str, Any]]) -> int:
-    """Let an event happen; return the time of its last part, monotonic ns. call: the fakes' side channel's.
+def strike(event: Event, program: subprocess.Popen[str], call: Callable[..., Mapping[str, Any]]) -> int:
+    """Let an event happen to a program; return the time of its last part, monotonic ns.
 
-    On a full disk the process cannot write another byte to any file.
+    call: the fakes' side channel's. On a full disk the process cannot write another byte to any file.
     """
     for number in event.signals[:-1]:
-        program.process.send_signal(number)
+        program.send_signal(number)
         time.sleep(TWICE_S)
     event_ns = time.monotonic_ns()
     for number in event.signals[-1:]:
-        program.process.send_signal(number)
+        program.send_signal(number)
     if event.fault is not None:
         device, kind = event.fault
         call("fault", device=device, kind=kind)
     if event.disk_full:
-        _, hard = resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (0, hard))
+        _, hard = resource.prlimit(program.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (0, hard))
     return event_ns
 
 

@@ -7,6 +7,7 @@ the bench is put in order, as a person would.
 import os
 import shutil
 import signal
+import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -21,9 +22,9 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.harness import Run
 from rig.benchmark.wire.moments import Stage, tried, wait_for
-from rig.benchmark.wire.safety_events import BY_NAME, Event, PlannedRun, judge
-from rig.benchmark.wire.safety_program import TrialProgram, as_real, strike, switch_on
-from rig.benchmark.wire.true_track import TrueState, read_track
+from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun, judge
+from rig.benchmark.wire.safety_program import as_real, start_trial, strike, switch_on, wait_for_end
+from rig.benchmark.wire.true_track import read_track
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from rig.sessions.records import finished
@@ -128,29 +129,41 @@ class _Place:
     def finish_a_lift(self) -> None:
         """Make the session that every run continues: one lift of two is done."""
         shutil.rmtree(self._one, ignore_errors=True)
-        with self._program(self._one) as program:
+        with self._trial(self._one) as program:
             while not finished(read_lifts(self._one)):
-                if program.over():
-                    raise DeviceError(f"safety: the trial ended too early: {program.said()}")
+                if program.poll() is not None:
+                    raise DeviceError(f"safety: the trial ended too early: {wait_for_end(program, END_S)}")
                 time.sleep(0.1)
-            program.process.send_signal(signal.SIGINT)
-            program.wait(END_S)
+            program.send_signal(signal.SIGINT)
+            wait_for_end(program, END_S)
         if reason := self.put_in_order():
             raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
 
     def run(self, planned: PlannedRun) -> SafetyRun:
-        """Start the second lift, let the event happen, and judge."""
+        """Start the second lift, let the event happen, and judge what moved.
+
+        After SIGSTOP what moves before the program is continued is judged.
+        """
         shutil.rmtree(self._session, ignore_errors=True)
         shutil.copytree(self._one, self._session)
-        event = planned.event
-        with self._program(self._session) as program:
-            stage = wait_for(planned.moment, self._grasp_m, lambda: self._control.call("world"), program.over)
+        event, call = planned.event, self._control.call
+        with self._trial(self._session) as program:
+            stage = wait_for(
+                planned.moment, self._grasp_m, lambda: call("world"), lambda: program.poll() is not None
+            )
             if stage is None:
-                raise DeviceError(f"safety: {planned} ended too early: {program.said()}")
-            event_ns = strike(event, program, self._control.call)
-            track = self._end(event, program, event_ns)
-            judged = judge(event, stage, track, event_ns, self._grasp_m)
-            ended, said = program.process.wait(), program.said()
+                raise DeviceError(f"safety: {planned} ended too early: {wait_for_end(program, END_S)}")
+            event_ns = strike(event, program, call)
+            if signal.SIGSTOP in event.signals:
+                time.sleep(STOPPED_S)
+                track = read_track(call, event_ns)
+                program.send_signal(signal.SIGCONT)
+                said = wait_for_end(program, END_S)
+            else:
+                said = wait_for_end(program, END_S)
+                time.sleep(SETTLE_S)
+                track = read_track(call, event_ns)
+        judged = judge(event, stage, track, event_ns, self._grasp_m)
         return SafetyRun(
             number=planned.number,
             event=event.name,
@@ -160,28 +173,19 @@ class _Place:
             dropped=judged.dropped,
             unasked=judged.unasked,
             kept=self._kept(),
-            ended=ended,
+            ended=program.returncode,
             said=said,
             ready=self.put_in_order(),
         )
 
-    def _end(self, event: Event, program: TrialProgram, since_ns: int) -> list[TrueState]:
-        """Wait for the end of the program; return the track, of a stopped program until it continues."""
-        if signal.SIGSTOP not in event.signals:
-            program.wait(END_S)
-            time.sleep(SETTLE_S)
-            return read_track(self._control.call, since_ns)
-        time.sleep(STOPPED_S)
-        track = read_track(self._control.call, since_ns)
-        program.process.send_signal(signal.SIGCONT)
-        program.wait(END_S)
-        return track
-
     @contextmanager
-    def _program(self, session: Path) -> Iterator[TrialProgram]:
+    def _trial(self, session: Path) -> Iterator[subprocess.Popen[str]]:
         self._control.call("place", object=OBJECT, seed=1)
-        with closing(TrialProgram(self._real, session, OBJECT)) as program:
-            yield program
+        with start_trial(self._real, session, OBJECT) as program:
+            try:
+                yield program
+            finally:
+                program.kill()
 
     def _kept(self) -> bool:
         """Whether the first lift can be read, its recording by its checksums."""

@@ -1,6 +1,9 @@
 """What `rig benchmark safety` draws, and how it judges what moved: by tracks that are made up."""
 
+import re
 import signal
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +20,7 @@ from rig.benchmark.wire import safety, safety_runs
 from rig.benchmark.wire.moments import Stage
 from rig.benchmark.wire.safety import SafetyOptions, judge_runs, measure, safety_table
 from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs
+from rig.benchmark.wire.safety_program import wait_for_end
 from rig.benchmark.wire.safety_runs import SafetyRun, run_safety
 from rig.benchmark.wire.true_track import TrueState
 
@@ -139,6 +143,23 @@ def test_the_table_has_the_longest_of_each_stage_and_goes_into_a_page(
     assert section.startswith("SIMULATED, 3 runs, seed 0: longest time")
     assert "| Ctrl-C | 3 | 0.20, 5.0 |" in section
     assert section.splitlines()[-1] == "- benches that could not be put in order: 0 (at most 0)"
+
+
+@pytest.mark.parametrize(
+    ("code", "limit_s", "said"),
+    [
+        ("print('a'); print('b  '); print()", 60.0, "b"),
+        ("1 / 0", 60.0, "Traceback .*ZeroDivisionError: division by zero"),
+        ("import time; time.sleep(60)", 0.1, "did not end within 0 s"),
+        ("", 60.0, ""),
+    ],
+)
+def test_last_line_of_a_program_or_its_traceback_is_returned(code: str, limit_s: float, said: str) -> None:
+    script = f"import sys; sys.stdout = sys.stderr; {code}"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as program:
+        assert re.fullmatch(said, wait_for_end(program, limit_s), re.DOTALL)
 
 
 class Place:

@@ -44,9 +44,10 @@ class FaultsOptions:
 def measure(options: FaultsOptions, run: Run) -> Report:
     """Let each device fail in mid-lift on the bench behind wires; print how the rig comes through.
 
-    Runs in real time, about 25 s a lift. Exit code 4 if a fault was not seen, not named or not made safe
-    within a second, if an object was dropped, or if the next lift did not run. With --full the worst case is
-    filmed, into worst.avi, and --readme takes the table.
+    Runs in real time, about 25 s a lift. The lifts are stored as a session in the folder of the results. With
+    --full they are deleted, the worst case is filmed, into worst.avi, and --readme takes the table. Exit code
+    4 if a fault was not seen, not named or not made safe within a second, if an object was dropped, or if the
+    next lift did not run.
 
     Examples:
       rig benchmark faults

@@ -99,10 +99,11 @@ class WireLift:
 def measure(options: WireOptions, run: Run) -> Report:
     """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
 
-    Exit code 4 if a frame that was served is not in the recording, if the arm's driver received fewer than
-    490 of its 500 states a second, if the simulated controller used more than a quarter of a core, if a
-    fingertip's angle came later than one frame period after its frame's capture (99th percentile), or if the
-    result differs from that of the same lift in this process by more than the spread over seeds.
+    The lift is stored as a session in the folder of the results. Exit code 4 if a frame that was served is
+    not in the recording, if the arm's driver received fewer than 490 of its 500 states a second, if the
+    simulated controller used more than a quarter of a core, if a fingertip's angle came later than one frame
+    period after its frame's capture (99th percentile), or if the result differs from that of the same lift in
+    this process by more than the spread over seeds.
 
     Examples:
       rig benchmark wire

@@ -196,7 +196,7 @@ def _run_to_the_end(run: Callable[..., object], attempts: list[FaultyLift]) -> N
 
 
 class _FaultyBench(StandingBench):
-    """The bench behind wires, with a fault in the first attempt at each lift that gets to its moment.
+    """A bench with a fault in the first attempt at each lift that gets to its moment.
 
     Lift n meets the n-th case. Between attempts a person mends what the rig cannot.
     """

@@ -42,7 +42,7 @@ class FaultsOptions:
 
 
 def measure(options: FaultsOptions, run: Run) -> Report:
-    """Let each device fail in mid-lift on the bench behind wires; print how the rig comes through.
+    """Let each device fail in mid-lift over the wire protocols; print how the rig recovers.
 
     Runs in real time, about 25 s a lift. The lifts are stored as a session in the folder of the results. With
     --full they are deleted, the worst case is filmed, into worst.avi, and --readme takes the table. Exit code

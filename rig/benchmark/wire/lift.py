@@ -97,7 +97,7 @@ class WireLift:
 
 
 def measure(options: WireOptions, run: Run) -> Report:
-    """Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.
+    """Do one lift over the wire protocols, in real time: frames lost, rates, agreement.
 
     The lift is stored as a session in the folder of the results. Exit code 4 if a frame that was served is
     not in the recording, if the arm's driver received fewer than 490 of its 500 states a second, if the
@@ -200,7 +200,7 @@ def measure_wire(
 
 
 class _CountedBench(StandingBench):
-    """The bench behind wires, with the arm's states counted over each lift."""
+    """A bench that counts the states of its arm over each lift."""
 
     def __init__(self, config: BenchConfig) -> None:
         super().__init__(config, ConsoleOperator(lambda _: True), "")

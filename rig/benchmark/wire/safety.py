@@ -29,13 +29,13 @@ class SafetyOptions:
 
 
 def measure(options: SafetyOptions, run: Run) -> Report:
-    """Stop, kill or break a lift at random moments on the bench behind wires; print how it comes to rest.
+    """Stop, kill or break a lift at random moments; print how the arm comes to rest.
 
-    The trial is a program of its own at a bench that counts as real. Ctrl-C once and twice, SIGTERM,
-    SIGHUP, SIGQUIT, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and camera lost, disk
-    full: each once in the plain run, about 25 s each. Exit code 4 if an object was dropped, anything
-    moved unasked, a finished lift was lost, or the arm did not stand within 0.5 s, and within 20 mm
-    in the approach.
+    The trial is a program of its own on a simulated bench that counts as real. Its events are Ctrl-C once and
+    twice, SIGTERM, SIGHUP, SIGQUIT, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and
+    camera lost, fingers that fail, disk full: each once in the plain run, about 25 s each. Exit code 4 if an
+    object was dropped, if anything moved unasked, if a finished lift was lost, or if the arm did not stand
+    within 0.5 s, and within 20 mm in the approach.
 
     Examples:
       rig benchmark safety

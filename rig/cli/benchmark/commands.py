@@ -41,15 +41,15 @@ STUDIES = {
     ),
     "wire": (
         "rig.benchmark.wire.lift",
-        "Do one lift on the bench behind wires, in real time: frames lost, rates, agreement.",
+        "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
     ),
     "faults": (
         "rig.benchmark.wire.faults",
-        "Let each device fail in mid-lift on the bench behind wires; print how the rig comes through.",
+        "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
     ),
     "safety": (
         "rig.benchmark.wire.safety",
-        "Stop, kill or break a lift at random moments on the bench behind wires; print how it comes to rest.",
+        "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
     ),
     "endurance": (
         "rig.benchmark.wire.endurance",

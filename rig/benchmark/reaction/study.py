@@ -18,7 +18,7 @@ from rig.benchmark.reaction.lifts import ReactedLift, as_late_as_real, lift_both
 from rig.benchmark.reaction.rest import at_rest, watch_at_rest
 from rig.benchmark.reaction.wire import times_over_wire
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
+from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultRow, run_faults
 from rig.config import load_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks
 from rig.experiments.reactions import require_reaction
@@ -210,22 +210,20 @@ def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
     ]
 
 
-def _run_faults(settings: TrialSettings, run: Run) -> list[FaultResult]:
+def _run_faults(settings: TrialSettings, run: Run) -> list[FaultRow]:
     """Inject every fault of `rig benchmark faults`, each while a reaction closes the fingers."""
-    done: list[FaultResult] = []
 
-    def note(result: FaultResult) -> None:
-        done.append(result)
-        run.progress(len(done), len(CASES), result.case.name)
+    def show(row: FaultRow) -> None:
+        run.progress(row.number, len(CASES), row.fault)
 
     with tempfile.TemporaryDirectory() as folder:
         cases = [(case, IN_REACTION) for case in CASES]
-        return run_faults(Path(folder) / "faults", cases, note, react=settings.react)
+        return run_faults(Path(folder) / "faults", cases, show, react=settings.react)
 
 
-def judge_faults(faults: Sequence[FaultResult]) -> Measured:
+def judge_faults(faults: Sequence[FaultRow]) -> Measured:
     """Apply the limits of `rig benchmark faults` to faults in a reaction."""
-    otherwise = [fault.case.name for fault in faults if not fault.passed]
+    otherwise = [row.fault for row in faults if not row.passed]
     named = f" ({', '.join(otherwise)})" if otherwise else ""
     return at_most(
         f"of {len(faults)} faults in a reaction, end otherwise than without{named}", len(otherwise), 0

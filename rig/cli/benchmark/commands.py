@@ -6,12 +6,8 @@ from typing import Any
 from typer.core import TyperCommand
 from typer.main import get_command
 
-from rig.cli.benchmark.endurance import endurance
 from rig.cli.benchmark.estimators import estimators
-from rig.cli.benchmark.faults import faults
-from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.studies import command_of
-from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
@@ -42,6 +38,22 @@ STUDIES = {
     "segmentation": (
         "rig.benchmark.segmentation.study",
         "Score the shipped networks on objects they never saw, and on nine real frames where they are.",
+    ),
+    "wire": (
+        "rig.benchmark.wire.lift",
+        "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
+    ),
+    "faults": (
+        "rig.benchmark.wire.faults",
+        "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
+    ),
+    "safety": (
+        "rig.benchmark.wire.safety",
+        "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
+    ),
+    "endurance": (
+        "rig.benchmark.wire.endurance",
+        "Hold an object still over the wire protocols, in real time, and print the measurements per minute.",
     ),
     "trials": (
         "rig.benchmark.trials.study",
@@ -76,12 +88,11 @@ class Benchmarks(Group):
 
 benchmark = Commands(
     cls=Benchmarks,
+    callback=lambda: (
+        None
+    ),  # without it, typer takes an application with one registered command for that command
     help="Measure what the rig does, and print it as tables. Without a command: estimators.",
 )
 
 
 benchmark.command("estimators")(estimators)
-benchmark.command("wire")(wire)
-benchmark.command("faults")(faults)
-benchmark.command("safety")(safety)
-benchmark.command("endurance")(endurance)

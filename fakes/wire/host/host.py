@@ -17,8 +17,7 @@ from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.mirror import Track, snapshot_of
 from fakes.wire.host.render import Renderer
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net.background import VitalThread
-from fakes.wire.net.side_channel import ControlServer, whole_number
+from fakes.wire.net import ControlServer, VitalThread
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
 from fakes.world.world import World
@@ -179,10 +178,12 @@ class FakesHost:
         """Do what an operator does, if it can be done: nothing is begun with what cannot be drawn."""
         if not isinstance(object, str):
             raise InputError(f"an object has an id or a name, not {object!r}")
+        if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_SEED):
+            raise InputError(f"seed: {seed!r}: give a whole number from 0 to {MOST_SEED}")
         fixture = parse_fixture(object)
         if fixture is not None:
             self._plan.camera.printed(fixture.spec)
-        self._world.lay(object, whole_number(seed, "seed", MOST_SEED))
+        self._world.lay(object, seed)
 
     def _gap(self) -> dict[str, Any]:
         return {"gap_m": self._world.gap_at(self._clock.now_ns())}

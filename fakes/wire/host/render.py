@@ -22,7 +22,7 @@ from fakes.devices.plan import BenchPlan, unit_seed
 from fakes.faults import FaultScript
 from fakes.wire.host.mirror import MirroredWorld, Snapshot
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net.background import VitalThread
+from fakes.wire.net import VitalThread
 
 START_S = 30.0
 STOP_S = 5.0

@@ -23,8 +23,7 @@ from fakes.objects.soft_faces import KINDS, LINES, Bulge
 from fakes.objects.surfaces import depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Difficulty, draw_conditions
 from fakes.wire.host.mirror import MirroredWorld, snapshot_of
-from fakes.world.motion import FingerPath, ToolPath
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.world import BenchLayout, World
 from protocols.grasps import TRIAL_OBJECTS
 from rig.experiments.seeds import derived_seed
@@ -50,7 +49,7 @@ def lifting_world(name: str, seed: int = 1) -> World:
     world.place(model)
     layout = world.layout
     counts = layout.open_counts + (layout.max_opening_m - site.width_m) / layout.opening_per_count_m + 4
-    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(counts)
     world.tool = ToolPath.between(
         start, start.translated(z_m=0.08), TrapezoidProfile(to_ns(0.5), 0.08, 0.05, 0.5)
     )

@@ -12,14 +12,14 @@ from typing import Any, Protocol
 from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
-from fakes.objects.plain import short_id
+from fakes.objects.catalogue import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.wire.host.mirror import Track, snapshot_of
 from fakes.wire.host.render import Renderer
 from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net import ControlServer, VitalThread
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
+from fakes.world.mirror import Track, snapshot_of
 from fakes.world.world import World
 
 TICK_S = 0.004

@@ -20,9 +20,9 @@ from fakes.devices.camera import FakeCamera
 from fakes.devices.digit import FakeDigit
 from fakes.devices.plan import BenchPlan, unit_seed
 from fakes.faults import FaultScript
-from fakes.wire.host.mirror import MirroredWorld, Snapshot
 from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net import VitalThread
+from fakes.world.mirror import MirroredWorld, Snapshot
 
 START_S = 30.0
 STOP_S = 5.0

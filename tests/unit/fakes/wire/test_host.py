@@ -19,8 +19,8 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
-from fakes.wire.host.mirror import MirroredWorld, Track, snapshot_of
 from fakes.wire.net import Control, ControlServer, VitalThread, require_free, taken_ports
+from fakes.world.mirror import MirroredWorld, Track, snapshot_of
 from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import build_real_bench, simulated_bench_plan

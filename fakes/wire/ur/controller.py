@@ -11,6 +11,7 @@ import logging
 import math
 import re
 import selectors
+import socket
 import threading
 import time
 from functools import partial
@@ -22,7 +23,7 @@ from drivers.types import Vector6
 from fakes.wire.injection import Faults
 from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
-from fakes.wire.ur.connections import MOST_CLIENTS, Connection, Listeners
+from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import BANNER, LineReader, reply
 from fakes.wire.ur.geometry import compose, from_ur, rotation_between
@@ -84,7 +85,7 @@ class URController:
         self.robot = Robot(world, _version(version), release_after_s)
         self.faults = Faults("simulated controller", FAULTS, lambda: self.robot.time_ns)
         self._serial_number = serial_number
-        self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
+        self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
         self._sessions: dict[Connection, RtdeSession] = {}
@@ -96,8 +97,8 @@ class URController:
 
     def start(self) -> None:
         """Listen and run. Raises `InputError` if a port is in use."""
-        self._listeners.open()
-        for port, listener in self._listeners.sockets.items():
+        self._listeners = listen(self.host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
+        for port, listener in self._listeners.items():
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
         self._stopping.clear()
@@ -117,7 +118,9 @@ class URController:
         for connection in self._connections:
             connection.closed = True
         self._remove_closed()
-        self._listeners.close()
+        for listener in self._listeners.values():
+            listener.close()
+        self._listeners = {}
         self._selector.close()
         self._selector = selectors.SelectSelector()
 
@@ -223,7 +226,7 @@ class URController:
             self._receive(what)
 
     def _accept(self, port: int) -> None:
-        client = self._listeners.accept(port)
+        client = accept(self._listeners[port])
         if client is None:
             return
         if len(self._connections) >= MOST_CLIENTS:

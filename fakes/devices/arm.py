@@ -17,8 +17,7 @@ from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
 from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
-from fakes.world.motion import ToolPath, distance
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
 
 TOOL_LENGTH_M = 0.28

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from drivers.errors import DeviceError, InputError
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control
 from rig.config import BenchConfig
 
 

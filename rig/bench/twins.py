@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 
 from drivers.errors import InputError
-from fakes.objects.plain import PREFIX
+from fakes.objects.catalogue import PREFIX
 from protocols.grasps import GraspFile, Position
 from rig.config import BenchConfig
 

@@ -14,8 +14,7 @@ import yaml
 
 from calibration.store import read_yaml
 from drivers.types import Pose
-from fakes.studio.marker_pictures import MarkerPictures
-from fakes.studio.presses import SimulatedGel
+from fakes.studio.calibration_scenes import MarkerPictures, SimulatedGel
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.hand_eye_scenes import general_scene
 from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fakes.wire.net.loopback import free_address
+from fakes.wire.net import free_address
 from support.angle_clips import write_clip
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control
 from rig.bench.fakes_process import hosted_fakes
 from rig.benchmark.wire.safety_program import as_real
 from rig.config import BenchConfig

@@ -152,7 +152,6 @@ def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(t
 def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
     from drivers.types import Pose
     from fakes.world.motion import FingerPath, ToolPath
-    from fakes.world.trapezoid import TrapezoidProfile
     from fakes.world.world import World
     from rig.calibrate.bench import grasp_at
 
@@ -160,7 +159,7 @@ def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() 
     world = World(BenchLayout(Pose(config.table.position_m), grasp_at(config)), 0)
     world.lay("ball:10")
     world.tool = ToolPath.resting(grasp_at(config, 0.002, -0.003))
-    world.fingers = FingerPath(185.0, 185.0, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(185.0)
     assert world.state_at(10_000_000).held
     assert world.grasp is not None
     assert world.grasp.off_m == pytest.approx((0.002, -0.003))

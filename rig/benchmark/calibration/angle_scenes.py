@@ -15,7 +15,7 @@ from calibration.markers.tracker import MarkerTracker, Refine
 from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corners
 from calibration.targets.edges import refine_edges
 from drivers.types import Image
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.harness import column
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12

@@ -11,7 +11,7 @@ from calibration.gel.presses import find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.gel.scale import fit_scale
 from drivers.types import Image
-from fakes.studio.presses import MM_PER_PX, SimulatedGel
+from fakes.studio.calibration_scenes import MM_PER_PX, SimulatedGel
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused
 
 Rng = np.random.Generator

@@ -14,7 +14,7 @@ from calibration.targets.boards import Charuco, parse_target
 from calibration.targets.edges import refine_edges
 from calibration.targets.views import View
 from drivers.types import Image, Pose
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.angle_scenes import true_camera
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, render_target
 from rig.benchmark.calibration.degenerate import Case, CaseAnswer, answered, refused

@@ -16,7 +16,7 @@ from calibration.targets.aruco import Refusal, detect_all, detector, refine_corn
 from calibration.targets.edges import find_corners, refine_quick
 from drivers.images import read_image
 from drivers.types import Image
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.angle_scenes import AngleRow, true_camera
 from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
 

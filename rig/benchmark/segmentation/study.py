@@ -13,7 +13,7 @@ import typer
 from drivers.errors import InputError
 from drivers.images import encode_png
 from drivers.types import Image
-from fakes.studio.hard_frames import hard_frames
+from fakes.studio.training_frames import hard_frames
 from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not_there
 from rig.benchmark.segmentation.panels import Panels, panels_picture, read_panels

@@ -12,7 +12,7 @@ from calibration.targets.aruco import Refusal, detector, refine_corners
 from calibration.targets.edges import find_corners, refine_edges, refine_quick
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from support.markers import find_markers
 
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)

@@ -12,7 +12,7 @@ from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
-from fakes.devices.source import FakeSource, Shutter
+from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
 from protocols.observer import Phase
 from protocols.pump import Pump

@@ -14,17 +14,21 @@ from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, bet
 from fakes.world.world import World
 
 KEPT = 512
-"""Snapshots kept: two seconds at 250 a second."""
+"""Snapshots kept: two seconds at 250 per second."""
+KEPT_SAMPLES = 50_000
+"""Samples of a track kept: three minutes of motion at 250 per second."""
+STILL_M_S = 0.001
+"""A slower tool stands still."""
 PATIENCE_S = 0.1
-"""A frame that comes late is better than one that shows an earlier state as its own."""
+"""Longest wait for a snapshot: a late frame is better than one that shows an earlier state."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The world at one instant, small enough to be sent 250 times a second.
+    """The world at one instant, small enough to be sent 250 times per second.
 
-    tool: the TCP in base. object_id, site: the grasp site that is held, None without one. off_m: as
-    in `Grasp`. fixture: the calibration target that is mounted. seed: of this lift's peculiarities.
+    tool: the TCP in base. object_id, site: the grasp site that is held, None without one. off_m: as in
+    `Grasp`. fixture: the calibration target that is mounted. seed: seed of the lift's variation.
     """
 
     state: WorldState
@@ -37,42 +41,36 @@ class Snapshot:
 
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
-    """Advance the world to `time_ns` and return what the cameras need of it."""
+    """Advance the world to `time_ns` and return what the cameras need."""
     state = world.state_at(time_ns)
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
     off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
-    # behind a wire a path is one control cycle long: its end's turn will do, and costs nothing
+    # over the wire protocol a path is one control cycle long: the orientation of its end is near enough
     tool = Pose(world.tool.position_at(state.time_ns), world.tool.end.quaternion_xyzw)
     return Snapshot(state, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
 
 
 class MirroredWorld:
-    """What `FakeDigit` and `FakeCamera` need of a `World`, fed with snapshots of one."""
+    """The part of a `World` that `FakeDigit` and `FakeCamera` use, fed with snapshots of a world."""
 
     def __init__(self, layout: BenchLayout, first: Snapshot) -> None:
         self.layout = layout
         self._arrived = threading.Condition()
-        self._snapshots: deque[Snapshot] = deque([first], maxlen=KEPT)
-        self._drawn = (first.seed, _draw(first.seed))
+        self._snapshots: deque[Snapshot] = deque(maxlen=KEPT)
+        self._set_seed(first.seed)
+        self.feed(first)
 
     def feed(self, snapshot: Snapshot) -> None:
         """Take the next snapshot; times increase."""
         with self._arrived:
             self._snapshots.append(snapshot)
-            if snapshot.seed != self._drawn[0]:
-                self._drawn = (snapshot.seed, _draw(snapshot.seed))
+            if snapshot.seed != self.seed:
+                self._set_seed(snapshot.seed)
             self._arrived.notify_all()
 
-    @property
-    def seed(self) -> int:
-        """Seed of the present lift's peculiarities."""
-        return self._drawn[0]
-
-    @property
-    def variation(self) -> LiftVariation:
-        """The present lift's peculiarities."""
-        return self._drawn[1]
+    def _set_seed(self, seed: int) -> None:
+        self.seed, self.variation = seed, LiftVariation.from_rng(np.random.default_rng(seed))
 
     @property
     def grasp(self) -> Grasp | None:
@@ -85,25 +83,22 @@ class MirroredWorld:
         return self._snapshots[-1].fixture
 
     def state_at(self, time_ns: int) -> WorldState:
-        """The world at `time_ns`; waits for it briefly, then returns the newest one."""
-        before, after = self._around(time_ns)
-        if before is after:
-            return after.state
-        return between(before.state, after.state, time_ns)
+        """Return the world at `time_ns`; if it does not arrive in time, the newest one."""
+        return _state(*self._around(time_ns), time_ns)
 
     def object_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_object` at `time_ns`, as `World.object_pose_at`."""
+        """Return `base_T_object` at `time_ns`, as `World.object_pose_at`."""
         before, after = self._around(time_ns)
-        state = after.state if before is after else between(before.state, after.state, time_ns)
         tool_m = _tool(before, after, time_ns).position_m
+        state = _state(before, after, time_ns)
         return object_pose(self.layout, self.variation, _grasp(after), state, tool_m)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_tcp` at `time_ns`, as `World.tool_pose_at`."""
+        """Return `base_T_tcp` at `time_ns`, as `World.tool_pose_at`."""
         return _tool(*self._around(time_ns), time_ns)
 
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
-        """The snapshots before and after a time; twice the same one at either end."""
+        """Return the snapshots before and after a time; at either end the same one twice."""
         with self._arrived:
             self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, PATIENCE_S)
             after = self._snapshots[-1]
@@ -114,8 +109,12 @@ class MirroredWorld:
             return after, after
 
 
-def _draw(seed: int) -> LiftVariation:
-    return LiftVariation.from_rng(np.random.default_rng(seed))
+WorldView = World | MirroredWorld
+"""The worlds that the simulated cameras can show."""
+
+
+def _state(before: Snapshot, after: Snapshot, time_ns: int) -> WorldState:
+    return after.state if before is after else between(before.state, after.state, time_ns)
 
 
 def _grasp(snapshot: Snapshot) -> Grasp | None:
@@ -125,7 +124,7 @@ def _grasp(snapshot: Snapshot) -> Grasp | None:
 
 
 def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
-    """The TCP between two snapshots a few ms apart; the turn between them is that of the later one."""
+    """Return the TCP between two snapshots a few ms apart, with the orientation of the later one."""
     if before is after:
         return after.tool
     share = (time_ns - before.state.time_ns) / (after.state.time_ns - before.state.time_ns)
@@ -135,25 +134,20 @@ def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
     return Pose((x, y, z), after.tool.quaternion_xyzw)
 
 
-STILL_M_S = 0.001
-"""Slower than this is standing still."""
-KEPT = 50_000
-"""Samples kept: three minutes of motion at 250 a second."""
-
 TrackSample = tuple[int, float, float, float, float, bool]
 """ns of the world's time, tool x y z in m, counts of the fingers, whether the object is held."""
 
 
 @dataclass(slots=True)
 class Track:
-    """Samples from where something changed; nothing is added while all stands still."""
+    """Samples of the tool and the fingers; nothing is added while nothing changes."""
 
-    samples: deque[TrackSample] = field(default_factory=lambda: deque(maxlen=KEPT))
+    samples: deque[TrackSample] = field(default_factory=lambda: deque(maxlen=KEPT_SAMPLES))
     moving: bool = False
     _last: TrackSample | None = None
 
     def see(self, time_ns: int, tool_m: Vector3, counts: float, held: bool) -> None:
-        """Take how things are at a time; times increase."""
+        """Add the state at a time; times increase."""
         new = (time_ns, *tool_m, counts, held)
         last, self._last = self._last, new
         if last is None:
@@ -167,7 +161,7 @@ class Track:
                 self.samples.append(new)
 
     def since(self, time_ns: int) -> list[TrackSample]:
-        """Return the samples from the last one before a time on, and how things are now."""
+        """Return the samples from the last one before a time on, and the present one."""
         kept = list(self.samples)
         first = next((i for i in range(len(kept) - 1, 0, -1) if kept[i][0] <= time_ns), 0)
         now = [self._last] if self._last is not None and kept[-1] != self._last else []

@@ -1,7 +1,8 @@
-"""Faces of soft things: a broad faint bulge that rests on the gel, and thin relief that turns on it.
+"""Relief of simulated surfaces, in mm: textures that are added to a shape, and faces of soft things.
 
-A handle, a rubber or a fruit fills the contact with a bulge that is mostly the gel's own, so that it stays
-where the finger presses; only a line, an edge, a crease or the skin's relief tells the turn.
+A handle, a rubber or a fruit fills the contact with a broad faint bulge that is mostly the gel's own, so that
+it stays where the finger presses. Only a thin relief turns with the object: a line, an edge, a crease or the
+skin.
 """
 
 from collections.abc import Callable
@@ -10,13 +11,95 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fakes.objects.shapes import SURFACE_MM_PER_PX, Field
+from fakes.objects.shapes import SURFACE_MM_PER_PX, ContactShape, Field
 
 KINDS = ("lines", "edge", "corner", "skin", "creases")
-"""What tells the turn: one to three thin lines; the edge of a flat face; two legs of a bent line; a rough
-peel; a sheet's fine wrinkles or grid."""
-LINES = ("lines", "edge", "corner")
-"""Kinds of which next to nothing turns but a line or two."""
+"""Kinds of soft faces by their relief.
+
+One to three thin lines; the edge of a flat face; two legs of a bent line; a rough peel; fine wrinkles
+or a grid of a sheet.
+"""
+Texture = Callable[[Field, Field, float, np.random.Generator], Field]
+"""Maps (along_mm, across_mm, pitch_mm, rng) to a height between 0 and 1."""
+
+
+def texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
+    """Return the texture of a contact in mm over object coordinates in mm; its phase comes from `rng`."""
+    if contact.texture == "none" or contact.texture_mm == 0.0:
+        return np.zeros_like(x_mm)
+    along, across = _axes(x_mm, z_mm, np.deg2rad(contact.texture_deg), 0.0)
+    relief = TEXTURES[contact.texture](along, across, contact.pitch_mm, rng)
+    return (np.float32(contact.texture_mm) * relief).astype(np.float32)
+
+
+def _wave(distance: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    return (0.5 + 0.5 * np.sin(distance * np.float32(2 * np.pi / pitch_mm) + np.float32(phase))).astype(
+        np.float32
+    )
+
+
+def _ribs(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    return _wave(along, pitch_mm, rng)
+
+
+def _knurl(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    return np.maximum(_wave(along + across, pitch_mm, rng), _wave(along - across, pitch_mm, rng))
+
+
+def _grain(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    """Wood: fine lines along the axis that wander and break off."""
+    return _mottle(along, across, (8.0 * pitch_mm, pitch_mm), rng)
+
+
+def _leather(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    return _mottle(along, across, (pitch_mm, pitch_mm), rng)
+
+
+def _fabric(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    weave = _wave(along, pitch_mm, rng) * _wave(across, pitch_mm, rng)
+    return (0.6 * weave + 0.4 * _mottle(along, across, (2.0, 2.0), rng)).astype(np.float32)
+
+
+def _letters(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
+    """Embossed strokes in two lines of writing; the closest points are the strokes."""
+    canvas = np.ones((256, 256), np.float32)
+    height_px = max(int(256 * pitch_mm / 30.0), 4)
+    for row in (128 - height_px, 128 + height_px // 2):
+        for column in range(10, 240, int(0.8 * height_px) + 1):
+            ends = rng.integers(0, height_px, (2, 4)) * np.array([0.6, 1.0, 0.6, 1.0])
+            for x0, y0, x1, y1 in ends.astype(int):
+                cv2.line(canvas, (column + x0, row + y0), (column + x1, row + y1), 0.0, 2)
+    return _sampled(np.asarray(cv2.GaussianBlur(canvas, (0, 0), 1.0), np.float32), along, across)
+
+
+def _mottle(along: Field, across: Field, scale_mm: tuple[float, float], rng: np.random.Generator) -> Field:
+    """Smooth noise of the given feature sizes along and across, between 0 and 1."""
+    field = rng.standard_normal((256, 256)).astype(np.float32)
+    sigma_px = [max(0.25 * size * 256 / 30.0, 0.5) for size in scale_mm]
+    field = cv2.GaussianBlur(field, (0, 0), sigmaX=sigma_px[0], sigmaY=sigma_px[1])
+    low, high = np.percentile(field, (2.0, 98.0))
+    return _sampled(np.clip((field - low) / (high - low), 0.0, 1.0).astype(np.float32), along, across)
+
+
+def _sampled(canvas: Field, along: Field, across: Field) -> Field:
+    """Read a 30 mm square canvas at coordinates in mm, repeating mirrored beyond it."""
+    scale, centre = canvas.shape[0] / 30.0, canvas.shape[0] / 2
+    columns = (along * scale + centre).astype(np.float32)
+    rows = (across * scale + centre).astype(np.float32)
+    sampled = cv2.remap(canvas, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(sampled, np.float32)
+
+
+TEXTURES: dict[str, Texture] = {
+    "ribs": _ribs,
+    "knurl": _knurl,
+    "grain": _grain,
+    "leather": _leather,
+    "fabric": _fabric,
+    "letters": _letters,
+}
+"""Textures by the name that the catalogue uses ("none" is a smooth surface)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +113,8 @@ class Bulge:
     angle_deg: float
 
     def height(self, x_mm: Field, y_mm: Field) -> Field:
-        """Return how far it stands away from the gel, mm, at places from its middle."""
-        turn = np.deg2rad(self.angle_deg)
-        cos, sin = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-        along, across = cos * x_mm - sin * y_mm, sin * x_mm + cos * y_mm
+        """Return the height in mm away from the gel at places relative to its middle."""
+        along, across = _axes(x_mm, y_mm, np.deg2rad(self.angle_deg), 0.0)
         first, second = (np.float32(0.5 / radius) for radius in self.radii_mm)
         return np.asarray(along * along * first + across * across * second, np.float32)
 
@@ -46,7 +127,7 @@ def draw_bulge(kind: str, rng: np.random.Generator) -> Bulge:
 
 
 def soft_relief(kind: str, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Return the relief of a face, mm away from the gel over object coordinates in mm; it turns with it."""
+    """Return the relief of a face, mm away from the gel over object coordinates in mm."""
     return _RELIEFS[kind](x_mm, z_mm, rng).astype(np.float32)
 
 

@@ -7,8 +7,7 @@ from typing import Concatenate
 
 from drivers.clock import Clock
 from drivers.types import Vector3, Vector6
-from drivers.ur5e.channel import Answer, Arguments, Channel, Check, no_check
-from drivers.ur5e.child_process import ChildProcess
+from drivers.ur5e.channel import Answer, Arguments, Channel, Check, ChildProcess, no_check
 from drivers.ur5e.control_commands import ControlCommands, MoveStart, Operation, TcpSetting
 
 CALL_S = 1.0

@@ -5,11 +5,11 @@ import os
 
 from drivers.clock import NS_PER_S, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.state_values import require_fraction, require_number, require_numbers
-from drivers.ur5e.child_process import ChildProcess
+from drivers.ur5e.channel import ChildProcess
 from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.probe import Version
 from drivers.ur5e.shared_state import SharedState, StateSample
+from drivers.values import require_fraction, require_number, require_numbers
 
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""

@@ -25,9 +25,8 @@ from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.control_process import answer
 from drivers.ur5e.dashboard import refuse_local_control, serial_number
-from drivers.ur5e.heartbeat import Heartbeat
+from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.probe import parse_version, read_package
-from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import DashboardServer, LineReader

@@ -16,7 +16,7 @@ from drivers.interfaces import Arm
 from drivers.motion import check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e import setup
-from drivers.ur5e.control_commands import Operation
+from drivers.ur5e.control_commands import ControlCommands, Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import JOINT_RANGE_RAD, ArmMotion, check_joints, from_ur, is_still, to_ur
@@ -102,7 +102,7 @@ class UR5e(Arm):
             if not self._known_to_stand(self._link):
                 self.stop()
             with contextlib.suppress(DeviceError):
-                self._link.control.end_program()
+                self._link.control.ask(ControlCommands.end_program)
         self._let_go()
 
     def state(self) -> ArmState:
@@ -129,7 +129,7 @@ class UR5e(Arm):
         check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
         self._ready(link)
         pose = to_ur(base_T_tcp)
-        joints = link.control.joints_for(pose, sample.joints_rad)
+        joints = link.control.ask(ControlCommands.joints_for, pose, sample.joints_rad)
         if not joints and (reason := setup.ended(link, self._clock)):
             raise reason
         check_joints(joints, self._joint_limits, base_T_tcp)
@@ -167,7 +167,7 @@ class UR5e(Arm):
 
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
-            link.control.stop_linear(STOP_DECELERATION_M_S2)
+            link.control.ask(ControlCommands.stop_linear, STOP_DECELERATION_M_S2)
             setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
         except DeviceError:
             return False

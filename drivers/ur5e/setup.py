@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import Vector3, Vector6
+from drivers.ur5e.control_commands import ControlCommands
 from drivers.ur5e.dashboard import RELEASED, Dashboard
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import is_still
@@ -48,7 +49,7 @@ def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
         dashboard.ask("stop")
         wait_for_arm(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
-    if not link.control.start_watchdog():
+    if not link.control.ask(ControlCommands.start_watchdog):
         raise refusal(link, "setWatchdog", clock)
 
 
@@ -73,9 +74,9 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
 
 def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
-    if not link.control.is_steady():
+    if not link.control.ask(ControlCommands.is_steady):
         raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
-    if not link.control.zero_force_sensor():
+    if not link.control.ask(ControlCommands.zero_force_sensor):
         raise refusal(link, "zeroFtSensor", clock)
 
     answered_ns = SystemClock().now_ns()
@@ -108,7 +109,7 @@ def wait_for_arm(
 
 def begin_guiding(link: ArmLink, clock: Clock) -> None:
     """Let the arm be led by hand. Raises `DeviceError` where the controller refuses."""
-    if not link.control.begin_guiding():
+    if not link.control.ask(ControlCommands.begin_guiding):
         raise refusal(link, "teachMode", clock)
 
 
@@ -119,7 +120,7 @@ def guided_sample(link: ArmLink) -> StateSample:
     """
     sample = link.sample()
     if link.guiding_lost:
-        raise DeviceError(f"arm: guiding by hand had ended: {link.control.halted()}")
+        raise DeviceError(f"arm: guiding by hand had ended: {link.control.ask(ControlCommands.halted)}")
     return sample
 
 
@@ -129,8 +130,8 @@ def end_guiding(link: ArmLink, clock: Clock, stop: Callable[[], None]) -> None:
     Raises `DeviceError` where it does not stand, and where guiding had ended before, with the reason.
     """
     try:
-        halted = link.control.halted()
-        link.control.end_guiding()
+        halted = link.control.ask(ControlCommands.halted)
+        link.control.ask(ControlCommands.end_guiding)
         wait_for_arm(lambda: is_still(link.sample()), STAND_LIMIT_S, "stand", clock)
     except BaseException:
         stop()
@@ -191,7 +192,7 @@ class ToolSetting:
 
 def other_tool(link: ArmLink, tool: Tool) -> str | None:
     """Say what the controller has for a tool where it is not `tool`; None where it is, as far as it tells."""
-    there, sample = link.control.tcp(), link.sample()
+    there, sample = link.control.ask(ControlCommands.tcp), link.sample()
     differs = []
     if _apart(there, tool.flange_tcp) > SAME_TCP:
         differs.append(f"TCP {_numbers(there)} instead of {_numbers(tool.flange_tcp)} (m, rad)")
@@ -205,12 +206,12 @@ def other_tool(link: ArmLink, tool: Tool) -> str | None:
 
 def set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
     """Set TCP and payload, and see that the controller has them. Raises `DeviceError`."""
-    taken, there = link.control.set_tcp(tool.flange_tcp)
+    taken, there = link.control.ask(ControlCommands.set_tcp, tool.flange_tcp)
     if not taken:
         raise refusal(link, "setTcp", clock)
     if _apart(there, tool.flange_tcp) > SAME_TCP:
         raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
-    if not link.control.set_payload(tool.payload_kg, tool.payload_cog_m):
+    if not link.control.ask(ControlCommands.set_payload, tool.payload_kg, tool.payload_cog_m):
         raise refusal(link, "setPayload", clock)
     if not math.isnan(link.sample().payload_kg):
 

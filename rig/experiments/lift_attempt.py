@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-import cv2
-
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import CalibrationError, DeviceError
+from drivers.realtime import compute_in_one_thread
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.reaction import Reaction, ReactionKind
@@ -53,7 +52,7 @@ def attempt_lift(
     which the lift is recorded, under an unfinished name; not recorded if None. Raises `RecordingError` if the
     recording cannot be written; the lift then ends as after any error.
     """
-    cv2.setNumThreads(1)
+    compute_in_one_thread()
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
+from drivers.realtime import compute_in_one_thread
 from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
 from rig.experiments.lift_plan import TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
@@ -109,6 +110,7 @@ def replay_with_angles(
     refused. gaps: list to which damage of the recording is added, and then passed over. Raises
     `SessionError`.
     """
+    compute_in_one_thread()
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     phases_ns = show_again(folder / row.recording, measurement, known_ns, gaps)

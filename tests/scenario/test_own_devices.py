@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from rig.config.write import write_bench
 from rig.experiments.replay import run_replay
 from rig.experiments.stored_trial import stored_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from support.own_devices import MODULE, SOURCE
 
@@ -43,6 +45,12 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+def differences(row: FinishedLift, again: FinishedLift) -> dict[str, tuple[object, object]]:
+    """The columns of a lift that its replay does not repeat, with both values."""
+    pairs = {field.name: (getattr(row, field.name), getattr(again, field.name)) for field in fields(row)}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
 def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     command = ["trial", "--lifts", "1", "--object", "wrench", "--bench", "lab.toml", "--no-report"]
@@ -61,6 +69,8 @@ def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_b
     assert row.simulated is False
     manifest = read_manifest_of(tmp_path / "agreed", TrialManifest, "no trial")
     assert manifest.config.own_drivers == {f"{MODULE}:{name}" for name in ("Wrist", "Hand", "Finger", "Eye")}
-    assert run_replay(stored_trial(tmp_path / "agreed"), jobs=1).identical == 1
+    replay = run_replay(stored_trial(tmp_path / "agreed"), jobs=1)
+    assert differences(row, replay.rows[0]) == {}
+    assert replay.identical == 1
     assert not (tmp_path / "imported").exists()
     assert MODULE not in sys.modules

@@ -19,15 +19,12 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import Pose
-from drivers.ur5e import control_process
 from drivers.ur5e.channel import Channel, no_check
-from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.control_process import answer
 from drivers.ur5e.dashboard import refuse_local_control, serial_number
-from drivers.ur5e.heartbeat import Heartbeat
+from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.probe import parse_version, read_package
-from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.dashboard import LineReader, reply
@@ -251,14 +248,6 @@ def test_the_answer_to_an_interrupted_call_is_no_answer_to_the_next() -> None:
     assert channel.call(ControlCommands.operation, 1.0, no_check) == [7, False]
     here.close()
     there.close()
-
-
-def test_every_call_of_the_client_is_a_command() -> None:
-    """What the parent can ask for and what the process can do are the same calls."""
-    ours = {"alive", "wait_ready", "end"}
-    assert {name for name in vars(ControlClient) if not name.startswith("_")} - ours == set(
-        control_process.COMMANDS
-    )
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])

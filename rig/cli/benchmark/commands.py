@@ -7,7 +7,6 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from rig.cli.benchmark.endurance import endurance
-from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.faults import faults
 from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.studies import command_of
@@ -15,6 +14,10 @@ from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
+    "estimators": (
+        "rig.benchmark.estimators.study",
+        "Time and score every estimator by window on 45 lifts, then put them under stress.",
+    ),
     "clips": (
         "rig.benchmark.clips.study",
         "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
@@ -80,7 +83,6 @@ benchmark = Commands(
 )
 
 
-benchmark.command("estimators")(estimators)
 benchmark.command("wire")(wire)
 benchmark.command("faults")(faults)
 benchmark.command("safety")(safety)

@@ -40,9 +40,9 @@ Result = TypeVar("Result")
 def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
     """Declare a field of a row: the heading of its column, how its value is shown, and what it is.
 
-    show: a format specification as ".2f", with which None is shown as "-"; or a function that returns the
-    text of a value, also of None. doc: unit and meaning. optional: the column is left out if it has no value
-    in any row.
+    show: a format specification as ".2f", for each value of a tuple, with which None is shown as "-"; or a
+    function that returns the text of a value, also of None. doc: unit and meaning. optional: the column is
+    left out if it has no value in any row.
     """
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
@@ -281,8 +281,6 @@ def machine() -> dict[str, object]:
 def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
     if callable(show):
         return show(value)
+    if isinstance(value, tuple):
+        return ", ".join(format(each, show) for each in value)
     return NONE if value is None else format(value, show)
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-import rig.benchmark.estimators.benchmark as estimators
 import rig.benchmark.estimators.lifts as lifts
+import rig.benchmark.estimators.study as estimators
 import rig.benchmark.estimators.timing as timing
 from support.command_line import rig
 

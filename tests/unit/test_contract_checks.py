@@ -59,7 +59,7 @@ def test_without_the_options_it_says_what_to_type(lab: Path) -> None:
 def test_the_product_needs_no_pytest() -> None:
     code = (
         "import sys; sys.modules['pytest'] = None; import rig.cli.main, rig.experiments.trial;"
-        "import rig.bench.source, rig.benchmark.estimators.benchmark, rig.benchmark.wire.faults;"
+        "import rig.bench.source, rig.benchmark.estimators.study, rig.benchmark.wire.faults;"
         "print('fine')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -84,9 +84,9 @@ class AngleRow:
     """All methods in one scene."""
 
     scene: str = column("two-marker angle, SIMULATED")
-    corners: AngleScore = column("corners", str, "corners refined in a window around each")
-    by_size: AngleScore = column("by size", str, "edges for the plane and for small markers, else corners")
-    ours: AngleScore = column("ours", str)
+    corners: AngleScore = column("corners", doc="corners refined in a window around each")
+    by_size: AngleScore = column("by size", doc="edges for the plane and for small markers, else corners")
+    ours: AngleScore = column("ours")
 
 
 def angle_rows(seed: int) -> list[AngleRow]:

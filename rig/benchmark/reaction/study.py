@@ -65,10 +65,6 @@ class ReactionOptions:
     ] = False
 
 
-def _two(values: tuple[float, float]) -> str:
-    return f"{values[0]:.0f}, {values[1]:.0f}"
-
-
 @dataclass(frozen=True, slots=True)
 class ReactionRow:
     """The lifts of one object, or all lifts."""
@@ -81,8 +77,8 @@ class ReactionRow:
     turn_without_deg: float | None = column("median end turn without", ".1f", "degrees")
     turn_with_deg: float | None = column("with", ".1f", "degrees")
     reactions: int = column("reactions")
-    counts_added: tuple[float, int] = column("counts added, middle, most", _two)
-    fallen: tuple[int, int] = column("fallen without, with", _two)
+    counts_added: tuple[float, int] = column("counts added, middle, most", ".0f")
+    fallen: tuple[int, int] = column("fallen without, with", ".0f")
     damaged: int = column("damaged", doc="with a reaction")
 
 

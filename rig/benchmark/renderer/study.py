@@ -75,9 +75,7 @@ class FaceRow:
     answered: float = column("answered", ".0%", "share of the frames with an angle")
     within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
     confidently_wrong: int | None = column("confidently wrong", doc="lifts with such an answer")
-    ms: tuple[float, float] = column(
-        "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.1f}, {ms[1]:.1f}", "time per frame, ms"
-    )
+    ms: tuple[float, float] = column("ms per frame: median, 99 %", ".1f")
 
 
 def measure(options: RendererOptions, run: Run) -> Report:

@@ -6,11 +6,14 @@ from typing import Any
 from typer.core import TyperCommand
 from typer.main import get_command
 
-from rig.cli.benchmark.estimators import estimators
 from rig.cli.benchmark.studies import command_of
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
+    "estimators": (
+        "rig.benchmark.estimators.study",
+        "Time and score every estimator by window on 45 lifts, then put them under stress.",
+    ),
     "clips": (
         "rig.benchmark.clips.study",
         "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
@@ -93,6 +96,3 @@ benchmark = Commands(
     ),  # without it, typer takes an application with one registered command for that command
     help="Measure what the rig does, and print it as tables. Without a command: estimators.",
 )
-
-
-benchmark.command("estimators")(estimators)

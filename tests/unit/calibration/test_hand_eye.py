@@ -20,8 +20,8 @@ from calibration.hand_eye.target_pose import target_poses
 from calibration.hand_eye.uncertainty import larger_of
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.degenerate_hand_eye import motion
-from rig.benchmark.calibration.hand_eye_scenes import CAMERA, Noise, general_scene
+from rig.benchmark.calibration.bad_data import motion
+from rig.benchmark.calibration.motion_scenes import CAMERA, Noise, general_scene
 
 EXACT = Noise(0.0, 0.0, 0.0)
 

@@ -56,10 +56,6 @@ def test_replay_in_several_processes(folder: Path) -> None:
     check(folder, "replay", ".", "--jobs", 2)
 
 
-def test_compare_in_several_processes(folder: Path) -> None:
-    check(folder, "compare", "slip", "pca", "--on", ".", "--jobs", 2, "--out", folder.parent / "page.html")
-
-
 def test_list_of_sessions_in_several_processes(folder: Path) -> None:
     check(folder, "sessions", "..")
 

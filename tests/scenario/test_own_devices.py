@@ -15,6 +15,7 @@ from rig.config.write import write_bench
 from rig.experiments.replay import run_replay
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
+from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
 
 pytestmark = pytest.mark.real_time
@@ -37,8 +38,8 @@ def with_own_drivers(bench: BenchConfig) -> BenchConfig:
 def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The program in a lab's folder, in a script: nobody at a terminal."""
     return subprocess.run(
-        [sys.executable, "-m", "rig", *words], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
 

@@ -63,11 +63,11 @@ def test_table_has_remark_columns_only_with_remarks(named: Path, one_lift: Path)
     assert "operator" not in rig("sessions", one_lift).stdout
 
 
-def test_remarks_of_a_trial_are_in_its_report(tmp_path: Path, light_bench_file: Path) -> None:
-    folder = tmp_path / "s"
+def test_remarks_of_a_trial_are_in_its_report(tmp_path: Path, one_lift: Path, light_bench_file: Path) -> None:
+    folder = shutil.copytree(one_lift, tmp_path / "s")
     words = ("--name", "new <gel>", "--tag", "gel-7", "--operator", "Ada", "--note", "cleaned & dried")
-    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--estimator", "pca")
-    done = rig(*what, "--jobs", 1, "--out", folder, *words)
+    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file)
+    done = rig(*what, "--out", folder, "--resume", *words)
     assert done.returncode == 0, done.stderr
     page = (folder / "report.html").read_text()
     assert "new &lt;gel&gt;: Slip trial" in page

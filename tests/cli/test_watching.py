@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,7 @@ class Browser:
                     with urlopen(f"{address}picture/{serial}.jpg", timeout=20) as answer:
                         assert answer.read(2) == b"\xff\xd8"
                         self.pictures.add(serial)
+                time.sleep(0.05)  # as a page does, so that the command gets the computer
         except OSError:  # it has ended
             pass
 

@@ -18,6 +18,7 @@ from rig.experiments.stored_trial import stored_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
+from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
 
 pytestmark = pytest.mark.real_time
@@ -40,8 +41,8 @@ def with_own_drivers(bench: BenchConfig) -> BenchConfig:
 def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The program in a lab's folder, in a script: nobody at a terminal."""
     return subprocess.run(
-        [sys.executable, "-m", "rig", *words], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def trial(tmp_path: Path) -> Path:
     return Path(shutil.copytree(TRIAL, tmp_path / "trial"))
 
 
-def test_what_is_written_again_is_what_was_read() -> None:
+def test_stored_files_are_written_back_unchanged() -> None:
     for folder in (TRIAL, RECORD):
         text = json.dumps(json_value(read_manifest(folder)), indent=2, sort_keys=True) + "\n"
         assert text.encode() == (folder / "session.json").read_bytes()
@@ -50,7 +50,7 @@ def test_what_is_written_again_is_what_was_read() -> None:
     assert [line.rpartition(",")[0] for line in now] == (TRIAL / "lifts.csv").read_text().splitlines()
 
 
-def test_they_are_listed_with_what_came_of_them() -> None:
+def test_stored_sessions_are_listed_with_their_results() -> None:
     entries = {path.name: list_session(path) for path in find_sessions(STORED)}
     trial, record = entries["stored_trial"], entries["stored_record"]
     assert (trial.state, trial.problem) == (SessionState.COMPLETE, None)
@@ -72,7 +72,7 @@ def test_a_replay_gives_the_fingertips_answers_to_the_last_digit() -> None:
     assert again.final_truth_deg == pytest.approx(stored.final_truth_deg, abs=0.3)
 
 
-def test_a_replay_says_that_it_measures_the_truth_in_another_way() -> None:
+def test_replay_notes_the_other_measurement_of_ground_truth() -> None:
     said = stored_trial(TRIAL).truth_note
     assert said is not None
     assert "by the markers' corners, a replay measures them by their edges" in said
@@ -88,7 +88,7 @@ def test_an_unfinished_trial_does_not_go_on_with_another_truth(trial: Path) -> N
     assert len(read_lifts(trial)) == 1
 
 
-def test_a_complete_trial_is_opened_and_left_as_it_is(trial: Path) -> None:
+def test_complete_trial_is_opened_unchanged(trial: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     before = {p: p.read_bytes() for p in trial.rglob("*") if p.is_file() and p.name != LOG}
     summary = run_trial(trial, stored_trial(trial).settings, list(manifest.objects), 1, resume=True)
@@ -96,7 +96,7 @@ def test_a_complete_trial_is_opened_and_left_as_it_is(trial: Path) -> None:
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_they_have_reports_and_a_film(trial: Path, tmp_path: Path) -> None:
+def test_stored_sessions_have_reports_and_a_film(trial: Path, tmp_path: Path) -> None:
     for folder, said in ((trial, "toothbrush, lift 1"), (RECORD, "Recording of 7 spam")):
         written = write_report([folder], tmp_path / f"{folder.name}.html")
         assert written.problems == ()
@@ -109,7 +109,7 @@ def test_they_have_reports_and_a_film(trial: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "coco", "labelme", "lerobot"])
-def test_they_are_exported(to: str, tmp_path: Path) -> None:
+def test_stored_sessions_are_exported(to: str, tmp_path: Path) -> None:
     if to in ("parquet", "lerobot"):
         pytest.importorskip("pyarrow")
     of_trial = export_session(TRIAL, to, tmp_path / "trial").counts

@@ -19,7 +19,7 @@ from support.ur5e import HOME, agree, first_error, make_arm, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.real_time(beside=True)
 
 
 def test_a_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:

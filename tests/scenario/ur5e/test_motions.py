@@ -27,7 +27,7 @@ from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.real_time(beside=True)
 
 
 @pytest.mark.parametrize("version", ["5.11.0", "5.25.0"])

@@ -18,9 +18,7 @@ from rig.sessions.reading import recorded_arm_states
 from rig.tactile.estimators import choose_estimator
 
 
-def test_the_row_says_where_the_speed_slider_stood(
-    light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_row_has_the_speed_slider_fraction(light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     state = FakeArm.state
 
     def slid(arm: FakeArm) -> ArmState:

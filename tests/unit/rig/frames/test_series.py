@@ -60,11 +60,6 @@ def test_without_times_sixty_frames_a_second_are_assumed_and_said(folder: Path) 
     assert read_frames(folder, fps=60.0).notes == ()
 
 
-def test_a_series_can_be_read_again(folder: Path) -> None:
-    series = read_frames(folder)
-    assert [f.name for f in series] == [f.name for f in series]
-
-
 def test_frames_are_rgb(tmp_path: Path) -> None:
     red = np.zeros((32, 24, 3), np.uint8)
     red[..., 0] = 200

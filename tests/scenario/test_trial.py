@@ -2,6 +2,7 @@
 
 import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
-from rig.sessions.rows import read_lifts
+from rig.sessions.rows import read_finished_lifts, read_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
 from support.command_line import rig

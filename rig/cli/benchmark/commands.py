@@ -91,8 +91,10 @@ class Benchmarks(Group):
 
 benchmark = Commands(
     cls=Benchmarks,
-    callback=lambda: (
-        None
-    ),  # without it, typer takes an application with one registered command for that command
     help="Measure what the rig does, and print it as tables. Without a command: estimators.",
 )
+
+
+@benchmark.callback()
+def _group() -> None:
+    """Make typer keep the group: its commands are not registered here but imported when they are used."""

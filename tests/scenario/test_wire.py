@@ -30,8 +30,6 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
-    for phase in ("GRASP_S", "HOLD_S"):
-        monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     shown = tmp_path / "lift.rrd" if find_spec("rerun") else None
     with viewer_feed(shown) as feed:
         report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)

@@ -31,8 +31,7 @@ from calibration.targets.views import View
 from calibration.time_offset import TimedSignal, make_stream, time_offset
 from drivers.errors import RigError
 from drivers.types import Pose
-from fakes.studio.marker_pictures import MarkerPictures
-from fakes.studio.presses import MM_PER_PX, SimulatedGel
+from fakes.studio.calibration_scenes import MM_PER_PX, MarkerPictures, SimulatedGel
 from rig.benchmark.calibration import motion_scenes
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view, render_target
 from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene

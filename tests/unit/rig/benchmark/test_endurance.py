@@ -11,6 +11,7 @@ import pytest
 
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.errors import RecordingError
+from drivers.images import with_jpeg
 from drivers.types import Frame, Image
 from protocols.observer import Phase
 from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
@@ -56,7 +57,8 @@ def test_minute_counts_its_own_frames_only(recordings: MinuteRecordings) -> None
     def show(numbers: list[int]) -> None:
         for number in numbers:
             for serial in (*serials, bench.camera.serial):
-                contact.frame(Frame(picture(120, rng), clock.now_ns() - to_ns(0.004), number, serial))
+                frame = Frame(picture(120, rng), clock.now_ns() - to_ns(0.004), number, serial)
+                contact.frame(with_jpeg(frame))
 
     show([1, 2, 3])
     contact.phase(Phase.GRASP, clock.now_ns())

@@ -16,7 +16,7 @@ import yaml
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers import formats
 from drivers.errors import CalibrationError, FormatError, RecordingError, counted
-from drivers.whole_files import write_whole
+from drivers.formats import write_whole
 
 SCHEMA = 1
 KINDS = ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync")

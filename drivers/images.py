@@ -1,5 +1,6 @@
 """Images as bytes: the one set of encoders and decoders outside the fakes, which keep their own."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,7 @@ from cv2.typing import MatLike
 
 from drivers.errors import FormatError, InputError, RecordingError
 from drivers.formats import MOST_PIXELS, picture_flaw, read_bounded
-from drivers.types import Image
+from drivers.types import Frame, Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings of the image files that are read, lower case."""
@@ -32,6 +33,14 @@ def decode_image(data: bytes, grey: bool = False) -> Image | None:
     except cv2.error:
         return None
     return None if image is None else np.asarray(image, np.uint8)
+
+
+def decode_stored(data: bytes) -> Image:
+    """Decode the bytes of a stored image to (H, W, 3) uint8 RGB. Raises `RecordingError` if damaged."""
+    image = decode_image(data)
+    if image is None:
+        raise RecordingError("a stored image cannot be decoded; the recording is damaged")
+    return image
 
 
 def load_image(path: Path, grey: bool = False) -> Image | None:
@@ -69,6 +78,18 @@ def check_video_size(capture: cv2.VideoCapture, path: Path) -> None:
 def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:
     """Encode (H, W, 3) uint8 RGB as JPEG. Raises `RecordingError`."""
     return _encoded(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+
+
+def with_jpeg(frame: Frame) -> Frame:
+    """Return a frame that has its JPEG, so that a recording and an estimator get the same image.
+
+    A frame without JPEG is encoded here, once, and its image is replaced by the decoded JPEG. Raises
+    `RecordingError`.
+    """
+    if frame.jpeg is not None:
+        return frame
+    jpeg = encode_jpeg(frame.image)
+    return replace(frame, image=decode_stored(jpeg), jpeg=jpeg)
 
 
 def encode_png(image: Image) -> bytes:

@@ -1,13 +1,74 @@
-"""The one way to wait for a motion: its device is asked whether it goes on; a wait that fails stops it."""
+"""Motions of any device: the limits checked before one is sent, and the one way to wait for one."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
 from drivers.interfaces import Motion
+from drivers.types import ArmLimits, Box, Pose, Vector3
 
+UPRIGHT_M = 1e-3
+"""A way whose ends are no further apart across leads straight up or down."""
 POLL_S = 0.008
+
+
+def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
+    """Raise `OutOfLimitsError` for a target, speed or acceleration outside the limits, or not a number."""
+    if not limits.has_inside(target.position_m):
+        low, high = limits.workspace_min_m, limits.workspace_max_m
+        raise OutOfLimitsError(f"arm: target {target.position_m} m leaves the workspace {low} to {high} m")
+    if not all(map(math.isfinite, target.quaternion_xyzw)):
+        raise OutOfLimitsError(f"arm: target {target} is no pose")
+    for what, value, most, unit in (
+        ("speed", speed_m_s, limits.max_speed_m_s, "m/s"),
+        ("acceleration", acceleration_m_s2, limits.max_acceleration_m_s2, "m/s2"),
+    ):
+        if not 0.0 < value <= most:
+            raise OutOfLimitsError(f"arm: {what} {value} {unit} is outside 0 to {most} {unit}")
+
+
+def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
+    """Raise `OutOfLimitsError` where a way, straight from pose to pose, leads through a box of `limits`.
+
+    From inside a box the only way that is not refused is the one straight up.
+    """
+    for here, there in pairwise(pose.position_m for pose in way):
+        for box in limits.keep_out:
+            if meets(box, here, there) and not (_inside(box, here) and _straight_up(here, there)):
+                raise OutOfLimitsError(
+                    f"arm: the way from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
+                    "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and where the "
+                    "object lies"
+                )
+
+
+def meets(box: Box, here: Vector3, there: Vector3) -> bool:
+    """Whether the straight line between two points has a point inside a box; its surface is outside."""
+    enters, leaves = 0.0, 1.0
+    for a, b, low, high in zip(here, there, box.min_m, box.max_m, strict=True):
+        if a == b:
+            if not low < a < high:
+                return False
+            continue
+        first, last = sorted(((low - a) / (b - a), (high - a) / (b - a)))
+        enters, leaves = max(enters, first), min(leaves, last)
+    return enters < leaves
+
+
+def _straight_up(here: Vector3, there: Vector3) -> bool:
+    across = max(abs(here[0] - there[0]), abs(here[1] - there[1]))
+    return across <= UPRIGHT_M and there[2] > here[2]
+
+
+def _inside(box: Box, point: Vector3) -> bool:
+    return all(low < v < high for low, v, high in zip(box.min_m, point, box.max_m, strict=True))
+
+
+def _text(point: Vector3) -> str:
+    return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
 
 class PolledMotion(Motion):

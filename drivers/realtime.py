@@ -1,4 +1,4 @@
-"""Keeping deadlines on a busy computer, and in an interpreter that collects garbage."""
+"""Keeping deadlines on a loaded host, and in an interpreter that collects garbage."""
 
 import gc
 import os
@@ -92,3 +92,17 @@ def ordinary() -> Iterator[None]:
         yield
     finally:
         os.sched_setscheduler(0, policy, os.sched_param(LOWEST_REAL_TIME))
+
+
+def compute_in_one_thread() -> None:
+    """Keep OpenCV and BLAS from starting threads of their own, for the rest of the program.
+
+    On a loaded host such threads get no core, and a lift waits for them: a frame took up to 3 s. And the last
+    digits of a matrix product depend on how many threads share it: a replay gives the results of its lift bit
+    for bit only with the same number.
+    """
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    cv2.setNumThreads(1)
+    threadpool_limits(1)

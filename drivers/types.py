@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.short_repr import short_repr
-from drivers.state_values import (
+from drivers.values import Vector3 as Vector3
+from drivers.values import Vector6 as Vector6
+from drivers.values import (
     invalid,
     require_fraction,
     require_integer,
@@ -16,9 +17,8 @@ from drivers.state_values import (
     require_numbers,
     require_pose,
     require_type,
+    short_repr,
 )
-from drivers.vectors import Vector3 as Vector3
-from drivers.vectors import Vector6 as Vector6
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import OutOfLimitsError
-from drivers.keep_out import check_way
+from drivers.motion import check_way
 from drivers.types import Pose
 from protocols.steps import CLEARANCE_M, MOTION_TIMEOUT_S, TRAVEL_SPEED_M_S, move
 

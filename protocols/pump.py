@@ -9,10 +9,11 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, ProtectiveStopError, StaleFrameError
+from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
 from drivers.tally import FROZEN_FRAMES, FrameTally
 from drivers.types import ArmMode, ArmState, Frame
-from protocols.observer import LiftObserver
+from protocols.observer import LiftEvents
 from protocols.release import Contact, Imprint, imprint
 
 FRAME_TIMEOUT_S = 0.25
@@ -39,7 +40,7 @@ class Pump:
     backlogs hold what arrives meanwhile.
     """
 
-    def __init__(self, bench: Bench, observer: LiftObserver) -> None:
+    def __init__(self, bench: Bench, observer: LiftEvents) -> None:
         self._bench = bench
         self._observer = observer
         self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
@@ -142,7 +143,7 @@ class _Stream:
     def skip(self) -> None:
         """Leave out what was captured before now. Raises `StaleFrameError`."""
         self.waiting = None
-        self._accept(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S))
+        self._accept(with_jpeg(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S)))
 
     def look(self) -> None:
         """Fetch the next frame if it is there. Raises `StaleFrameError` when it froze."""
@@ -153,12 +154,12 @@ class _Stream:
     def check_alive(self, now_ns: int) -> None:
         """Raise `StaleFrameError` where nothing has come for too long."""
         if now_ns - self._earliest_ns > to_ns(FRAME_TIMEOUT_S):
-            self._accept(self.source.newest_frame(FRAME_TIMEOUT_S))
+            self._accept(with_jpeg(self.source.newest_frame(FRAME_TIMEOUT_S)))
             self.waiting = self._last
 
     def fetch(self, timeout_s: float = FRAME_TIMEOUT_S) -> None:
         """Wait for the next frame. Raises `DeviceTimeoutError`, `StaleFrameError` when it froze."""
-        frame = self.source.next_frame(timeout_s)
+        frame = with_jpeg(self.source.next_frame(timeout_s))
         self._accept(frame)
         self.waiting = frame
 

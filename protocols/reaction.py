@@ -9,7 +9,7 @@ from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.interfaces import Motion
 from protocols.fingers import MOTION_TIMEOUT_S, move_fingers
-from protocols.observer import LiftObserver
+from protocols.observer import LiftEvents, ReactionStep
 from protocols.pump import Pump
 
 MOST_REACTIONS = 8
@@ -29,23 +29,8 @@ class ReactionKind(StrEnum):
     LOWER = "lower"
 
 
-class ReactionStep(StrEnum):
-    """What a recording keeps of a reaction: commands, and when what they moved stood still.
-
-    stop: the arm is told to. stands: the arm does. close, closed: the fingers, with their position in
-    counts. rest: the object does not turn any more, the lift goes on. ends: the lift does, where it is.
-    """
-
-    STOP = "stop"
-    STANDS = "stands"
-    CLOSE = "close"
-    CLOSED = "closed"
-    REST = "rest"
-    ENDS = "ends"
-
-
 class SlipSense(Protocol):
-    """Says when the object slips, by what the fingertips show; is told what was done about it."""
+    """Detects slip from the fingertips; its owner also receives the reaction's steps as `LiftEvents`."""
 
     def slip_ns(self) -> int | None:
         """When the frame was captured that told of a slip which asks for a reaction now; else None."""
@@ -57,10 +42,6 @@ class SlipSense(Protocol):
 
     def another_is_too_much(self) -> bool:
         """Whether one more slip, larger than those so far, would turn the object further than it may."""
-        ...
-
-    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
-        """Take a step of a reaction, to be kept. After `REST` and `ENDS` the next slip is another one."""
         ...
 
 
@@ -83,7 +64,7 @@ class Reflex:
         self,
         bench: Bench,
         pump: Pump,
-        observer: LiftObserver,
+        observer: LiftEvents,
         reaction: Reaction | None,
         contact_counts: int,
         grip_counts: int,
@@ -116,17 +97,17 @@ class Reflex:
         self._left -= 1
         self._stop(rising)
         caught = self._tighten() and self._left > 0
-        self._tell(ReactionStep.REST if caught else ReactionStep.ENDS)
+        self._report(ReactionStep.REST if caught else ReactionStep.ENDS)
         if not caught:
             self._left = 0
         return caught
 
     def _stop(self, rising: Motion | None) -> None:
-        self._tell(ReactionStep.STOP)
+        self._report(ReactionStep.STOP)
         self._bench.arm.stop()
         if rising is not None:
             self._pump.run_until(rising.done, MOTION_TIMEOUT_S)
-        self._tell(ReactionStep.STANDS)
+        self._report(ReactionStep.STANDS)
 
     def _tighten(self) -> bool:
         """Close step by step until the object is at rest; return whether it is.
@@ -146,15 +127,15 @@ class Reflex:
 
     def _close(self, counts: int) -> None:
         self._counts = counts
-        self._tell(ReactionStep.CLOSE)
+        self._report(ReactionStep.CLOSE)
         self._observer.gripper(move_fingers(self._bench, counts, self._pump))
-        self._tell(ReactionStep.CLOSED)
+        self._report(ReactionStep.CLOSED)
 
     def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:
         end_ns = self._bench.clock.now_ns() + to_ns(REST_TIMEOUT_S)
         self._pump.run_until(lambda: at_rest() or self._bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
         return at_rest()
 
-    def _tell(self, step: ReactionStep) -> None:
+    def _report(self, step: ReactionStep) -> None:
         if self._reaction is not None:
-            self._reaction.sense.reacted(step, self._bench.clock.now_ns(), self._counts)
+            self._observer.reaction(step, self._bench.clock.now_ns(), self._counts)

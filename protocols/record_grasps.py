@@ -5,7 +5,7 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.types import Pose
-from protocols.observer import LiftObserver
+from protocols.observer import LiftEvents, LiftObserver
 from protocols.pump import Pump
 from protocols.safe_end import safe_end
 from protocols.steps import approach, close_to_contact, lower_and_release, step_fingers
@@ -38,7 +38,7 @@ class PosePlan:
     grips: tuple[tuple[int, int], ...]
 
 
-def record_reference(bench: Bench, observer: LiftObserver) -> None:
+def record_reference(bench: Bench, observer: LiftEvents) -> None:
     """Show the observer what the fingertips see without contact; nothing moves."""
     pump = Pump(bench, observer)
     pump.start()

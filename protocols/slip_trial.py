@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from drivers.bench import Bench
-from drivers.keep_out import check_way
+from drivers.motion import check_way
 from drivers.types import Pose
 from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump

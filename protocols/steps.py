@@ -5,7 +5,7 @@ from dataclasses import replace
 from drivers.bench import Bench
 from drivers.errors import FingerMotionError, GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
-from drivers.keep_out import check_way
+from drivers.motion import check_way
 from drivers.types import GripperLimits, GripperState, HandState, Holding, Pose
 from protocols.fingers import MOTION_TIMEOUT_S, doubt_hand, move_fingers, release, wait_with
 from protocols.guarded import guarded

@@ -12,7 +12,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, is_hypothesis_test, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
@@ -34,23 +34,24 @@ pytest_plugins = (
 # Whether a phase is silent for a moment depends on the host's load: no test finds its name on stderr.
 phases.SILENT_S = 600.0
 
-# How long an example takes says nothing about it: machines are shared.
-settings.register_profile("rig", deadline=None)
-settings.load_profile("rig")
-
 FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
 """Damaged inputs drawn for each format, without and with --long."""
+PROPERTY_CASES, LONG_PROPERTY_CASES = 25, 200
+"""Examples drawn for each property test that names no number, without and with --long."""
 ROOT = Path(__file__).parent.parent
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    """Set how many examples hypothesis draws; it sets no deadline for one, because machines are shared."""
+    long = config.getoption("--long")
     quiet = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
-    cases = config.getoption("--fuzz-cases") or (
-        LONG_FUZZ_CASES if config.getoption("--long") else FUZZ_CASES
-    )
+    cases = config.getoption("--fuzz-cases") or (LONG_FUZZ_CASES if long else FUZZ_CASES)
     settings.register_profile(
         PROFILE, max_examples=cases, deadline=None, suppress_health_check=quiet, database=None
     )
+    examples = LONG_PROPERTY_CASES if long else PROPERTY_CASES
+    settings.register_profile("rig", max_examples=examples, deadline=None)
+    settings.load_profile("rig")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -58,12 +59,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--long",
         action="store_true",
-        help=f"run only the tests marked 'long', and the fuzz tests with {LONG_FUZZ_CASES} cases each",
+        help=f"run only the tests marked 'long', the fuzz tests with {LONG_FUZZ_CASES} cases each, and the "
+        f"property tests with {LONG_PROPERTY_CASES} examples each",
     )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the long tests to `pytest --long`, which runs nothing else but the fuzz tests."""
+    """Leave the long tests to `pytest --long`, which besides them runs only fuzz and property tests."""
     wanted = config.getoption("--long")
     left_out = [item for item in items if not _belongs(item, wanted)]
     items[:] = [item for item in items if _belongs(item, wanted)]
@@ -72,7 +74,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _belongs(item: pytest.Item, long: bool) -> bool:
     is_long = item.get_closest_marker("long") is not None
-    return is_long == long or (long and item.get_closest_marker("fuzz") is not None)
+    drawn = item.get_closest_marker("fuzz") is not None or is_hypothesis_test(getattr(item, "obj", None))
+    return is_long == long or (long and drawn)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

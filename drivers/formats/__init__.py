@@ -4,11 +4,9 @@ Imports errors alone. What a reader cannot take raises `FormatError`, whatever t
 """
 
 from drivers.formats.csv_table import CsvTable, parse_csv, read_csv, read_csv_rows
-from drivers.formats.json_text import check_numbers, parse_json, read_json
 from drivers.formats.picture import MOST_PIXELS, jpeg_header, picture_flaw
-from drivers.formats.text import read_bounded, read_text, reason, shown, without_passwords
-from drivers.formats.toml_text import parse_toml, read_toml
-from drivers.formats.yaml_text import read_yaml
+from drivers.formats.structured import check_numbers, parse_json, parse_toml, read_json, read_toml, read_yaml
+from drivers.formats.text import read_bounded, read_text, reason, shown, without_passwords, write_whole
 
 __all__ = [
     "MOST_PIXELS",
@@ -29,4 +27,5 @@ __all__ = [
     "reason",
     "shown",
     "without_passwords",
+    "write_whole",
 ]

@@ -1,6 +1,8 @@
-"""Files read up to a size, and what an error says of bytes that somebody else chose."""
+"""Files read up to a size or written whole, and bytes of unknown origin shown in an error message."""
 
+import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import FormatError
@@ -49,3 +51,18 @@ def reason(error: BaseException) -> str:
     text = text.partition("; use sys.")[0]  # advice to programmers, on numbers of very many digits
     line = without_passwords(" ".join(text.encode("utf-8", "backslashreplace").decode().split()))
     return line if len(line) <= _LONGEST_REASON else line[:_LONGEST_REASON] + " ..."
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file aside, sync it, then put it in place; nothing is left behind. Raises `OSError`."""
+    aside = path.with_name(path.name + ".part")
+    try:
+        with aside.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        aside.replace(path)
+    except OSError:
+        with suppress(OSError):
+            aside.unlink()
+        raise

@@ -39,8 +39,8 @@ NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=
 ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
 ACTIVATION_TIMEOUT_S = 30.0
-"""The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D."""
-"""Interference ends in fault 0x0E after 20 s (manual, FAULT STATUS)."""
+"""The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D, interference in
+fault 0x0E after 20 s (manual, FAULT STATUS)."""
 
 
 class Robotiq3F(Gripper):

@@ -13,19 +13,17 @@ from collections.abc import Callable
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
-from drivers.keep_out import check_way
+from drivers.motion import check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
-from drivers.ur5e.control_commands import Operation
+from drivers.ur5e import setup
+from drivers.ur5e.control_commands import ControlCommands, Operation
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
-from drivers.ur5e.guiding import begin_guiding, end_guiding, guided_sample
-from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.motion import ArmMotion, is_still
+from drivers.ur5e.motion import JOINT_RANGE_RAD, ArmMotion, check_joints, from_ur, is_still, to_ur
 from drivers.ur5e.probe import Version, probe_controller, read_speed_fraction
-from drivers.ur5e.setup import ended, refusal, release, take_over, wait_for_arm, zero_force_sensor
+from drivers.ur5e.setup import Tool, ToolSetting
 from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
-from drivers.ur5e.tool import Tool, ToolSetting
 
 STOP_DECELERATION_M_S2 = 10.0
 PROBE_S = 1.5
@@ -104,12 +102,12 @@ class UR5e(Arm):
             if not self._known_to_stand(self._link):
                 self.stop()
             with contextlib.suppress(DeviceError):
-                self._link.control.end_program()
+                self._link.control.ask(ControlCommands.end_program)
         self._let_go()
 
     def state(self) -> ArmState:
         """Newest state. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when the arm is gone."""
-        sample = guided_sample(self._require_link())
+        sample = setup.guided_sample(self._require_link())
         return ArmState(
             time_ns=sample.sampled_ns + self._clock_ahead_ns,
             base_T_tcp=from_ur(sample.pose),
@@ -131,8 +129,8 @@ class UR5e(Arm):
         check_way(self._limits, (from_ur(sample.pose), base_T_tcp))
         self._ready(link)
         pose = to_ur(base_T_tcp)
-        joints = link.control.joints_for(pose, sample.joints_rad)
-        if not joints and (reason := ended(link, self._clock)):
+        joints = link.control.ask(ControlCommands.joints_for, pose, sample.joints_rad)
+        if not joints and (reason := setup.ended(link, self._clock)):
             raise reason
         check_joints(joints, self._joint_limits, base_T_tcp)
 
@@ -142,18 +140,18 @@ class UR5e(Arm):
 
         started, before = link.control.move_linear(pose, speed_m_s, acceleration_m_s2, not_stopped)
         if not started:
-            raise refusal(link, "moveL", self._clock)
+            raise setup.refusal(link, "moveL", self._clock)
         return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand: it carries the bench file's tool and payload by itself then."""
         self.moving_sample()
-        begin_guiding(self._ready(self._require_link()), self._clock)
+        setup.begin_guiding(self._ready(self._require_link()), self._clock)
 
     def end_guiding(self) -> None:
         """Hold the arm where it is, and return when it stands; where it does not, it is stopped."""
         if self._link is not None:
-            end_guiding(self._link, self._clock, self.stop)
+            setup.end_guiding(self._link, self._clock, self.stop)
 
     def stop(self) -> None:
         """Stop as fast as the arm can, from any thread, at any time, without an error.
@@ -169,8 +167,8 @@ class UR5e(Arm):
 
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
-            link.control.stop_linear(STOP_DECELERATION_M_S2)
-            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            link.control.ask(ControlCommands.stop_linear, STOP_DECELERATION_M_S2)
+            setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
         except DeviceError:
             return False
         return True
@@ -178,7 +176,7 @@ class UR5e(Arm):
     def _end_program(self, link: ArmLink) -> None:
         with contextlib.suppress(DeviceError):
             self._require_dashboard().ask("stop")
-            wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
+            setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, start the ended control program again, set the tool; nothing moves.
@@ -192,7 +190,7 @@ class UR5e(Arm):
         if arm_mode(sample) is ArmMode.PROTECTIVE_STOP:
             confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")
             link.end_control()
-            release(link, self._require_dashboard(), self._clock)
+            setup.release(link, self._require_dashboard(), self._clock)
         elif program_reason(sample) is None and link.has_control:
             return self._tool.agree(link, confirm)
         elif stop_reason(sample) is None:
@@ -210,7 +208,7 @@ class UR5e(Arm):
         Raises `DeviceError` when it moves, or still reads more than 3 N afterwards.
         """
         self.moving_sample()
-        zero_force_sensor(self._require_link(), self._clock)
+        setup.zero_force_sensor(self._require_link(), self._clock)
 
     def identity(self) -> dict[str, str]:
         """Serial number, firmware and model, as far as the controller gave them at `connect`."""
@@ -260,11 +258,11 @@ class UR5e(Arm):
         if arm_mode(link.sample()) is ArmMode.PROTECTIVE_STOP:
             return
         for tries_left in (1, 0):
-            take_over(link, self._require_dashboard(), self._clock)
+            setup.take_over(link, self._require_dashboard(), self._clock)
             try:
                 return self._tool.compare(link)
             except DeviceError:  # on a busy computer the watchdog may end the program; nothing moves yet
-                if not tries_left or ended(link, self._clock) is None:
+                if not tries_left or setup.ended(link, self._clock) is None:
                     raise
 
     def _let_go(self) -> None:

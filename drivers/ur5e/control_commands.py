@@ -1,7 +1,7 @@
 """What the process that commands the arm can be asked for: ur-rtde's control interface, as methods.
 
 `ControlClient` asks for them from the driver's process. Arguments and results travel as JSON, so
-they are numbers, lists of numbers, and named tuples, which arrive as lists.
+they are numbers, lists of numbers, and tuples, which arrive as lists.
 """
 
 from collections.abc import Sequence
@@ -12,20 +12,6 @@ from drivers.ur5e.heartbeat import Heartbeat
 
 KICK_S = 0.02
 WATCHDOG_HZ = 12.5
-
-
-class TcpSetting(NamedTuple):
-    """Whether the controller took the TCP, and which one it has now (x y z in m, rotation vector in rad)."""
-
-    accepted: bool
-    flange_tcp: Sequence[float]
-
-
-class MoveStart(NamedTuple):
-    """Whether the controller took a motion, and the number of the operation before it."""
-
-    accepted: bool
-    operation_before: int
 
 
 class Operation(NamedTuple):
@@ -77,9 +63,9 @@ class ControlCommands:
         """The TCP that the controller has."""
         return self._control.getTCPOffset()
 
-    def set_tcp(self, flange_tcp: Sequence[float]) -> TcpSetting:
-        """Set the TCP, and read it back."""
-        return TcpSetting(self._control.setTcp(flange_tcp), self._control.getTCPOffset())
+    def set_tcp(self, flange_tcp: Sequence[float]) -> tuple[bool, Sequence[float]]:
+        """Set the TCP (x y z in m, rotation vector in rad); return also the one that is set now."""
+        return self._control.setTcp(flange_tcp), self._control.getTCPOffset()
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> bool:
         """Set mass and centre of gravity of what hangs on the flange."""
@@ -98,11 +84,13 @@ class ControlCommands:
             return None
         return self._control.getInverseKinematics(pose, near_rad)
 
-    def move_linear(self, pose: Sequence[float], speed_m_s: float, acceleration_m_s2: float) -> MoveStart:
-        """Start a straight motion."""
+    def move_linear(
+        self, pose: Sequence[float], speed_m_s: float, acceleration_m_s2: float
+    ) -> tuple[bool, int]:
+        """Start a straight motion; return also the number of the operation before it."""
         before = self._control.getAsyncOperationProgressEx().operationId()
         self._heartbeat.begin(speed_m_s)
-        return MoveStart(self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before)
+        return self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before
 
     def operation(self) -> Operation:
         """How far the newest motion is."""

@@ -26,8 +26,7 @@ from typing import Any
 from drivers.clock import SystemClock, to_ns
 from drivers.realtime import ask_for_realtime, ordinary
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
-from drivers.ur5e.heartbeat import Heartbeat
-from drivers.ur5e.program import Program
+from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0

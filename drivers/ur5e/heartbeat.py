@@ -1,22 +1,26 @@
-"""A motion goes on only as long as the program that began it looks at the arm; so does an arm led by hand.
+"""A motion goes on only as long as the program that began it polls the arm; so does an arm led by hand.
 
 A program that is stopped (SIGSTOP, Ctrl-Z), hangs or swaps would otherwise leave a motion to run to its
-end: the process that commands lives on and keeps the controller's watchdog quiet. Each look at the arm's
-state in the loop that works is a beat; no thread beats beside it.
+end: the process that commands lives on and keeps the controller's watchdog quiet. Each poll of the arm's
+state in the program's own loop is a beat; no thread beats beside it.
 
-A beat that comes late is not one that never comes. Where the program is stopped the motion ends at once.
-Where it could have looked and did not, the arm stands within `MOST_WAY_M`. Two times do not count: that in
-which it waits for the answer to a command, for a slow controller is not its fault, and the controller's own
-watchdog counts then; and that in which it wanted to look and got no core, for a computer is busy for a moment
+A late beat is not a missing one. If the program is stopped, the motion ends at once. If it had the time to
+poll and did not, the arm stands within `MOST_WAY_M`. Two times do not count: the time in which it waits for
+the answer to a command, because a slow controller is not its fault, and the controller's own watchdog counts
+then; and the time in which it wanted to poll and got no core, because a loaded host does that for a moment
 now and then. But without a core no motion goes on unwatched for longer than `LONGEST_S`.
 """
 
+import time
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
-from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 
+CPUCLOCK_SCHED = 2
+"""Of all threads of a process, in ns: `man 3 clock_getcpuclockid`, which Python does not offer."""
 MOST_WAY_M = 0.020
 """How far the arm may go on after the last beat of a program that hangs."""
 BRAKE_M_S2 = 10.0
@@ -28,6 +32,51 @@ GUIDED_S = 1.0
 """The same for an arm that a person holds in their hands and leads: it goes nowhere by itself."""
 LATE_NS = to_ns(0.015)
 """From here on the program is looked at: one that works looks each 8 ms, or each frame."""
+
+
+class Program:
+    """A process, with all its threads. Where the system does not tell (no /proc), it counts as at work."""
+
+    def __init__(self, pid: int) -> None:
+        self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")
+        self._clock = (~pid << 3) | CPUCLOCK_SCHED
+        self._ran_ns: int | None = None
+
+    def is_stopped(self) -> bool:
+        """Whether it was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger), or is dead."""
+        return _state(self._stat) in ("T", "Z", "X")
+
+    def waited_ns(self, during_ns: int) -> int:
+        """How long it could have run and got no core, in the time since it was noted or asked last, ns.
+
+        A thread without a core keeps the others waiting: they share one interpreter.
+        """
+        before_ns = self._ran_ns
+        self.note()
+        if before_ns is None or self._ran_ns is None or not self._wants_a_core():
+            return 0
+        return max(0, during_ns - (self._ran_ns - before_ns))
+
+    def note(self) -> None:
+        """Note how long it has run so far: what was before does not count."""
+        self._ran_ns = self._has_run_ns()
+
+    def _wants_a_core(self) -> bool:
+        with suppress(OSError):
+            return any(_state(thread / "stat") == "R" for thread in self._threads.iterdir())
+        return False
+
+    def _has_run_ns(self) -> int | None:
+        with suppress(OSError):
+            return time.clock_gettime_ns(self._clock)
+        return None
+
+
+def _state(stat: Path) -> str:
+    """The letter of `man 5 proc_pid_stat`. What comes before it is the name, which may hold anything."""
+    with suppress(OSError, IndexError):
+        return stat.read_text(errors="replace").rpartition(")")[2].split()[0]
+    return ""
 
 
 def silence_limit_s(speed_m_s: float) -> float:

@@ -2,14 +2,18 @@
 
 import importlib.util
 import os
+import socket
+from collections.abc import Callable
+from typing import Concatenate
 
-from drivers.clock import NS_PER_S, SystemClock, wait_until
+from drivers.clock import NS_PER_S, Clock, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.state_values import require_fraction, require_number, require_numbers
-from drivers.ur5e.child_process import ChildProcess
-from drivers.ur5e.control_client import ControlClient
+from drivers.types import Vector6
+from drivers.ur5e.channel import Answer, Arguments, Channel, Check, ChildProcess, no_check
+from drivers.ur5e.control_commands import ControlCommands, Operation
 from drivers.ur5e.probe import Version
 from drivers.ur5e.shared_state import SharedState, StateSample
+from drivers.values import require_fraction, require_number, require_numbers
 
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""
@@ -20,6 +24,69 @@ START_TRIES = 3
 END_S = 0.5
 WITH_PAYLOAD: Version = (5, 6, 0, 0)
 _POLL_S = 0.005
+CALL_S = 1.0
+STOP_CALL_S = 0.3
+STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
+"""They have less time than other calls: what does not answer by then is stopped over the dashboard."""
+
+
+class ControlClient:
+    """The process that commands: has methods of `ControlCommands` carried out there.
+
+    Each call raises `DeviceError` if the process is gone or ur-rtde fails in it,
+    `DeviceTimeoutError` if it does not answer; the process is then ended.
+    """
+
+    def __init__(self, host: str, state_fd: int, clock: Clock) -> None:
+        """Start the process. state_fd: the `SharedState` it watches the arm by."""
+        here, there = socket.socketpair()
+        with there:
+            self._process = ChildProcess(
+                "the process that commands",
+                "drivers.ur5e.control_process",
+                (host, there.fileno(), state_fd, os.getpid()),
+                (state_fd, there.fileno()),
+            )
+        self._channel = Channel(here, self._process, clock)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.alive
+
+    def wait_ready(self, timeout_s: float, check: Check) -> None:
+        """Wait until the control program runs on the controller. Raises `DeviceError` with the reason.
+
+        check: is called meanwhile and raises when waiting has no point any more.
+        """
+        self._channel.wait_ready(timeout_s, check)
+
+    def end(self) -> None:
+        """End the process now. Safe to call twice."""
+        self._process.end()
+        self._channel.close()
+
+    def ask(
+        self,
+        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
+        /,
+        *arguments: Arguments.args,
+        **named: Arguments.kwargs,
+    ) -> Answer:
+        """Have the process carry out a method of `ControlCommands`, and return its result."""
+        limit_s = STOP_CALL_S if command in STOPS else CALL_S
+        return self._channel.call(command, limit_s, no_check, *arguments, **named)
+
+    def operation(self) -> Operation:
+        """How far the newest motion is."""
+        return Operation(*self.ask(ControlCommands.operation))
+
+    def move_linear(
+        self, pose: Vector6, speed_m_s: float, acceleration_m_s2: float, check: Check
+    ) -> tuple[bool, int]:
+        """Start a straight motion, see `ControlCommands`. check: called just before it is sent; may raise."""
+        command = ControlCommands.move_linear
+        return self._channel.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
 
 
 class ArmLink:

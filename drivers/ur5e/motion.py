@@ -1,18 +1,27 @@
-"""A motion of the arm in progress: asked by its operation number, ended by what the stream shows."""
+"""A motion of the arm: its limits in joint space, its progress by operation number and by the state stream.
+
+A controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import Clock, to_ns
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, OutOfLimitsError
 from drivers.motion import PolledMotion
-from drivers.types import Pose
+from drivers.types import Pose, Vector6
 from drivers.ur5e.control_commands import Operation
-from drivers.ur5e.shared_state import Six, StateSample
+from drivers.ur5e.shared_state import StateSample
 
+_TURN = 2 * math.pi
+JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
+    (-_TURN, -_TURN, -_TURN, -_TURN, -_TURN, -_TURN),
+    (_TURN, _TURN, _TURN, _TURN, _TURN, _TURN),
+)
+"""Working range of a UR5e's joints: +-360 degrees (data sheet)."""
 BEGIN_LIMIT_S = 0.5
 """A motion that was accepted has begun by then, or never will."""
 ASK_S = 0.05
@@ -20,6 +29,30 @@ ASK_S = 0.05
 SETTLE_LIMIT_S = 0.3
 STILL_M_S, STILL_RAD_S = 0.002, 0.01
 NEAR_M, NEAR_RAD = 0.001, 0.01
+
+
+def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
+    """Raise `OutOfLimitsError` where no joints reach the target, or one of them leaves its range."""
+    if not joints:
+        raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
+    for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
+        if not low <= angle <= high:
+            raise OutOfLimitsError(
+                f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
+                f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
+            )
+
+
+def to_ur(pose: Pose) -> Vector6:
+    """The controller's notation of a pose: x y z in m, rotation vector in rad."""
+    x, y, z = pose.position_m
+    rx, ry, rz = (float(v) for v in pose.rotation.as_rotvec())
+    return x, y, z, rx, ry, rz
+
+
+def from_ur(values: Vector6) -> Pose:
+    """The pose that the controller's notation stands for."""
+    return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
 
 
 class MovingArm(Protocol):
@@ -42,7 +75,13 @@ class ArmMotion(PolledMotion):
     """A straight motion to `target`. stopped: whether the arm was told to stop since it began."""
 
     def __init__(
-        self, arm: MovingArm, target: Pose, before: int, start: Six, clock: Clock, stopped: Callable[[], bool]
+        self,
+        arm: MovingArm,
+        target: Pose,
+        before: int,
+        start: Vector6,
+        clock: Clock,
+        stopped: Callable[[], bool],
     ) -> None:
         super().__init__("arm", clock, self._has_ended, arm.stop)
         self._arm, self._target, self._before = arm, target, before
@@ -122,11 +161,11 @@ def is_still(sample: StateSample) -> bool:
     return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
 
 
-def is_at(pose: Six, target: Pose) -> bool:
+def is_at(pose: Vector6, target: Pose) -> bool:
     """Whether a pose of the controller is the target within a millimetre and half a degree."""
     turn = (Rotation.from_rotvec(pose[3:]).inv() * target.rotation).magnitude()
     return _distance(pose, target) < NEAR_M and turn < NEAR_RAD
 
 
-def _distance(pose: Six, target: Pose) -> float:
+def _distance(pose: Vector6, target: Pose) -> float:
     return math.dist(pose[:3], target.position_m)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.state_values import require_fraction
+from drivers.values import require_fraction
 
 RTDE_PORT, SCRIPT_PORT = 30004, 30003
 PROTOCOL_VERSION = 2

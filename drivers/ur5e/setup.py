@@ -1,13 +1,21 @@
-"""Making the arm ready, and ready again after a stop: nothing here moves it."""
+"""Making the arm ready, and ready again after a stop; its tool; leading it by hand. Nothing here moves it.
+
+The tool that the controller has is compared first, and overwritten only as agreed. Leading by hand begins
+with the tool set, and ends in position control with the arm standing.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.types import Vector3, Vector6
+from drivers.ur5e.control_commands import ControlCommands
 from drivers.ur5e.dashboard import RELEASED, Dashboard
 from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import is_still
+from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import PLAYING, program_reason, refused, stop_reason
 
 RELEASE_LIMIT_S = 8.0
@@ -19,6 +27,10 @@ ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
 REASON_LIMIT_S = 0.1
 """How far the state that tells why may be behind the answer to a command."""
 _POLL_S = 0.004
+STAND_LIMIT_S = 1.0
+PAYLOAD_LIMIT_S = 0.5
+SAME_TCP, SAME_KG, SAME_COG_M = 1e-4, 1e-3, 1e-3
+"""How near two settings are the same: TCPs in m and rad."""
 
 
 def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
@@ -37,7 +49,7 @@ def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
         dashboard.ask("stop")
         wait_for_arm(lambda: link.sample().runtime_state != PLAYING, END_LIMIT_S, "end its program", clock)
     link.start_control()
-    if not link.control.start_watchdog():
+    if not link.control.ask(ControlCommands.start_watchdog):
         raise refusal(link, "setWatchdog", clock)
 
 
@@ -62,9 +74,9 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
 
 def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
-    if not link.control.is_steady():
+    if not link.control.ask(ControlCommands.is_steady):
         raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
-    if not link.control.zero_force_sensor():
+    if not link.control.ask(ControlCommands.zero_force_sensor):
         raise refusal(link, "zeroFtSensor", clock)
 
     answered_ns = SystemClock().now_ns()
@@ -93,3 +105,125 @@ def wait_for_arm(
     """Wait until the arm does `what`, which `met` sees. Raises `DeviceTimeoutError` after `limit_s`."""
     if not wait_until(clock, met, limit_s, pause_s):
         raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
+
+
+def begin_guiding(link: ArmLink, clock: Clock) -> None:
+    """Let the arm be led by hand. Raises `DeviceError` where the controller refuses."""
+    if not link.control.ask(ControlCommands.begin_guiding):
+        raise refusal(link, "teachMode", clock)
+
+
+def guided_sample(link: ArmLink) -> StateSample:
+    """Return the newest sample. Raises `DeviceError` if guiding by hand has ended by itself.
+
+    A program that was suspended would otherwise wait for a hand that can no longer lead the arm.
+    """
+    sample = link.sample()
+    if link.guiding_lost:
+        raise DeviceError(f"arm: guiding by hand had ended: {link.control.ask(ControlCommands.halted)}")
+    return sample
+
+
+def end_guiding(link: ArmLink, clock: Clock, stop: Callable[[], None]) -> None:
+    """Hold the arm, and return when it stands; `stop` it where that does not happen.
+
+    Raises `DeviceError` where it does not stand, and where guiding had ended before, with the reason.
+    """
+    try:
+        halted = link.control.ask(ControlCommands.halted)
+        link.control.ask(ControlCommands.end_guiding)
+        wait_for_arm(lambda: is_still(link.sample()), STAND_LIMIT_S, "stand", clock)
+    except BaseException:
+        stop()
+        raise
+    if halted:
+        raise DeviceError(f"arm: guiding by hand had ended: {halted}")
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """What hangs on the flange: TCP (x y z in m, rotation vector in rad), mass, centre of gravity."""
+
+    flange_tcp: Vector6
+    payload_kg: float
+    payload_cog_m: Vector3
+
+
+class ToolSetting:
+    """The tool of a bench file, and whether the controller has it.
+
+    The controller's own is set back to its installation's when a program starts, so it is compared each
+    time; what was agreed to once is not asked again.
+    """
+
+    def __init__(self, tool: Tool, clock: Clock) -> None:
+        self.tool, self._clock = tool, clock
+        self._other: str | None = None
+        self._agreed: set[str] = set()
+
+    def compare(self, link: ArmLink) -> None:
+        """Set the tool where the controller has the same, or where overwriting this one was agreed to."""
+        self._other = other_tool(link, self.tool)
+        if self._other is None or self._other in self._agreed:
+            self._set(link)
+
+    def agree(self, link: ArmLink, confirm: Callable[[str], None]) -> None:
+        """Ask before another tool on the controller is overwritten; `confirm` raises unless agreed."""
+        if self._other is not None:
+            confirm(
+                f"The arm's controller has {self._other} in the bench file. Is the bench file right, and "
+                "shall it be set? (With the same in the installation on the pendant nobody is asked.)"
+            )
+            self._agreed.add(self._other)
+            self._set(link)
+
+    def require(self) -> None:
+        """Raise `DeviceError` while the controller has another tool."""
+        if self._other is not None:
+            raise DeviceError(
+                f"arm: the controller has {self._other} in the bench file, and nobody agreed to "
+                "overwrite it; put the same into both"
+            )
+
+    def _set(self, link: ArmLink) -> None:
+        set_tool(link, self.tool, self._clock)
+        self._other = None
+
+
+def other_tool(link: ArmLink, tool: Tool) -> str | None:
+    """Say what the controller has for a tool where it is not `tool`; None where it is, as far as it tells."""
+    there, sample = link.control.ask(ControlCommands.tcp), link.sample()
+    differs = []
+    if _apart(there, tool.flange_tcp) > SAME_TCP:
+        differs.append(f"TCP {_numbers(there)} instead of {_numbers(tool.flange_tcp)} (m, rad)")
+    if abs(sample.payload_kg - tool.payload_kg) > SAME_KG:  # never so where the controller does not tell
+        differs.append(f"payload {sample.payload_kg:.3f} kg instead of {tool.payload_kg:.3f} kg")
+    if _apart(sample.payload_cog_m, tool.payload_cog_m) > SAME_COG_M:
+        cog, told = _numbers(sample.payload_cog_m), _numbers(tool.payload_cog_m)
+        differs.append(f"centre of gravity {cog} m instead of {told} m")
+    return ", ".join(differs) or None
+
+
+def set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
+    """Set TCP and payload, and see that the controller has them. Raises `DeviceError`."""
+    taken, there = link.control.ask(ControlCommands.set_tcp, tool.flange_tcp)
+    if not taken:
+        raise refusal(link, "setTcp", clock)
+    if _apart(there, tool.flange_tcp) > SAME_TCP:
+        raise DeviceError(f"arm: the controller's TCP is {there} although {tool.flange_tcp} was set")
+    if not link.control.ask(ControlCommands.set_payload, tool.payload_kg, tool.payload_cog_m):
+        raise refusal(link, "setPayload", clock)
+    if not math.isnan(link.sample().payload_kg):
+
+        def weighed() -> bool:
+            return abs(link.sample().payload_kg - tool.payload_kg) <= SAME_KG
+
+        wait_for_arm(weighed, PAYLOAD_LIMIT_S, f"take the payload of {tool.payload_kg} kg", clock)
+
+
+def _apart(there: Sequence[float], here: Sequence[float]) -> float:
+    return max(abs(a - b) for a, b in zip(there, here, strict=True))
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in values) + ")"

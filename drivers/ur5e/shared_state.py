@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.vectors import Vector3
+from drivers.values import Vector3, Vector6
 
 _WORD = 8
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
@@ -20,8 +20,6 @@ _COUNT, _LOOKED = 0, 1 + 2 * _SAMPLE.size // _WORD
 _GUIDING_LOST = _LOOKED + 1
 """Words: the counter, the time of the last look, and 1 if guiding by hand has ended by itself."""
 _SIZE = _WORD * (_GUIDING_LOST + 1)
-
-Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +37,10 @@ class StateSample:
     timestamp_s: float
     received_ns: int
     sampled_ns: int
-    joints_rad: Six
-    pose: Six
-    speed: Six
-    wrench: Six
+    joints_rad: Vector6
+    pose: Vector6
+    speed: Vector6
+    wrench: Vector6
     payload_kg: float
     payload_cog_m: Vector3
     speed_fraction: float

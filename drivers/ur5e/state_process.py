@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.realtime import ask_for_realtime
 from drivers.ur5e.shared_state import SharedState, StateSample
-from drivers.vectors import Vector3
+from drivers.values import Vector3
 
 START_LIMIT_S = 5.0
 POLL_S = 0.0004

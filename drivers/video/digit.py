@@ -13,11 +13,9 @@ from drivers.interfaces import TactileSensor
 from drivers.video.decode import DecodedFrame, decode_frame
 from drivers.video.glitches import GlitchCheck
 from drivers.video.mjpeg import MjpegStream
-from drivers.video.open_stream import OpenSource, SourceSpec
-from drivers.video.source import AddressedSource
+from drivers.video.source import AddressedSource, OpenSource, SourceSpec
 from drivers.video.stream import RawFrame
-from drivers.video.udev import Discover, list_video_nodes
-from drivers.video.v4l2 import OpenCapture, V4l2Stream, open_capture
+from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, list_video_nodes, open_capture
 
 MODES = {(320, 240): (60.0, 30.0), (640, 480): (30.0, 15.0)}
 """Raw width and height in px: frame rates in Hz."""

@@ -3,11 +3,9 @@
 from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
 from drivers.video.decode import DecodedFrame, decode_frame
-from drivers.video.open_stream import OpenSource, SourceSpec
-from drivers.video.source import AddressedSource
+from drivers.video.source import AddressedSource, OpenSource, SourceSpec
 from drivers.video.stream import RawFrame
-from drivers.video.udev import Discover, list_video_nodes
-from drivers.video.v4l2 import OpenCapture, open_capture
+from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_capture
 
 
 class ExternalCamera(AddressedSource, Camera):

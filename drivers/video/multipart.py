@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from email.message import Message
 
 from drivers.errors import DamagedFrameError, DeviceError
-from drivers.video.jpeg import read_header
+from drivers.video.decode import read_header
 
 MAX_HEADER = 16_384
 MAX_PART = 16_777_216

@@ -17,8 +17,7 @@ from drivers.tally import FrameTally
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
 from drivers.video.decode import DecodedFrame
-from drivers.video.sequence import SequenceCounter
-from drivers.video.stream import CaptureTimes, FrameStream, RawFrame
+from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCounter
 
 BACKLOG_S = 2.0
 """Unread frames are kept so long: a busy computer catches up with them and loses none."""

@@ -1,16 +1,114 @@
-"""What the DIGIT and the external camera share: found and opened by an address, read by a thread."""
+"""A frame source at an address: device node, MJPEG URL, folder of images or video file.
+
+`AddressedSource` is what the DIGIT and the external camera share: opened by its address, read by a thread.
+"""
 
 from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, InputError
 from drivers.formats import without_passwords
 from drivers.video.decode import DecodedFrame
-from drivers.video.open_stream import OpenSource, SourceSpec, open_source
+from drivers.video.files import FolderStream, VideoStream, check_video, image_files
+from drivers.video.mjpeg import MjpegStream, split_url
 from drivers.video.reader import FrameReader
 from drivers.video.stream import FrameStream, RawFrame
-from drivers.video.udev import Discover
-from drivers.video.v4l2 import OpenCapture
+from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, VideoNode, find_video_node, on_same_bus
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSpec:
+    """What to open. size_px: raw (width, height), as it comes when None.
+
+    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder or a video file; None finds the
+    device with this serial through `discover`.
+    """
+
+    serial: str
+    address: str | None
+    size_px: tuple[int, int] | None
+    rate_hz: float
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` for what can never be opened."""
+        if not self.rate_hz > 0:
+            raise InputError(f"{self.serial}: rate_hz is {self.rate_hz}; give frames per second")
+        if self.size_px is not None and min(self.size_px) < 1:
+            raise InputError(f"{self.serial}: size_px is {self.size_px}; give width and height in px")
+        if self.address is not None:
+            self._check(self.address)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether it is a video device of this computer."""
+        return self.address is None or self.address.startswith("/dev/")
+
+    def _check(self, address: str) -> None:
+        if "://" in address:
+            split_url(address)
+        elif not self.is_device:
+            path = Path(address)
+            if not path.exists():
+                raise InputError(
+                    f"{self.serial}: '{without_passwords(address)}' does not exist; give /dev/videoN, "
+                    "http://HOST:PORT/PATH, a folder of images or a video file"
+                )
+            if path.is_dir():
+                image_files(path)
+            else:
+                check_video(path)
+
+
+@dataclass(frozen=True, slots=True)
+class OpenSource:
+    """An open stream, and the device it is of (None where it is of no device here)."""
+
+    stream: FrameStream
+    address: str
+    node: VideoNode | None = None
+
+
+def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
+    """Open a source, set to its size and rate. Raises `DeviceError`."""
+    address = spec.address
+    if address is None or spec.is_device:
+        return _open_device(spec, clock, discover, open_device)
+    if "://" in address:
+        stream = MjpegStream(address, spec.rate_hz, clock)
+        try:
+            stream.configure(_settings(spec))
+        except DeviceError:
+            stream.close()
+            raise
+        return OpenSource(stream, address)
+    path = Path(address)
+    kind = FolderStream if path.is_dir() else VideoStream
+    return OpenSource(kind(path, spec.rate_hz, clock), address)
+
+
+def _open_device(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
+    nodes = discover()
+    node = find_video_node(spec.serial, nodes) if spec.address is None else _node_at(spec, nodes)
+    stream = V4l2Stream(node.device, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
+    return OpenSource(stream, node.device, node)
+
+
+def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
+    """The node at a given address; udev need not know it."""
+    known = [node for node in nodes if node.device == spec.address]
+    return known[0] if known else VideoNode(spec.address or "", spec.serial)
+
+
+def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
+    """Size before rate: a new size resets the rate."""
+    settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
+    if spec.size_px is not None:
+        settings.insert(0, {"size_px": list(spec.size_px)})
+    return settings
 
 
 class AddressedSource(FrameReader):

@@ -11,14 +11,12 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
-from drivers.keep_out import check_way
-from drivers.motion import PolledMotion
+from drivers.motion import PolledMotion, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
 from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
-from fakes.world.motion import ToolPath, distance
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
 
 TOOL_LENGTH_M = 0.28
@@ -95,7 +93,7 @@ class FakeArm(Arm):
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
         """Start a straight motion."""
         self._require_connected()
-        self._check_limits(base_T_tcp, speed_m_s, acceleration_m_s2)
+        check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         self._check_joints(self._reach(base_T_tcp))
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
@@ -166,21 +164,6 @@ class FakeArm(Arm):
     def _require_connected(self) -> None:
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
-
-    def _check_limits(self, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
-        limits = self._limits
-        low, high = limits.workspace_min_m, limits.workspace_max_m
-        if any(not lo <= v <= hi for lo, v, hi in zip(low, target.position_m, high, strict=True)):
-            raise OutOfLimitsError(
-                f"arm: target {target.position_m} m leaves the workspace {low} to {high} m"
-            )
-        if not 0.0 < speed_m_s <= limits.max_speed_m_s:
-            raise OutOfLimitsError(f"arm: speed {speed_m_s} m/s is outside 0 to {limits.max_speed_m_s} m/s")
-        if not 0.0 < acceleration_m_s2 <= limits.max_acceleration_m_s2:
-            raise OutOfLimitsError(
-                f"arm: acceleration {acceleration_m_s2} m/s2 is outside 0 to "
-                f"{limits.max_acceleration_m_s2} m/s2"
-            )
 
     def _check_joints(self, joints_rad: Vector6) -> None:
         if self._joint_limits is None:

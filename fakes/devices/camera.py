@@ -1,20 +1,153 @@
-"""The simulated external camera: two markers on the object, or a calibration target that is mounted."""
+"""What all simulated cameras share (a capture schedule, a backlog, faults, JPEG), and the external camera."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
 
-from drivers.clock import Clock
+from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.interfaces import Camera
-from drivers.types import Image, Pose
+from drivers.types import Frame, Image, Pose
 from fakes.camera.marker_scene import MarkerScene
 from fakes.camera.target_scene import render_sheet
-from fakes.devices.source import FakeSource, Shutter
 from fakes.faults import FaultScript
 from fakes.world.fixture import PrintedSheet, camera_T_target
-from fakes.world.state import WorldView
+from fakes.world.mirror import WorldView
+
+BACKLOG_FRAMES = 32
+JPEG_QUALITY = 95
+Render = Callable[[int, np.random.Generator], Image]
+
+
+@dataclass(frozen=True, slots=True)
+class Shutter:
+    """Schedule of a camera: rate, phase relative to other cameras, transport time, and jitter."""
+
+    rate_hz: float
+    phase_s: float
+    latency_s: float = 0.004
+    jitter_s: float = 0.0004
+
+
+class FakeSource:
+    """Frames on a schedule, rendered when they are read; `render(time_ns, rng)` draws one.
+
+    The noise of a frame is seeded by its number, so that a frame is the same whenever it is read.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        shutter: Shutter,
+        render: Render,
+        clock: Clock,
+        faults: FaultScript,
+        seed: int,
+    ) -> None:
+        self._names = names
+        self._shutter = shutter
+        self._render = render
+        self._clock = clock
+        self._faults = faults
+        self._seed = seed
+        self._next: int | None = None
+        self._frozen: Frame | None = None
+        self._wobble = np.random.default_rng(seed).uniform(-1.0, 1.0, 509).tolist()
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the simulated unit."""
+        return self._names[0]
+
+    @property
+    def rate_hz(self) -> float:
+        """Frame rate."""
+        return self._shutter.rate_hz
+
+    def connect(self) -> None:
+        """Start capturing: the first frame is the next one due."""
+        self._next = max(self._newest_index() + 1, 0)
+
+    def disconnect(self) -> None:
+        """Stop capturing."""
+        self._next = None
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Return the oldest unread frame, see `drivers.interfaces.FrameSource`."""
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
+        while True:
+            index = max(self._due_index(), self._newest_index() - BACKLOG_FRAMES + 1)
+            arrival = self._captured_ns(index) + to_ns(self._shutter.latency_s)
+            if arrival > deadline:
+                self._clock.sleep_until(deadline)
+                raise DeviceTimeoutError(
+                    f"{self.serial}: no frame within {timeout_s:.3g} s; check its cable and USB port"
+                )
+            self._clock.sleep_until(arrival)
+            self._next = index + 1
+            if not self._active("drop", index):
+                return self._capture(index)
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        """Return the newest frame, see `drivers.interfaces.FrameSource`."""
+        index = max(self._newest_index(), 0)
+        self._due_index()
+        age = (self._clock.now_ns() - self._captured_ns(index)) / NS_PER_S
+        if age > max_age_s or age < 0 or self._active("drop", index):
+            raise StaleFrameError(
+                f"{self.serial}: newest frame is {age:.3f} s old, over the limit of {max_age_s:.3f} s; "
+                "check that the sensor still streams"
+            )
+        self._next = index + 1
+        return self._capture(index)
+
+    def _due_index(self) -> int:
+        if self._next is None:
+            raise NotConnectedError(f"{self.serial}: read before connect; connect the bench first")
+        return self._next
+
+    def _newest_index(self) -> int:
+        elapsed_s = self._clock.now_ns() / NS_PER_S - self._shutter.phase_s - self._shutter.latency_s
+        return int(np.floor(elapsed_s * self._shutter.rate_hz - 0.5))
+
+    def _captured_ns(self, index: int) -> int:
+        wobble_s = self._wobble[index % len(self._wobble)] * self._shutter.jitter_s
+        return to_ns(self._shutter.phase_s + (index + 0.5) / self._shutter.rate_hz + wobble_s)
+
+    def _active(self, kind: str, index: int) -> bool:
+        return self._faults.active(kind, self._captured_ns(index), *self._names)
+
+    def _capture(self, index: int) -> Frame:
+        time_ns = self._captured_ns(index)
+        if self._active("disconnect", index):
+            raise DeviceError(f"{self.serial}: the device is gone; check its cable, then start again")
+        if self._active("freeze", index) and self._frozen is not None:
+            old = self._frozen
+            return Frame(old.image, time_ns, index, self.serial, old.jpeg)
+        rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
+        image = self._render(time_ns, rng)
+        self._frozen = _compressed(image, time_ns, index, self.serial)
+        return self._frozen
+
+
+def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame:
+    """Encode a frame as the device would; the delivered image is the decoded one."""
+    ok, encoded = cv2.imencode(
+        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    )
+    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB) if ok else None
+    if decoded is None:
+        raise DeviceError(f"{serial}: a simulated frame could not be encoded")
+    return Frame(np.asarray(decoded, np.uint8), time_ns, sequence, serial, encoded.tobytes())
 
 
 class FakeCamera(FakeSource, Camera):
-    """Looks along the base's y axis from `base_T_camera`, which is where it truly stands."""
+    """The external camera: shows two markers on the object, or a calibration target that is mounted.
+
+    base_T_camera: its true pose; it looks along the base's y axis.
+    """
 
     def __init__(
         self,
@@ -35,7 +168,7 @@ class FakeCamera(FakeSource, Camera):
         self._printed = printed
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
+        """Return the picture at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
         fixture = self._world.fixture
         if fixture is None:
             return self._scene.render(self._camera_T_base @ self._world.object_pose_at(time_ns), rng)

@@ -8,16 +8,16 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
-from fakes.devices.source import FakeSource, Shutter
+from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
-from fakes.gel.codec import coded
 from fakes.gel.dots import Shear, shear_of
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation
+from fakes.gel.variation import FAMILY, Variation, coded
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
+from fakes.world.mirror import WorldView
 from fakes.world.slip import PAD_M, SLIDE_M_PER_RAD
-from fakes.world.state import Grasp, WorldState, WorldView
+from fakes.world.state import Grasp, WorldState
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 

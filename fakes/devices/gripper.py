@@ -13,8 +13,7 @@ from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.types import GripperLimits, GripperState
 from fakes.faults import OVERSHOOT_COUNTS, FaultScript
-from fakes.world.motion import FingerPath
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import FingerPath, TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0

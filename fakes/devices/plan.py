@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import Clock
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
-from fakes.devices.camera import FakeCamera
+from fakes.devices.camera import FakeCamera, Shutter
 from fakes.devices.digit import FakeDigit
-from fakes.devices.source import Shutter
 from fakes.faults import FaultScript
 from fakes.gel.variation import FAMILY, draw_variation
 from fakes.studio.conditions import Difficulty, draw_conditions
 from fakes.world.fixture import PrintedSheet, nothing_printed
-from fakes.world.state import BenchLayout, WorldView
+from fakes.world.mirror import WorldView
+from fakes.world.state import BenchLayout
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
 """The simulated camera does not stand exactly where the bench file says; no real one does."""

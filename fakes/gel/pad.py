@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fakes.gel.dots import Shear
 from fakes.gel.variation import FAMILY, Variation
-from fakes.objects.soft_faces import Bulge
+from fakes.objects.relief import Bulge
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
 
 HALF = 2

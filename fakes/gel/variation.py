@@ -1,13 +1,26 @@
-"""How far a simulated sensor unit departs from the family: for training sets that have to carry over.
+"""How a simulated sensor unit departs from its family, and what a video codec does to its pictures.
 
-A bench's units differ as units of one make do (`GelSensor`). Whoever trains on simulated frames wants
-units that differ more than real ones might: domain randomisation (Tobin et al. 2017). Ranges are
-wide on purpose and set by judgement; none was fitted to a real unit.
+The units of a bench differ as units of one make do (`GelSensor`). Training on simulated frames needs units
+that differ more than real ones might: domain randomisation (Tobin et al. 2017). Ranges are wide on purpose
+and set by judgement; none was fitted to a real unit. A codec draws coarse blocks, and draws all of them again
+at key frames; each picture is made from its time alone, so that it looks the same to every reader.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+
+BLOCK_PX = 16
+_KEY_S = 0.04
+"""Time after a refresh in which pictures are those of the key frame itself, which is coarser."""
+_COARSER = 18
+_OFFSETS_KEPT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +59,7 @@ FAMILY = Variation()
 
 
 def draw_variation(rng: np.random.Generator) -> Variation:
-    """Draw a unit that may be unlike every other."""
+    """Draw a unit that may differ from every other."""
     return Variation(
         slope_at_knee=float(np.exp(rng.uniform(np.log(0.10), np.log(0.6)))),
         near_skirt_px=int(rng.integers(2, 7)) * 2 + 1,
@@ -60,3 +73,45 @@ def draw_variation(rng: np.random.Generator) -> Variation:
         noise=float(rng.uniform(0.4, 2.0)),
         light_seed=int(rng.integers(1 << 31)),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """One codec. quality: JPEG quality of the blocks. refresh_s: time between key frames.
+
+    block_levels: spread of the blocks' offsets between two key frames, grey levels. seed: of these offsets.
+    """
+
+    quality: int
+    refresh_s: float
+    block_levels: float
+    seed: int
+
+
+def draw_codec(rng: np.random.Generator) -> Codec:
+    """Draw a codec."""
+    return Codec(
+        int(rng.integers(45, 90)),
+        float(rng.uniform(0.4, 1.6)),
+        float(rng.uniform(0.2, 1.2)),
+        int(rng.integers(1 << 31)),
+    )
+
+
+def coded(image: Image, time_ns: int, codec: Codec) -> Image:
+    """Return a picture (H, W, 3) uint8 RGB of a time after the codec."""
+    refresh, since_ns = divmod(time_ns, round(codec.refresh_s * NS_PER_S))
+    moved = cv2.add(image, _offsets(codec, refresh, image.shape[:2]), dtype=cv2.CV_8U)
+    quality = codec.quality - (_COARSER if since_ns < _KEY_S * NS_PER_S else 0)
+    blue_first = cv2.cvtColor(moved, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", blue_first, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
+
+
+@lru_cache(maxsize=_OFFSETS_KEPT)
+def _offsets(codec: Codec, refresh: int, shape: tuple[int, int]) -> NDArray[np.int16]:
+    """Return the offset of each block between two key frames, (H, W, 3) grey levels."""
+    rows, columns = (-(-size // BLOCK_PX) for size in shape)
+    levels = np.random.default_rng((codec.seed, refresh)).normal(0.0, codec.block_levels, (rows, columns, 3))
+    wide = np.rint(levels).astype(np.int16).repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
+    return np.ascontiguousarray(wide[: shape[0], : shape[1]])

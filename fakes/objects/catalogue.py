@@ -1,22 +1,22 @@
-"""The objects of the simulated bench, read from `catalogue.toml`.
+"""The objects of the simulated bench: the catalogue, gauges, and plain shapes described by a text.
 
-The file says where the figures come from. The estimators and the rig never see this module.
+The file has the sources of its figures. The estimators and the rig never import this module.
 """
 
+import json
 import tomllib
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
 from drivers.errors import InputError, unknown_name
-from fakes.objects.plain import parse_plain
-from fakes.objects.shapes import SHAPES, Ball, ContactShape, Pad, Shape
-from fakes.objects.texture import TEXTURES
+from fakes.objects.shapes import SHAPES, Ball, ContactShape, Cylinder, Edge, Pad, Shape
 
-_PARTS_KEY = "parts"
-_SITES_KEY = "sites"
-_SITE_KEYS = ("offset_m", "width_m")
+PREFIX = "plain:"
+_LONG_MM = 60.0
+"""Length of an edge or a rod: it extends beyond the gel on both sides."""
+_FLAT_LONG_MM = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,27 +54,18 @@ class ObjectModel:
 
 @cache
 def load_catalogue() -> dict[str, ObjectModel]:
-    """Return all objects by id, in the order of the file. Raises `InputError` on a bad file."""
+    """Return all objects by id, in the order of the file."""
     text = files("fakes.objects").joinpath("catalogue.toml").read_text(encoding="utf-8")
-    return parse_catalogue(text)
-
-
-def parse_catalogue(text: str) -> dict[str, ObjectModel]:
-    """Return the objects of a catalogue's text by id.
-
-    Raises `InputError` naming the object and the key for anything unknown, missing or malformed.
-    """
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"object catalogue is not valid TOML: {error}") from error
-    return {key: _object(key, table) for key, table in tables.items()}
+    return {
+        key: ObjectModel(key, **{**table, "sites": tuple(map(_site, table["sites"]))})
+        for key, table in tomllib.loads(text).items()
+    }
 
 
 def find_object(text: str) -> ObjectModel:
-    """Return the object of an id or name, upper and lower case alike, or of a text that describes it.
+    """Return the object with an id or name (in any case), or the one that a text describes.
 
-    Raises `InputError` that lists what exists and offers the closest match.
+    Raises `InputError` that lists the objects and offers the closest match.
     """
     made = find_gauge(text) or find_plain(text)
     if made is not None:
@@ -90,10 +81,10 @@ def find_object(text: str) -> ObjectModel:
 
 @cache
 def find_gauge(text: str) -> ObjectModel | None:
-    """What is measured with, by its size in mm: "gauge:30" a block 30 mm wide, "ball:6.31" a ball on a post.
+    """Return a gauge by its size in mm: "gauge:30" is a block 30 mm wide, "ball:6.31" a ball on a post.
 
-    Both are made to size and held at their middle. None for any other text. Raises `InputError`
-    for a size that no fingers take.
+    Both are made to size and held at their middle. None for any other text. Raises `InputError` for a size
+    that the fingers cannot hold.
     """
     kind, _, size = text.partition(":")
     if kind not in ("gauge", "ball") or not size:
@@ -111,59 +102,53 @@ def find_gauge(text: str) -> ObjectModel | None:
 
 @lru_cache(maxsize=64)
 def find_plain(text: str) -> ObjectModel | None:
-    """The plain object that a text describes (`fakes.objects.plain`); None for any other text.
+    """Return the plain object that "plain:{...}" describes, None for any other text.
 
-    Its id is the whole text, by which another process makes the same one. Raises `InputError`.
+    The JSON object has id, name, mass_kg, friction, length_m, height_m, and for each of its `sites` offset_m,
+    width_m and surface: edge, flat, cylinder or ball. The id of the object is the whole text, from which
+    another process makes the same object. Raises `InputError`.
     """
-    said = parse_plain(text)
-    if said is None:
+    if not text.startswith(PREFIX):
         return None
-    return ObjectModel(id=text, **{**said, "sites": tuple(GraspSite(*site) for site in said["sites"])})
+    try:
+        values = json.loads(text.removeprefix(PREFIX))
+        length_m, height_m = float(values["length_m"]), float(values["height_m"])
+        return ObjectModel(
+            id=text,
+            name=str(values["name"]),
+            mass_kg=float(values["mass_kg"]),
+            friction=float(values["friction"]),
+            length_m=length_m,
+            com_from_left_m=length_m / 2.0,
+            sites=tuple(_plain_site(site, height_m) for site in values["sites"]),
+        )
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"'{text[:60]}': is no plain object: {type(error).__name__} {error}") from error
 
 
-def _object(key: str, table: Any) -> ObjectModel:
-    where = f"object catalogue, [{key}]"
-    if not isinstance(table, dict) or not isinstance(table.get(_SITES_KEY), list):
-        raise InputError(f"{where}: expected a table with {_SITES_KEY}")
-    values = dict(table)
-    sites = values.pop(_SITES_KEY)
-    values["sites"] = tuple(_site(f"{where}, site {i + 1}", site) for i, site in enumerate(sites))
-    return _build(ObjectModel, where, {"id": key, **values})
+def short_id(text: str) -> str:
+    """Return the id of an object for people: of a plain object the id in its text."""
+    return str(json.loads(text.removeprefix(PREFIX)).get("id")) if text.startswith(PREFIX) else text
 
 
-def _site(where: str, table: Any) -> GraspSite:
-    if not isinstance(table, dict) or not isinstance(table.get(_PARTS_KEY), list):
-        raise InputError(f"{where}: expected a table with {_PARTS_KEY}")
-    values = dict(table)
-    parts = tuple(_part(where, part) for part in values.pop(_PARTS_KEY))
-    own = {key: values.pop(key) for key in _SITE_KEYS if key in values}
-    contact = _build(ContactShape, where, {"parts": parts, **values})
-    if contact.texture != "none" and contact.texture not in TEXTURES:
-        raise InputError(f"{where}: unknown texture '{contact.texture}': use one of {', '.join(TEXTURES)}")
-    return _build(GraspSite, where, {"contact": contact, **own})
+def _plain_site(site: dict[str, Any], height_m: float) -> GraspSite:
+    half_mm, surface = 500.0 * float(site["width_m"]), site["surface"]
+    shapes: dict[str, Shape] = {
+        "edge": Edge(nose_mm=1.0, length_mm=_LONG_MM),
+        "flat": Pad(length_mm=_FLAT_LONG_MM, width_mm=1e3 * height_m),
+        "cylinder": Cylinder(radius_mm=half_mm, length_mm=_LONG_MM),
+        "ball": Ball(radius_mm=half_mm),
+    }
+    contact = ContactShape((shapes[surface],), smooth_round=surface == "ball")
+    return GraspSite(float(site["offset_m"]), float(site["width_m"]), contact)
 
 
-def _part(where: str, table: Any) -> Shape:
-    name = table.get("shape") if isinstance(table, dict) else None
-    if name not in SHAPES:
-        raise InputError(f"{where}: unknown shape '{name}': use one of {', '.join(SHAPES)}")
-    return _build(SHAPES[name], where, {key: value for key, value in table.items() if key != "shape"})
+def _site(table: dict[str, Any]) -> GraspSite:
+    look = {key: value for key, value in table.items() if key not in ("offset_m", "width_m", "parts")}
+    return GraspSite(
+        table["offset_m"], table["width_m"], ContactShape(tuple(map(_part, table["parts"])), **look)
+    )
 
 
-def _build(kind: type, where: str, values: dict[str, Any]) -> Any:
-    """Make a dataclass of exactly its fields, each of the kind its annotation says."""
-    known = {item.name: item for item in fields(kind)}
-    unknown = [key for key in values if key not in known]
-    missing = [
-        name
-        for name, item in known.items()
-        if name not in values and item.default is MISSING and item.default_factory is MISSING
-    ]
-    if unknown or missing:
-        raise InputError(f"{where}: unknown keys {unknown}, missing keys {missing}; known are {list(known)}")
-    for name, value in values.items():
-        if known[name].type in (float, "float", float | None) and (
-            isinstance(value, bool) or not isinstance(value, int | float)
-        ):
-            raise InputError(f"{where}: {name} must be a number, not {value!r}")
-    return kind(**values)
+def _part(table: dict[str, Any]) -> Shape:
+    return SHAPES[table["shape"]](**{key: value for key, value in table.items() if key != "shape"})

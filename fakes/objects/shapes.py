@@ -44,9 +44,13 @@ class Shape(ABC):
         across = across - np.float32(0.5 * self.bend_per_mm) * along * along
         return along, across / np.clip(1.0 + np.float32(self.taper_per_mm) * along, 0.4, 2.5)
 
-    @abstractmethod
     def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
+        """Return the height in mm away from the gel at object coordinates in mm."""
+        return self.relief(*self.along_and_across(x_mm, z_mm)) + np.float32(self.drop_mm)
+
+    @abstractmethod
+    def relief(self, along: Field, across: Field) -> Field:
+        """Return the height in mm above the closest point at coordinates along the axis and across it."""
 
 
 def _arc(distance: Field, radius_mm: float) -> Field:
@@ -67,10 +71,9 @@ class Ball(Shape):
 
     radius_mm: float
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
-        return _arc(np.hypot(along, across), self.radius_mm) + np.float32(self.drop_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
+        return _arc(np.hypot(along, across), self.radius_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,12 +88,11 @@ class Cylinder(Shape):
     end_radius_mm: float = 3.0
     waist_radius_mm: float = 0.0
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
         height = _arc(np.abs(across), self.radius_mm)
         height = height + _arc(_beyond(along, self.length_mm / 2), self.end_radius_mm)
-        return height + _crown(along, self.waist_radius_mm) + np.float32(self.drop_mm)
+        return height + _crown(along, self.waist_radius_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,15 +109,14 @@ class Pad(Shape):
     edge_mm: float = 0.5
     crown_radius_mm: float = 0.0
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
         inset = self.corner_mm + self.edge_mm
         outside = np.hypot(
             _beyond(along, self.length_mm / 2 - inset), _beyond(across, self.width_mm / 2 - inset)
         )
         height = _arc(_beyond(outside, self.corner_mm), self.edge_mm)
-        return height + _crown(across, self.crown_radius_mm) + np.float32(self.drop_mm)
+        return height + _crown(across, self.crown_radius_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,14 +131,13 @@ class Edge(Shape):
     slope_below: float = 0.0
     length_mm: float = 60.0
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
         below = self.slope_below or self.slope
         slope = np.where(across > 0.0, np.float32(below), np.float32(self.slope))
         height = np.hypot(slope * across, slope * slope * np.float32(self.nose_mm))
         height = height - slope * slope * np.float32(self.nose_mm)
-        return height + _arc(_beyond(along, self.length_mm / 2), 2.0) + np.float32(self.drop_mm)
+        return height + _arc(_beyond(along, self.length_mm / 2), 2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,11 +147,10 @@ class Rim(Shape):
     radius_mm: float
     wire_mm: float
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
         from_ring = np.abs(np.hypot(along, across) - np.float32(self.radius_mm))
-        return _arc(from_ring, self.wire_mm) + np.float32(self.drop_mm)
+        return _arc(from_ring, self.wire_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,16 +162,15 @@ class Spikes(Shape):
     tip_mm: float
     depth_mm: float
 
-    def height(self, x_mm: Field, z_mm: Field) -> Field:
-        """Height in mm away from the gel at object coordinates in mm."""
-        along, across = self.along_and_across(x_mm, z_mm)
+    def relief(self, along: Field, across: Field) -> Field:
+        """See `Shape.relief`."""
         row = np.round(across / np.float32(self.pitch_mm * 0.866))
         shifted = along + np.float32(self.pitch_mm / 2) * (row % 2)
         pitch = np.float32(self.pitch_mm)
         across_tip = across - row * np.float32(0.866) * pitch
         along_tip = shifted - np.round(shifted / pitch) * pitch
         tip = np.minimum(_arc(np.hypot(along_tip, across_tip), self.tip_mm), np.float32(self.depth_mm))
-        return tip + _arc(np.abs(across), self.radius_mm) + np.float32(self.drop_mm)
+        return tip + _arc(np.abs(across), self.radius_mm)
 
 
 def _crown(distance: Field, radius_mm: float) -> Field:
@@ -185,7 +183,7 @@ def _crown(distance: Field, radius_mm: float) -> Field:
 class ContactShape:
     """What an object shows at one grasp site: the nearest of its parts, with a texture.
 
-    texture names one of `fakes.objects.texture.TEXTURES`; texture_mm is its height, pitch_mm its
+    texture names one of `fakes.objects.relief.TEXTURES`; texture_mm is its height, pitch_mm its
     spacing, texture_deg its direction. `smooth_round` marks contacts whose turning cannot be
     seen. `exact`: made to size, as a gauge is; everyday objects are a few per cent off.
     """

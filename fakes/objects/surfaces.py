@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from fakes.objects.catalogue import GraspSite
+from fakes.objects.relief import Bulge, soft_relief, texture_height
 from fakes.objects.shapes import SURFACE_MM_PER_PX, ContactShape, Field, Shape
-from fakes.objects.soft_faces import Bulge, soft_relief
-from fakes.objects.texture import texture_height
 
 SURFACE_PX = 256
 FAR_MM = 6.0
@@ -67,7 +66,7 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
 def soft_surface(kind: str, side: int, seed: int) -> Surface:
     """Make the relief of a soft face that one finger meets; the other meets relief of its own.
 
-    kind: of `soft_faces.KINDS`. side: +1 or -1.
+    kind: of `relief.KINDS`. side: +1 or -1.
     """
     x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
     height = soft_relief(kind, x_mm, z_mm, np.random.default_rng((seed, 71, side + 1)))

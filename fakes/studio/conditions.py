@@ -11,10 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from fakes.gel.codec import Codec, draw_codec
-from fakes.gel.variation import FAMILY, Variation
+from fakes.gel.variation import FAMILY, Codec, Variation, draw_codec
+from fakes.objects.relief import KINDS, Bulge, draw_bulge
 from fakes.objects.shapes import ContactShape
-from fakes.objects.soft_faces import KINDS, Bulge, draw_bulge
 
 Difficulty = Literal["easy", "hard"]
 

@@ -1,8 +1,9 @@
-"""Simulated frames to train on: units unlike one another, objects of the catalogue and random shapes.
+"""Simulated frames with labels: objects and random shapes on randomised units for training, and hard lifts.
 
-Domain randomisation: every group of frames comes from a sensor unit of its own, with its own light,
-gel, membrane, streaks and noise (`fakes.gel.variation`). Everything here is SIMULATED; no figure
-reached on it says how well a real sensor would do.
+Domain randomisation: every group of training frames comes from a sensor unit of its own, with its own light,
+gel, membrane, streaks and noise (`fakes.gel.variation`). The frames of hard lifts show soft faces, growing
+contacts, worn gels, light of other makes and codecs (`fakes.studio.conditions`); no network was trained on
+them. Everything here is SIMULATED; no figure reached on it says how well a real sensor would do.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,19 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, draw_variation
-from fakes.objects.catalogue import load_catalogue
-from fakes.objects.random_contact import random_contact
-from fakes.objects.shapes import ContactShape
-from fakes.objects.surfaces import GEL_HALF_MM, build_surface, depth_for_force
+from fakes.gel.variation import FAMILY, coded, draw_variation
+from fakes.objects.catalogue import GraspSite, load_catalogue
+from fakes.objects.relief import TEXTURES
+from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
+from fakes.objects.surfaces import GEL_HALF_MM, build_surface, depth_for_force, soft_surface
+from fakes.studio.conditions import Conditions, draw_conditions
 
 FRAMES_PER_UNIT = 12
 REFERENCE_FRAMES = 6
 RANDOM_SHAPE = "random"
 _NO_CONTACT_SHARE = 0.04
 _DRIFT_SPAN_S = 300.0
+FRAMES_PER_LIFT = 4
+_LIFT_S, _LIFT_TURN_DEG = 30.0, 40.0
+_KINDS = ("ball", "cylinder", "cylinder", "pad", "edge", "rim")
+_PARTS = (1, 1, 1, 2, 3)
+_PLAIN_SHARE = 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,3 +106,128 @@ def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator) -
     force_n = float(np.exp(rng.uniform(np.log(0.2), np.log(2.5))))
     depth_mm = depth_for_force(surface, force_n, tilt, angle_deg, centre_mm)
     return Imprint(surface, angle_deg, centre_mm, depth_mm, tilt, float(rng.normal(0.0, 0.6)))
+
+
+def hard_frames(objects: Sequence[str], seed: int) -> Iterator[list[TrainingFrame]]:
+    """Yield some frames of one fingertip's lift after the other, without end.
+
+    objects: ids of the catalogue, grasped at any of their sites. The same seed gives the same frames.
+    """
+    rng = np.random.default_rng((seed, 43))
+    while True:
+        lift, side = int(rng.integers(1 << 31)), int(rng.choice([-1, 1]))
+        conditions = draw_conditions("hard", lift, side)
+        unit = GelSensor(int(rng.integers(1 << 31)), variation=conditions.unit)
+        background = mean_at_rest(unit, rng)
+        name = str(rng.choice(list(objects)))
+        site = rng.choice(np.asarray(load_catalogue()[name].sites, object))
+        imprints = [_hard_imprint(site, conditions, lift, side, rng) for _ in range(FRAMES_PER_LIFT)]
+        yield [_hard_frame(unit, background, imprint, conditions, name, rng) for imprint in imprints]
+
+
+def _hard_frame(
+    unit: GelSensor,
+    background: np.ndarray,
+    imprint: Imprint,
+    conditions: Conditions,
+    name: str,
+    rng: np.random.Generator,
+) -> TrainingFrame:
+    time_s = float(rng.uniform(0.0, _LIFT_S))
+    image = unit.render(imprint, time_s, rng)
+    if conditions.codec is not None:
+        image = coded(image, to_ns(time_s), conditions.codec)
+    return TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name)
+
+
+def _hard_imprint(
+    site: GraspSite, conditions: Conditions, lift: int, side: int, rng: np.random.Generator
+) -> Imprint:
+    """Press the lift's face at a turn it may have come to (0.4 to 1.2 N, and what the turn adds)."""
+    kind, bulge = conditions.face(site.contact)
+    surface = build_surface(site, side, lift) if kind is None else soft_surface(kind, side, lift)
+    turn_deg = float(rng.uniform(0.0, _LIFT_TURN_DEG))
+    force_n = float(rng.uniform(0.4, 1.2)) * conditions.pressed_more(turn_deg)
+    centre_mm = (float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 1.5)))
+    tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))
+    depth_mm = depth_for_force(surface, force_n, tilt, side * turn_deg, centre_mm, bulge)
+    return Imprint(
+        surface,
+        side * turn_deg,
+        centre_mm,
+        depth_mm,
+        tilt,
+        bulge=bulge,
+        bulge_mm=centre_mm if bulge else (0.0, 0.0),
+    )
+
+
+def random_contact(rng: np.random.Generator) -> ContactShape:
+    """Draw one to three shapes near one another, with or without a texture."""
+    parts = tuple(_random_part(rng) for _ in range(int(rng.choice(_PARTS))))
+    texture = "none" if rng.random() < _PLAIN_SHARE else str(rng.choice(list(TEXTURES)))
+    return ContactShape(
+        parts,
+        texture=texture,
+        texture_mm=_between(rng, 0.03, 0.20),
+        pitch_mm=_between(rng, 0.8, 4.0),
+        texture_deg=_between(rng, 0.0, 180.0),
+    )
+
+
+def _random_part(rng: np.random.Generator) -> Shape:
+    place = {
+        "x_mm": _between(rng, -4.0, 4.0),
+        "z_mm": _between(rng, -4.0, 4.0),
+        "axis_deg": _between(rng, -90.0, 90.0),
+        "drop_mm": abs(float(rng.normal(0.0, 0.12))),
+    }
+    bent = {**place, "bend_per_mm": _between(rng, -0.02, 0.02)}
+    match str(rng.choice(_KINDS)):
+        case "ball":
+            return Ball(radius_mm=_any_scale(rng, 3.0, 60.0), **place)
+        case "cylinder":
+            return _cylinder(rng, bent)
+        case "pad":
+            return _pad(rng, bent)
+        case "edge":
+            slopes = {"slope": _between(rng, 0.2, 1.2), "slope_below": _between(rng, 0.2, 1.2)}
+            return Edge(nose_mm=_between(rng, 0.3, 5.0), length_mm=_between(rng, 5.0, 40.0), **slopes, **bent)
+        case _:
+            return Rim(radius_mm=_between(rng, 1.5, 15.0), wire_mm=_between(rng, 0.4, 2.5), **place)
+
+
+def _cylinder(rng: np.random.Generator, place: dict[str, float]) -> Cylinder:
+    return Cylinder(
+        radius_mm=_any_scale(rng, 2.0, 50.0),
+        length_mm=_between(rng, 4.0, 30.0),
+        end_radius_mm=_between(rng, 0.5, 6.0),
+        waist_radius_mm=_or_none(rng, 40.0, 200.0),
+        taper_per_mm=_between(rng, -0.03, 0.03),
+        **place,
+    )
+
+
+def _pad(rng: np.random.Generator, place: dict[str, float]) -> Pad:
+    return Pad(
+        length_mm=_between(rng, 4.0, 18.0),
+        width_mm=_between(rng, 3.0, 10.0),
+        corner_mm=_between(rng, 0.3, 1.2),
+        edge_mm=_between(rng, 0.2, 0.3),
+        crown_radius_mm=_or_none(rng, 15.0, 100.0),
+        taper_per_mm=_between(rng, -0.03, 0.03),
+        **place,
+    )
+
+
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(rng.uniform(low, high))
+
+
+def _any_scale(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _or_none(rng: np.random.Generator, low: float, high: float) -> float:
+    """A radius, or 0 (straight, flat) in half of the cases."""
+    return 0.0 if rng.random() < 0.5 else _between(rng, low, high)

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from drivers.clock import to_ns
 from drivers.types import Image
-from fakes.gel.codec import coded, draw_codec
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import Variation, draw_variation
-from fakes.objects.random_contact import random_contact
-from fakes.objects.soft_faces import Bulge, draw_bulge
+from fakes.gel.variation import Variation, coded, draw_codec, draw_variation
+from fakes.objects.relief import Bulge, draw_bulge
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import draw_kind, draw_unit
-from fakes.studio.training_frames import mean_at_rest
+from fakes.studio.training_frames import mean_at_rest, random_contact
 
 FRAMES_PER_FACE = 6
 TURN_DEG = 8.0

@@ -1,15 +1,13 @@
-"""The simulated world at one instant, what differs from lift to lift, and where the object is then."""
+"""The simulated world at one instant, what differs from lift to lift, and the pose of the object."""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite
-from fakes.world.fixture import Fixture
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +17,14 @@ class BenchLayout:
     base_T_table: Pose  # noqa: N815
     home: Pose
     open_counts: int = 6
-    """What the position reads when fully open: a software limit, not 0 (manual, gPO)."""
+    """Position when fully open: a software limit, not 0 (manual, gPO)."""
     max_opening_m: float = 0.120
     """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
     opening_per_count_m: float = 0.155 / 249.0
     closed_counts: int = 255
-    """The most that the fingers may be sent to."""
+    """Highest position that may be commanded."""
     floor_z_m: float = 0.0
-    """Height of the tool at which the fingertips stand on the table."""
+    """Height of the tool at which the fingertips touch the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,7 @@ class LiftVariation:
 
     @classmethod
     def from_rng(cls, rng: np.random.Generator) -> "LiftVariation":
-        """Draw one lift's peculiarities."""
+        """Draw the variation of one lift."""
 
         def pair(spread: float) -> tuple[float, float]:
             return float(rng.normal(0.0, spread)), float(rng.normal(0.0, spread))
@@ -77,62 +75,18 @@ class LiftVariation:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """How an object is held: at which site, and how far the hand closed from its middle, m.
-
-    off_m: along the base's x, and up.
-    """
+    """How an object is held: at which site, and how far from its middle, m along the base's x and up."""
 
     site: GraspSite
     off_m: tuple[float, float] = (0.0, 0.0)
 
 
-class WorldView(Protocol):
-    """What the simulated cameras need of the world."""
-
-    @property
-    def layout(self) -> BenchLayout:
-        """Where things are on this bench."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Seed of the present lift's peculiarities."""
-        ...
-
-    @property
-    def variation(self) -> LiftVariation:
-        """The present lift's peculiarities."""
-        ...
-
-    @property
-    def grasp(self) -> Grasp | None:
-        """How the object is held, if it is."""
-        ...
-
-    @property
-    def fixture(self) -> Fixture | None:
-        """The calibration target that is mounted, if any."""
-        ...
-
-    def state_at(self, time_ns: int) -> WorldState:
-        """The world at `time_ns`."""
-        ...
-
-    def object_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_object` at `time_ns`."""
-        ...
-
-    def tool_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_tcp` at `time_ns`."""
-        ...
-
-
 def object_pose(
     layout: BenchLayout, variation: LiftVariation, grasp: Grasp | None, state: WorldState, tool_m: Vector3
 ) -> Pose:
-    """`base_T_object` in a state of the world: origin at the centre of mass, x along the object, z up.
+    """Return `base_T_object`: origin at the centre of mass, x along the object, z up.
 
-    grasp: how the object is held, None while it lies in its place. tool_m: the TCP in base.
+    grasp: how the object is held, None while it lies on its place. tool_m: the TCP in base.
     """
     right, down = variation.misplacement_m
     if not state.held or grasp is None:
@@ -143,22 +97,15 @@ def object_pose(
     return Pose.from_rotation(place - turn.apply((grasp.site.offset_m, 0.0, 0.0)), turn)
 
 
+_INTERPOLATED = ("force_n", "object_turn_rad", "wrist_rad", "torsion_rad", "slide_m", "loaded")
+
+
 def between(before: WorldState, after: WorldState, time_ns: int) -> WorldState:
-    """The state at `time_ns` between two others, interpolated linearly."""
+    """Return the state at `time_ns` between two others, interpolated linearly."""
     f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
-    if before.held != after.held:
-        return replace(after, time_ns=time_ns)
-
-    def interpolated(a: float, b: float) -> float:
-        return a + f * (b - a)
-
-    return WorldState(
-        time_ns,
-        interpolated(before.force_n, after.force_n),
-        interpolated(before.object_turn_rad, after.object_turn_rad),
-        interpolated(before.wrist_rad, after.wrist_rad),
-        interpolated(before.torsion_rad, after.torsion_rad),
-        interpolated(before.slide_m, after.slide_m),
-        interpolated(before.loaded, after.loaded),
-        after.held,
-    )
+    values: dict[str, float] = {}
+    if before.held == after.held:
+        for name in _INTERPOLATED:
+            start, end = getattr(before, name), getattr(after, name)
+            values[name] = start + f * (end - start)
+    return replace(after, time_ns=time_ns, **values)

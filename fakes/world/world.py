@@ -19,7 +19,6 @@ from fakes.world.fixture import Fixture, gap_m, parse_fixture
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
 from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
 from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
-from fakes.world.trapezoid import TrapezoidProfile
 
 STEP_NS = 2_000_000
 HISTORY_STEPS = 1500
@@ -65,7 +64,7 @@ class World:
         self.variation = LiftVariation.from_rng(self._rng)
         self.tool = ToolPath.resting(self.layout.home)
         opened = float(self.layout.open_counts)
-        self.fingers = FingerPath(opened, opened, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+        self.fingers = FingerPath.resting(opened)
         first = WorldState(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 

@@ -52,7 +52,8 @@ def build_bench(
     if watch is not None:
         watch(world)
     clock = SimulatedClock(realtime)
-    faults = FaultScript(tuple(f for f in map(_fault, config.faults) if f.concerns(lift, attempt)))
+    scripted = [ScriptedFault(**fault.model_dump()) for fault in config.faults]
+    faults = FaultScript(tuple(fault for fault in scripted if fault.concerns(lift, attempt)))
     arm = simulated_arm(config, world, clock, faults)
     bench = Bench(
         name=config.name,
@@ -211,7 +212,3 @@ def printed_target(spec: str) -> Sheet:
     """The sheet of a calibration target, for the simulated camera. Raises `InputError`."""
     picture = target_picture(spec)
     return Sheet(picture.grey, picture.origin_m, picture.px_per_m)
-
-
-def _fault(fault: object) -> ScriptedFault:
-    return ScriptedFault(**fault.model_dump())  # type: ignore[attr-defined]

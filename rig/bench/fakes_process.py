@@ -15,8 +15,7 @@ from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import realtime
 from drivers.types import Pose
 from fakes.wire.host.host import Addresses, FakesHost, WirePlan
-from fakes.wire.net.loopback import free_address, require_free
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control, free_address, require_free
 from fakes.wire.ur.controller import POLYSCOPE
 from rig.bench.assembly import LED_S, simulated_bench_plan
 from rig.bench.identity import prove_simulated

@@ -1,48 +1,177 @@
-"""Guards in front of drivers of a lab's own: limits, typed errors, valid values.
+"""The one wrapper in front of a lab's own driver: limits, typed errors, valid answers.
 
 A guard forwards each call. It rejects a motion beyond the bench file's limits before the driver is called,
 turns any other exception of the driver into a `DeviceError` that names it, and rejects invalid answers.
 """
 
-from collections.abc import Callable
-from typing import Any
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from drivers.clock import Clock
-from drivers.errors import DamagedFrameError, InvalidStateError, OutOfLimitsError
-from drivers.interfaces import Arm, Gripper, Motion, TactileSensor
-from drivers.keep_out import check_way
-from drivers.state_values import require_fraction, require_integer
+from drivers.clock import NS_PER_S, Clock
+from drivers.errors import (
+    DamagedFrameError,
+    DeviceError,
+    DeviceTimeoutError,
+    InvalidStateError,
+    OutOfLimitsError,
+    RigError,
+)
+from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
+from drivers.motion import check_motion, check_way
 from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
-from drivers.ur5e.limits import check_motion
-from rig.bench.guard import Guard, GuardedMotion, StateGuard, amiss, answer, doing
+from drivers.values import require_fraction, require_integer
 
-ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
-"""Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`)."""
+AHEAD_S = 0.05
+"""By how much a state's time may be ahead of the clock, as a controller's time is mapped with an error."""
+Answer = TypeVar("Answer")
+Limits = TypeVar("Limits", ArmLimits, GripperLimits)
+_log = logging.getLogger("rig.bench.guard")
 
 
-class GuardedArm(StateGuard, Arm):
-    """An arm of somebody's own, within the bench file's limits."""
+@contextmanager
+def doing(whose: str, what: str) -> Iterator[None]:
+    """Turn a driver's own exceptions into a `DeviceError`; add its name to an `InvalidStateError`."""
+    try:
+        yield
+    except InvalidStateError as error:
+        raise InvalidStateError(f"{whose}: {what}: {error}") from error
+    except RigError:
+        raise
+    except Exception as error:
+        raise amiss(whose, f"{what} raised {type(error).__name__}: {error}") from error
 
-    def __init__(self, driver: Any, named: str, limits: ArmLimits, clock: Clock) -> None:
-        super().__init__("arm", driver, named, clock)
-        self._limits = limits
+
+def amiss(whose: str, what: str) -> DeviceError:
+    """Return the error for a defect of a driver."""
+    return DeviceError(f"{whose}: {what}; mend the driver")
+
+
+class Guard(Diagnosable):
+    """Common part of all guards. device: its name in messages. driver: the guarded one; named: its class."""
+
+    def __init__(self, device: str, driver: Any, named: str) -> None:
+        self._driver, self._named = driver, named
+        self._whose = f"{device}: driver '{named}'"
+
+    def connect(self) -> None:
+        """Reach the device."""
+        self._ask("connect")
+
+    def disconnect(self) -> None:
+        """Let go of the device. Safe to call twice."""
+        self._ask("disconnect")
+
+    def identity(self) -> Mapping[str, str]:
+        """Return the driver's description of the device, and the name of the driver's class."""
+        return {**self._ask("identity", otherwise=super().identity), "driver": self._named}
+
+    def counters(self) -> Mapping[str, int]:
+        """How often something happened, by name."""
+        return self._ask("counters", otherwise=super().counters)
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Durations of the newest answered requests, s."""
+        return self._ask("round_trips_s", otherwise=super().round_trips_s)
+
+    def clock_offset_s(self) -> float | None:
+        """The device's time minus this computer's monotonic time, s; None if the device reports no time."""
+        return self._ask("clock_offset_s", otherwise=super().clock_offset_s)
+
+    def _ask(self, what: str, *given: Any, otherwise: Callable[..., Any] | None = None) -> Any:
+        """Call a method of the driver; `otherwise` replaces a method that the driver may lack."""
+        with doing(self._whose, what):
+            method = getattr(self._driver, what, None) or otherwise or getattr(self._driver, what)
+            return method(*given)
+
+    def _typed(self, what: str, given: object, kind: type[Answer]) -> Answer:
+        """Return an answer of the right type. Raises `DeviceError`."""
+        if not isinstance(given, kind):
+            raise amiss(self._whose, f"{what} returned a {type(given).__name__}, no {kind.__name__}")
+        return given
+
+
+class GuardedMotion(Motion):
+    """A motion of a guarded device. whose: for messages. stop: stops the device."""
+
+    def __init__(self, motion: Any, whose: str, stop: Callable[[], None]) -> None:
+        for what in ("done", "wait"):
+            if not callable(getattr(motion, what, None)):
+                raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
+        self._motion, self._whose, self._stop = motion, whose, stop
+
+    def done(self) -> bool:
+        """Whether the motion has ended."""
+        with doing(self._whose, "a motion's done"):
+            return bool(self._motion.done())
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until done. A wait that ends early stops the device, also if the driver's own did not."""
+        try:
+            with doing(self._whose, "a motion's wait"):
+                self._motion.wait(timeout_s)
+        except BaseException:
+            with suppress(DeviceError):  # the first error says more
+                self._stop()
+            raise
+
+
+class GuardedActuator(Guard, Generic[Limits]):
+    """Common part of the guards of arm and gripper. clock: the one that the states' times are of.
+
+    kind: its name in messages. stale_s: largest age of a state, as in the rig's own drivers
+    (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`).
+    """
+
+    kind: ClassVar[str]
+    stale_s: ClassVar[float]
+
+    def __init__(self, driver: Any, named: str, limits: Limits, clock: Clock) -> None:
+        super().__init__(self.kind, driver, named)
+        self._limits, self._clock = limits, clock
 
     @property
-    def limits(self) -> ArmLimits:
+    def limits(self) -> Limits:
         """The bench file's limits, whatever the driver's own are."""
         return self._limits
 
+    def stop(self) -> None:
+        """Stop the device as fast as it can; log as critical if the driver fails to."""
+        try:
+            self._ask("stop")
+        except DeviceError as error:
+            _log.critical("%s; press the emergency stop", error)
+            raise
+
+    def _move(self, what: str, *given: Any) -> Motion:
+        return GuardedMotion(self._ask(what, *given), f"{self._whose}: {what}", self.stop)
+
+    def _require_current(self, time_ns: int) -> None:
+        """Raise if a state is too old or from the future: with it nothing could be stopped in time."""
+        age_s = (self._clock.now_ns() - time_ns) / NS_PER_S
+        if age_s > self.stale_s:
+            raise DeviceTimeoutError(
+                f"{self._whose}: its newest state is {age_s:.2f} s old (limit {self.stale_s:g} s), so that "
+                "the present one is unknown; look at the device, then check its driver"
+            )
+        if age_s < -AHEAD_S:
+            raise InvalidStateError(
+                f"{self._whose}: the time of its state is {-age_s:.2f} s in the future; use clock.now_ns()"
+            )
+
+
+class GuardedArm(GuardedActuator[ArmLimits], Arm):
+    """A lab's own arm, within the bench file's limits."""
+
+    kind, stale_s = "arm", 0.4
+
     def state(self) -> ArmState:
         """Newest state. Raises `DeviceError`."""
-        with doing(self._whose, "state"):
-            state = answer(self._whose, "state", self._driver.state(), ArmState)
-        self.require_current(state.time_ns, ARM_STALE_S)
-        self._require_wrench_as_declared(state)
-        return state
-
-    def _require_wrench_as_declared(self, state: ArmState) -> None:
+        state = self._typed("state", self._ask("state"), ArmState)
+        self._require_current(state.time_ns)
         has_sensor = self._limits.max_contact_force_n is not None
         if has_sensor and state.wrench is None:
             raise InvalidStateError(
@@ -54,86 +183,62 @@ class GuardedArm(StateGuard, Arm):
                 f"{self._whose}: its state has a wrench, and the bench file says force_sensor = false; "
                 "remove that key, or return None as wrench"
             )
+        return state
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
-        """Start a straight motion. Raises `OutOfLimitsError` before the driver hears of it."""
+        """Start a straight motion. Raises `OutOfLimitsError` before the driver is called."""
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         check_way(self._limits, (self.state().base_T_tcp, base_T_tcp))
-        with doing(self._whose, "move_linear"):
-            motion = self._driver.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
-        return GuardedMotion(motion, f"{self._whose}: move_linear", self.stop)
-
-    def stop(self) -> None:
-        """Stop as fast as the arm can."""
-        self._stop()
+        return self._move("move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand. Raises `DeviceError` if the driver cannot do that."""
-        begin = getattr(self._driver, "begin_guiding", super().begin_guiding)
-        with doing(self._whose, "begin_guiding"):
-            begin()
+        self._ask("begin_guiding", otherwise=super().begin_guiding)
 
     def end_guiding(self) -> None:
         """Hold the arm where it is, and return when it stands."""
-        end = getattr(self._driver, "end_guiding", super().end_guiding)
-        with doing(self._whose, "end_guiding"):
-            end()
+        self._ask("end_guiding", otherwise=super().end_guiding)
 
     def speed_fraction(self) -> float | None:
-        """At which share of their speed motions would run, None if unknown. Raises `DeviceError`."""
+        """Share of their speed at which motions would run, None if unknown. Raises `DeviceError`."""
+        fraction = self._ask("speed_fraction", otherwise=super().speed_fraction)
         with doing(self._whose, "speed_fraction"):
-            fraction = self._told("speed_fraction", None)
             if fraction is not None:
                 require_fraction("the arm's speed_fraction", fraction)
         return fraction
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, once a person agrees."""
-        with doing(self._whose, "recover"):
-            self._driver.recover(confirm)
+        self._ask("recover", confirm)
 
 
-class GuardedGripper(StateGuard, Gripper):
-    """A gripper of somebody's own, within the bench file's limits."""
+class GuardedGripper(GuardedActuator[GripperLimits], Gripper):
+    """A lab's own gripper, within the bench file's limits."""
 
-    def __init__(self, driver: Any, named: str, limits: GripperLimits, clock: Clock) -> None:
-        super().__init__("gripper", driver, named, clock)
-        self._limits = limits
-
-    @property
-    def limits(self) -> GripperLimits:
-        """The bench file's limits, whatever the driver's own are."""
-        return self._limits
+    kind, stale_s = "gripper", 0.9
 
     def activate(self) -> None:
         """Run the activation sequence, on request only."""
-        with doing(self._whose, "activate"):
-            self._driver.activate()
+        self._ask("activate")
 
     def state(self) -> GripperState:
         """Newest state. Raises `DeviceError`, also for a position that the bench file's range excludes."""
+        state = self._typed("state", self._ask("state"), GripperState)
         with doing(self._whose, "state"):
-            state = answer(self._whose, "state", self._driver.state(), GripperState)
             self._limits.require_possible(state.position_counts)
-        self.require_current(state.time_ns, GRIPPER_STALE_S)
+        self._require_current(state.time_ns)
         return state
 
     def move_to(self, position_counts: int) -> Motion:
-        """Start moving the fingers. Raises `OutOfLimitsError` before the driver hears of it."""
+        """Start moving the fingers. Raises `OutOfLimitsError` before the driver is called."""
         low, high = self._limits.min_counts, self._limits.max_counts
         if not low <= position_counts <= high:
             raise OutOfLimitsError(f"gripper: {position_counts} counts is outside {low} to {high}")
-        with doing(self._whose, "move_to"):
-            motion = self._driver.move_to(position_counts)
-        return GuardedMotion(motion, f"{self._whose}: move_to", self.stop)
-
-    def stop(self) -> None:
-        """Hold the fingers where they are."""
-        self._stop()
+        return self._move("move_to", position_counts)
 
 
 class GuardedSource(Guard, TactileSensor):
-    """A tactile sensor or a camera of somebody's own. size_px: width and height that its frames have."""
+    """A lab's own tactile sensor or camera. size_px: width and height that its frames have."""
 
     def __init__(
         self, driver: Any, named: str, serial: str, rate_hz: float, size_px: tuple[int, int]
@@ -153,26 +258,19 @@ class GuardedSource(Guard, TactileSensor):
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Oldest frame not read yet; waits for one. Raises `DeviceError`."""
-        with doing(self._whose, "next_frame"):
-            frame = self._driver.next_frame(timeout_s)
-        return self._checked("next_frame", frame)
+        return self._frame("next_frame", timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
         """Newest frame. Raises `DeviceError`."""
-        with doing(self._whose, "newest_frame"):
-            frame = self._driver.newest_frame(max_age_s)
-        return self._checked("newest_frame", frame)
+        return self._frame("newest_frame", max_age_s)
 
     def set_light(self, red: float, green: float, blue: float) -> None:
-        """Set the LEDs' intensities, 0 to 1, where the driver can."""
-        light = getattr(self._driver, "set_light", None)
-        if light is not None:
-            with doing(self._whose, "set_light"):
-                light(red, green, blue)
+        """Set the LEDs' intensities, 0 to 1, if the driver can."""
+        self._ask("set_light", red, green, blue, otherwise=lambda *_: None)
 
-    def _checked(self, what: str, given: object) -> Frame:
-        frame = answer(self._whose, what, given, Frame)
-        answer(self._whose, f"{what}: image", frame.image, np.ndarray)
+    def _frame(self, what: str, limit_s: float) -> Frame:
+        frame = self._typed(what, self._ask(what, limit_s), Frame)
+        self._typed(f"{what}: image", frame.image, np.ndarray)
         with doing(self._whose, what):
             require_integer("the frame's time_ns", frame.time_ns)
             require_integer("the frame's sequence", frame.sequence)

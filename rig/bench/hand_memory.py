@@ -1,4 +1,4 @@
-"""What the hand of a bench is known to do, in files that outlive a program that is killed."""
+"""State of a bench's hand, in files that outlive a program that is killed."""
 
 import logging
 import re
@@ -12,7 +12,7 @@ from drivers.errors import DeviceError, FormatError, InvalidStateError, Recordin
 from drivers.formats import read_json
 from drivers.images import encode_png, load_image
 from drivers.interfaces import FrameSource
-from drivers.types import HandState, Holding, Image, Pose
+from drivers.types import HandState, Holding, Pose
 from rig.sessions.files import state_folder, write_file, write_json
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TOUCH_FRAMES
@@ -22,7 +22,7 @@ _log = logging.getLogger("rig.bench.hand")
 
 
 class HandMemory:
-    """Remembers the hand of one arm: what it does, and how its fingertips look untouched.
+    """Stores the state of one arm's hand, and the no-contact frames of its fingertips.
 
     arm: the address of the arm that the hand is on.
     """
@@ -30,11 +30,12 @@ class HandMemory:
     def __init__(self, arm: str) -> None:
         self._folder = state_folder() / "hands"
         self._name = _file_name(arm)
+        self._file = self._folder / f"{self._name}.json"
 
     def recall(self) -> HandState:
-        """What was known last; unknown where nothing was kept, or not to be read.
+        """Return the last stored state; unknown if none was stored, or it cannot be read.
 
-        Raises `RecordingError` where nothing can be kept from now on.
+        Raises `RecordingError` if the folder cannot be written.
         """
         state = self._read()
         try:
@@ -48,20 +49,20 @@ class HandMemory:
         return state
 
     def keep(self, state: HandState) -> None:
-        """Keep what is known now. What cannot be written is logged: the hand goes on with what it does."""
+        """Store the state. A failure is only logged: the hand goes on with its motion."""
         try:
             write_json(self._file, _packed(state))
         except RecordingError as error:
             _log.warning("%s", error)
 
     def keep_untouched(self, bench: Bench) -> None:
-        """Keep how the fingertips look now, untouched; without a picture where there is none."""
+        """Store the current no-contact frame of each fingertip; skip fingertips without a frame."""
         for tip in bench.fingertips:
             with suppress(DeviceError, RecordingError):
                 write_file(self._picture(tip.sensor), encode_png(tip.sensor.newest_frame(FRAME_S).image))
 
     def touched(self, bench: Bench) -> list[str]:
-        """Serials of the fingertips that look touched, by what they looked like untouched."""
+        """Return the serials of fingertips that show contact, compared with the stored no-contact frames."""
         return [tip.sensor.serial for tip in bench.fingertips if self._looks_touched(tip.sensor)]
 
     def _looks_touched(self, sensor: FrameSource) -> bool:
@@ -70,7 +71,8 @@ class HandMemory:
             return False
         finder = ContactFinder(before)
         try:
-            return all(_shows_contact(finder, sensor.next_frame(FRAME_S).image) for _ in range(TOUCH_FRAMES))
+            frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
+            return all(finder.find(image).mask is not None for image in frames)
         except DeviceError:  # whoever waits for its frames will say so
             return False
 
@@ -82,16 +84,8 @@ class HandMemory:
                 return HandState(Holding.UNKNOWN, "no run has told yet")
             return HandState(Holding.UNKNOWN, f"{self._file} is damaged")
 
-    @property
-    def _file(self) -> Path:
-        return self._folder / f"{self._name}.json"
-
     def _picture(self, sensor: FrameSource) -> Path:
         return self._folder / f"{self._name}-{_file_name(sensor.serial)}.png"
-
-
-def _shows_contact(finder: ContactFinder, image: Image) -> bool:
-    return finder.find(image).mask is not None
 
 
 def _packed(state: HandState) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""Whether a bench behind wires is simulated: only where its fakes say so, device by device.
+"""Proof that a bench behind wires is simulated, device by device.
 
-A left-over [fakes] in the file of a real bench would otherwise have a simulated operator agree to
-everything. So the side channel has to answer, on this computer's loopback, with the address of
-every device that is about to be driven.
+With a left-over [fakes] in the file of a real bench a simulated operator would agree to everything. So the
+side channel of the fakes must answer, on this computer's loopback, with the address of every device that is
+about to be driven.
 """
 
 import ipaddress
@@ -11,14 +11,14 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from drivers.errors import DeviceError, InputError
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control
 from rig.config import BenchConfig
 
 
 def prove_simulated(config: BenchConfig) -> None:
-    """Return where every device of a bench is a running fake's.
+    """Return if every device of a bench is served by running fakes.
 
-    Raises `InputError` naming what is not: the bench is a real one then, and [fakes] a mistake.
+    Otherwise raise `InputError` naming the device: the bench is a real one, and [fakes] a mistake.
     """
     reason = next(_doubts(config), None)
     if reason is not None:
@@ -30,7 +30,7 @@ def prove_simulated(config: BenchConfig) -> None:
 
 
 def _doubts(config: BenchConfig) -> Iterator[str]:
-    """What speaks against a bench being simulated."""
+    """Yield reasons why a bench may not be simulated."""
     control = config.fakes.control if config.fakes is not None else None
     if control is None:
         yield "it names no side channel of running fakes"
@@ -51,7 +51,7 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
 
 
 def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
-    """Each device, the address at which it would be driven, as JSON has it, and its host, None for a path."""
+    """Yield each device, the address at which it would be driven (as in JSON), its host, None for a path."""
     yield "arm", config.arm.host, config.arm.host or ""
     gripper = config.gripper
     if gripper.transport == "rtu":
@@ -63,7 +63,7 @@ def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
 
 
 def _on_loopback(host: str | None) -> bool:
-    """Whether an address is one of this computer's own; a name is not taken for one."""
+    """Whether an IP address is a loopback address of this computer; a host name is not accepted."""
     try:
         return host is None or ipaddress.ip_address(host).is_loopback
     except ValueError:

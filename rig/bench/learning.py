@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 
 from drivers.bench import Bench, Fingertip
-from drivers.clock import Clock
 from drivers.errors import DeviceError
 from drivers.interfaces import Camera, TactileSensor
 from drivers.types import Image
 from fakes.clock import SimulatedClock
+from fakes.devices.camera import FakeSource, Shutter
 from fakes.devices.gripper import FakeGripper
-from fakes.devices.source import FakeSource, Shutter
+from fakes.devices.plan import DigitPlan
 from fakes.faults import FaultScript
 from fakes.objects.catalogue import find_object
 from fakes.world.world import World
@@ -56,22 +56,24 @@ def build_learning_bench(
     """Build a bench on a new world. sight_hz: rate of rendered tactile frames; None: sketched frames."""
     plan = simulated_bench_plan(config)
     world, clock = World(plan.layout, seed), SimulatedClock()
-    tips = []
-    for digit in plan.digits:
+
+    def cheap(serial: str, rate_hz: float, draw: Draw) -> _Cheap:
+        return _Cheap((serial,), Shutter(rate_hz, 0.002), draw, clock, faults, world.seed)
+
+    def sensor(digit: DigitPlan) -> TactileSensor:
         if sight_hz is None:
-            draw = partial(sketch, world)
-            sensor: TactileSensor = _Cheap(digit.serial, digit.rate_hz, draw, clock, faults, world.seed)
-        else:
-            sensor = replace(digit, rate_hz=sight_hz).make(world, clock, faults)
-        tips.append(Fingertip(sensor, f"finger {digit.number}", digit.side))
+            return cheap(digit.serial, digit.rate_hz, partial(sketch, world))
+        return replace(digit, rate_hz=sight_hz).make(world, clock, faults)
+
+    tips = tuple(Fingertip(sensor(digit), f"finger {digit.number}", digit.side) for digit in plan.digits)
     bench = Bench(
         name="simulated lifts",
         simulated=True,
         clock=clock,
         arm=simulated_arm(config, world, clock, faults),
         gripper=FakeGripper(world, clock, faults),
-        fingertips=tuple(tips),
-        camera=_Cheap(plan.camera.serial, plan.camera.rate_hz, _noise, clock, faults, world.seed),
+        fingertips=tips,
+        camera=cheap(plan.camera.serial, plan.camera.rate_hz, _noise),
         base_T_camera=plan.camera.base_T_camera,
         base_T_table=world.layout.base_T_table,
         base_T_home=world.layout.home,
@@ -90,12 +92,7 @@ def build_learning_bench(
 
 
 class _Cheap(FakeSource, TactileSensor, Camera):
-    """Small frames on a schedule, so that the protocol runs without rendering."""
-
-    def __init__(
-        self, serial: str, rate_hz: float, draw: Draw, clock: Clock, faults: FaultScript, seed: int
-    ) -> None:
-        super().__init__((serial,), Shutter(rate_hz, 0.002), draw, clock, faults, seed)
+    """A source of small frames on a schedule, so that the protocol runs without rendering."""
 
     def set_light(self, red: float, green: float, blue: float) -> None:
         """Do nothing: there are no LEDs."""

@@ -1,13 +1,12 @@
-"""Devices whose drivers are somebody's own: made from a bench file by name, and held to the rig's rules.
+"""A lab's own devices: made from a bench file by the name of their class, and guarded.
 
 A class named as `driver = "package.module:Class"` is called with keyword arguments: of those that the rig
-knows for such a device the ones that its constructor has, and all keys of the subtable `options`. The rules
-that guard the rig's own drivers stand in front of it: limits before anything is sent, typed errors, values of
-the right type.
+knows for such a device the ones that its constructor has, and all keys of the subtable `options`. A guard
+(`rig.bench.guards`) then holds it to the rules of the rig's own drivers.
 """
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 from drivers.clock import Clock
@@ -20,10 +19,12 @@ from rig.config import BenchConfig, CameraConfig, TactileConfig
 ARM_METHODS = ("connect", "disconnect", "state", "move_linear", "stop", "recover")
 GRIPPER_METHODS = ("connect", "disconnect", "activate", "state", "move_to", "stop")
 SOURCE_METHODS = ("connect", "disconnect", "next_frame", "newest_frame")
+MAY_BE_IGNORED = frozenset({"fingers", "size_px"})
+"""Keys that the bench file always has, and that a constructor need not take."""
 
 
 def own_arm(config: BenchConfig, clock: Clock) -> Arm:
-    """Make an arm of somebody's own. Raises `InputError`.
+    """Make a lab's own arm. Raises `InputError`.
 
     Its constructor has limits, flange_T_tcp, payload_kg and payload_cog_m, as `UR5e`, and of host,
     frequency_hz, joint_limits_rad (lowest and highest, rad) and clock what it needs.
@@ -35,46 +36,38 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
         "payload_kg": arm.payload_kg,
         "payload_cog_m": arm.payload_cog_m,
     }
-    known = {
-        "host": arm.host,
-        "frequency_hz": arm.frequency_hz,
-        "joint_limits_rad": arm.limits.joint_limits_rad(),
-        "clock": clock,
-    }
-    written = {"host", "frequency_hz"} & arm.model_fields_set
+    known = {"host": arm.host, "frequency_hz": arm.frequency_hz, "clock": clock}
+    known["joint_limits_rad"] = arm.limits.joint_limits_rad()
+    written = set(arm.model_fields_set)
     if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
-        written |= {"joint_limits_rad"}
+        written.add("joint_limits_rad")
     driver = _made("arm", arm.driver, (Arm, ARM_METHODS), needed, known, written, arm.options)
     return GuardedArm(driver, arm.driver, limits, clock)
 
 
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
-    """Make a gripper of somebody's own. Raises `InputError`.
+    """Make a lab's own gripper. Raises `InputError`.
 
     Its constructor has limits, and of host, port, device, transport, preset, fingers and clock what it needs.
     """
-    gripper, limits = config.gripper, config.gripper_limits()
-    addresses = ("host", "port", "device", "transport", "preset")
-    known = {key: getattr(gripper, key) for key in addresses} | {"fingers": gripper.fingers, "clock": clock}
-    written = set(addresses) & gripper.model_fields_set
-    kind = (Gripper, GRIPPER_METHODS)
-    driver = _made("gripper", gripper.driver, kind, {"limits": limits}, known, written, gripper.options)
-    return GuardedGripper(driver, gripper.driver, limits, clock)
+    own, limits, kind = config.gripper, config.gripper_limits(), (Gripper, GRIPPER_METHODS)
+    keys = ("host", "port", "device", "transport", "preset", "fingers")
+    known = {key: getattr(own, key) for key in keys} | {"clock": clock}
+    driver = _made("gripper", own.driver, kind, {"limits": limits}, known, own.model_fields_set, own.options)
+    return GuardedGripper(driver, own.driver, limits, clock)
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:
-    """Make a tactile sensor or a camera of somebody's own. Raises `InputError`.
+    """Make a lab's own tactile sensor or camera. Raises `InputError`.
 
     Its constructor has serial and rate_hz, and of address, size_px (width, height) and clock what it needs.
     """
-    needed = {"serial": config.serial, "rate_hz": config.rate_hz}
+    serial, rate_hz = config.serial, config.rate_hz
+    needed = {"serial": serial, "rate_hz": rate_hz}
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
-    written = {"address"} & config.model_fields_set
-    base = TactileSensor if isinstance(config, TactileConfig) else FrameSource
-    driver = _made(
-        config.serial, config.driver, (base, SOURCE_METHODS), needed, known, written, config.options
-    )
-    return GuardedSource(driver, config.driver, config.serial, config.rate_hz, config.size_px)
+    kind = (TactileSensor if isinstance(config, TactileConfig) else FrameSource, SOURCE_METHODS)
+    driver = _made(serial, config.driver, kind, needed, known, config.model_fields_set, config.options)
+    return GuardedSource(driver, config.driver, serial, rate_hz, config.size_px)
 
 
 def _made(
@@ -83,20 +76,21 @@ def _made(
     kind: tuple[type[Any], Iterable[str]],
     needed: Mapping[str, Any],
     known: Mapping[str, Any],
-    written: Iterable[str],
+    written: Set[str],
     options: Mapping[str, Any],
 ) -> Any:
     """Import a class and call it.
 
-    kind: the Protocol, and the methods of it that a class has to say. needed: arguments that it has to take.
-    known: those that it may take. written: those of them that stand in the file, and may not be ignored.
+    kind: the Protocol, and the methods of it that a class must implement. needed: arguments that it must
+    take. known: those that it may take. written: keys that stand in the file; those of `known` among them
+    must not be ignored silently.
     """
     what = f"{device}: driver '{name}'"
     found = named_class(name, f"{device}: driver")
     takes = _parameters(found, what)
     _require_methods(found, *kind, what)
     all_of_them = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in takes.values())
-    for key in (*needed, *written, *options):
+    for key in (*needed, *(known.keys() & written - MAY_BE_IGNORED), *options):
         if key not in takes and not all_of_them:
             own = "option" if key in options else "argument"
             raise InputError(f"{what}: {found.__name__} takes no {own} {key}; it takes {', '.join(takes)}")
@@ -121,11 +115,11 @@ def _parameters(found: type[Any], what: str) -> Mapping[str, inspect.Parameter]:
 
 
 def _require_methods(found: type[Any], protocol: type[Any], methods: Iterable[str], what: str) -> None:
-    """Refuse a class that leaves out what the rig calls, or only inherits the Protocol's empty method."""
+    """Reject a class that lacks a method, or only inherits the empty one of the Protocol."""
     missing = [
         name
         for name in methods
-        if not callable(getattr(found, name, None)) or getattr(found, name) is getattr(protocol, name, None)
+        if not callable(method := getattr(found, name, None)) or method is getattr(protocol, name)
     ]
     if missing:
         raise InputError(f"{what}: {found.__name__} does not say how to {', '.join(missing)}")

@@ -1,21 +1,24 @@
-"""What a run would do with the arm and the fingers, said beforehand: poses, limits, refusals."""
+"""The plan of a run, printed beforehand: poses of the arm, limits, motions that would be rejected."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.errors import OutOfLimitsError
-from drivers.keep_out import check_way
+from drivers.motion import check_way
 from drivers.named_classes import is_class_name
-from drivers.types import ArmLimits, Pose
+from drivers.types import Pose
 from rig.bench.assembly import TOOL_DOWN
 from rig.config import BenchConfig
 
 ARM_REACH_M = 0.85
 """Of a UR5e, from its shoulder to the flange (data sheet)."""
 SHOULDER_M = (0.0, 0.0, 0.1625)
+UNGUARDED = (
+    "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: nothing "
+    "stops it when the hand meets something. Keep a hand on the emergency stop."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,24 +37,27 @@ class PlannedMotion:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run would do, line by line, and what of it would be refused, and why."""
+    """The steps of a run, line by line, and why some of them would be rejected."""
 
     lines: tuple[str, ...]
     refused: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """All of it as one text."""
+        """Return the whole plan as one text."""
         refused = [f"  WOULD BE REFUSED: {reason}" for reason in self.refused]
         return "\n".join([*self.lines, *refused])
 
 
 def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[PlannedMotion]) -> Plan:
-    """Return the plan of a run. head: what is said before the motions. config: with their limits.
+    """Return the plan of a run. head: lines before the motions. config: with their limits.
 
     Joint angles are not known before the controller is asked, which is done before each motion.
     """
-    limits = _limits(config) if motions else []
-    lines = [*head, *(f"  {_line(config, motion)}" for motion in motions), *limits, *_unguarded(config)]
+    lines = [*head, *(f"  {_line(config, motion)}" for motion in motions)]
+    if motions:
+        lines += _limits(config)
+    if not config.arm.force_sensor:
+        lines.append(UNGUARDED)
     refused = (_refused(config, motion) for motion in motions)
     return Plan(tuple(lines), tuple(reason for reason in refused if reason))
 
@@ -74,11 +80,6 @@ def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
     return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())
 
 
-def _arm_reach_m(config: BenchConfig) -> float:
-    """How far the arm reaches; of one with a driver of somebody's own nobody knows."""
-    return math.inf if is_class_name(config.arm.driver) else ARM_REACH_M
-
-
 def _limits(config: BenchConfig) -> list[str]:
     arm, fingers = config.arm_limits(), config.gripper_limits()
     joints = config.arm.limits
@@ -95,41 +96,29 @@ def _limits(config: BenchConfig) -> list[str]:
     ]
 
 
-def _unguarded(config: BenchConfig) -> list[str]:
-    if config.arm.force_sensor:
-        return []
-    return [
-        "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: nothing "
-        "stops it when the hand meets something. Keep a hand on the emergency stop."
-    ]
-
-
 def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
-    """Say why a motion would be refused, None where it would not."""
+    """Return why a motion would be rejected, None if it would not; the reach of a lab's arm is unknown."""
     limits = config.arm_limits()
+    low, high = limits.workspace_min_m, limits.workspace_max_m
+    reach_m = _reach_m(config, motion)
     try:
         for pose in motion.way:
-            _require_inside(limits, pose)
+            if not limits.has_inside(pose.position_m):
+                raise OutOfLimitsError(
+                    f"arm: {_point(pose.position_m)} m leaves the workspace {_point(low)} to {_point(high)} m"
+                )
         if motion.speed_m_s > limits.max_speed_m_s:
             raise OutOfLimitsError(
                 f"arm: {motion.speed_m_s:.3f} m/s is more than {limits.max_speed_m_s:g} m/s"
             )
-        if (reach := _reach_m(config, motion)) > _arm_reach_m(config):
+        if reach_m > ARM_REACH_M and not is_class_name(config.arm.driver):
             raise OutOfLimitsError(
-                f"arm: the flange would be {reach:.2f} m away, it reaches {ARM_REACH_M:g} m"
+                f"arm: the flange would be {reach_m:.2f} m away, it reaches {ARM_REACH_M:g} m"
             )
         check_way(limits, motion.way)
     except OutOfLimitsError as error:
         return f"{motion.what.partition(',')[0].strip()}: {error}"
     return None
-
-
-def _require_inside(limits: ArmLimits, pose: Pose) -> None:
-    if not limits.has_inside(pose.position_m):
-        raise OutOfLimitsError(
-            f"arm: {_point(pose.position_m)} m leaves the workspace {_point(limits.workspace_min_m)} to "
-            f"{_point(limits.workspace_max_m)} m"
-        )
 
 
 def _point(point: Sequence[float]) -> str:

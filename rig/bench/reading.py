@@ -1,11 +1,12 @@
-"""Every device of a bench reached by reading alone: nothing is started on it, nothing moves."""
+"""Reads every device of a bench: nothing is started on it, nothing moves."""
 
-from contextlib import ExitStack
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError
-from drivers.interfaces import FrameSource
+from drivers.interfaces import Arm, FrameSource, Gripper
 
 FIRST_FRAME_S = 5.0
 """Some sensors take seconds to start."""
@@ -13,7 +14,7 @@ FIRST_FRAME_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What was read of a device; problem: why it was not, None where it was."""
+    """Result of reading a device. seen: for the operator. problem: why it cannot be read, None if it can."""
 
     device: str
     seen: str
@@ -22,7 +23,11 @@ class Reading:
 
 def read_devices(bench: Bench) -> list[Reading]:
     """Read a frame of each camera, the fingers' place, and the arm's speed slider; then let go of them."""
-    return [*(_read_source(source) for source in bench.frame_sources), _read_gripper(bench), _read_arm(bench)]
+    return [
+        *(_reading(source.serial, partial(_frame_of, source)) for source in bench.frame_sources),
+        _reading("gripper", partial(_fingers_of, bench.gripper)),
+        _reading("arm", partial(_slider_of, bench.arm)),
+    ]
 
 
 def require_read(readings: list[Reading]) -> None:
@@ -35,35 +40,34 @@ def require_read(readings: list[Reading]) -> None:
         )
 
 
-def _read_source(source: FrameSource) -> Reading:
+def _reading(device: str, read: Callable[[], str]) -> Reading:
     try:
-        with ExitStack() as stack:
-            stack.callback(source.disconnect)
-            source.connect()
-            height, width = source.next_frame(FIRST_FRAME_S).image.shape[:2]
+        return Reading(device, read())
     except DeviceError as error:
-        return Reading(source.serial, "", str(error))
-    return Reading(source.serial, f"{width} x {height} px")
+        return Reading(device, "", str(error))
 
 
-def _read_gripper(bench: Bench) -> Reading:
-    gripper = bench.gripper
+def _frame_of(source: FrameSource) -> str:
     try:
-        with ExitStack() as stack:
-            stack.callback(gripper.disconnect)
-            gripper.connect()
-            state = gripper.state()
-    except DeviceError as error:
-        return Reading("gripper", "", str(error))
+        source.connect()
+        height, width = source.next_frame(FIRST_FRAME_S).image.shape[:2]
+    finally:
+        source.disconnect()
+    return f"{width} x {height} px"
+
+
+def _fingers_of(gripper: Gripper) -> str:
+    try:
+        gripper.connect()
+        state = gripper.state()
+    finally:
+        gripper.disconnect()
     active = "activated" if state.activated else "not activated: asked for first"
-    return Reading("gripper", f"fingers at {state.position_counts} counts, {active}")
+    return f"fingers at {state.position_counts} counts, {active}"
 
 
-def _read_arm(bench: Bench) -> Reading:
-    try:
-        fraction = bench.arm.speed_fraction()
-    except DeviceError as error:
-        return Reading("arm", "", str(error))
+def _slider_of(arm: Arm) -> str:
+    fraction = arm.speed_fraction()
     if fraction is None:
-        return Reading("arm", "no speed slider")
-    return Reading("arm", f"speed slider at {fraction:.0%}: motions run at that share of their speed")
+        return "no speed slider"
+    return f"speed slider at {fraction:.0%}: motions run at that share of their speed"

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
-import cv2
-from threadpoolctl import threadpool_limits
-
 from drivers.bench import Bench, Hand
 from drivers.errors import InputError
-from drivers.realtime import realtime
+from drivers.realtime import compute_in_one_thread, realtime
 from drivers.types import HandState, Holding
 from fakes.world.world import World
 from protocols.operator import Operator
@@ -29,19 +26,18 @@ third of the time between two frames."""
 
 
 class BenchSource(Protocol):
-    """Gives each lift (or pose) of a session its bench."""
+    """Gives each lift (or pose) of a session its bench. Defaults: those of a new bench for each lift."""
 
     def begin(self) -> None:
         """Reach the bench, and ask whether to begin, before anything is kept of the session.
 
         Raises `DeviceError` for devices that cannot be reached, `OperatorStopError` unless agreed.
         """
-        ...
 
     def for_lift(
         self, seed: int, lift: str, attempt: int = 0
     ) -> AbstractContextManager[tuple[Bench, Operator]]:
-        """Give a connected bench and who is asked at it. Raises `DeviceError`.
+        """Give a connected bench and its operator. Raises `DeviceError`.
 
         seed: of what is drawn for this lift in a simulated world. lift, attempt: choose its
         scripted faults.
@@ -51,11 +47,10 @@ class BenchSource(Protocol):
     @property
     def after_fault(self) -> bool:
         """Whether a fault may have left the bench in any state."""
-        ...
+        return False
 
     def displaced(self) -> None:
-        """Say that the object is no longer in its place."""
-        ...
+        """Note that the object is no longer in its place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +66,6 @@ class FreshBenches(BenchSource):
     variation_seed: int | None = None
     watch: Callable[[World], None] | None = None
 
-    def begin(self) -> None:
-        """Nothing to reach: each lift makes its bench."""
-
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         """Make a bench, connect it, and let go of it after the lift."""
@@ -82,14 +74,6 @@ class FreshBenches(BenchSource):
         )
         with bench.connected():
             yield bench, operator
-
-    @property
-    def after_fault(self) -> bool:
-        """No bench outlives a fault."""
-        return False
-
-    def displaced(self) -> None:
-        """Nothing to note: each lift begins with a world of its own."""
 
 
 class StandingBench(BenchSource):
@@ -133,7 +117,7 @@ class StandingBench(BenchSource):
         with realtime():
             self._connect(bench)
             try:
-                yield bench, self._operator(seed)
+                yield bench, self._person if self._simulated is None else self._simulated(seed)
             except BaseException:
                 self._after_fault = True
                 self._let_go()
@@ -157,30 +141,22 @@ class StandingBench(BenchSource):
             self._connected = True
             self._look_at_fingertips(bench)
 
-    def _operator(self, seed: int) -> Operator:
-        return self._person if self._simulated is None else self._simulated(seed)
-
     def _open(self) -> Bench:
-        config = self._config if self._config.fakes is None else self._reach_fakes(self._config)
+        config = self._session.enter_context(_reached(self._config))
         sys.setswitchinterval(SWITCH_S)
-        _compute_in_one_thread()
+        compute_in_one_thread()
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
             readings = read_devices(bench)
             require_read(readings)
             seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
             self._person.confirm(f"Devices, looked at and let go again:\n{seen}\n{self._introduction}")
+        else:
+            from rig.bench.fakes_process import simulated_operator
+
+            self._simulated = partial(simulated_operator, config)
         self._bench = bench
         return bench
-
-    def _reach_fakes(self, config: BenchConfig) -> BenchConfig:
-        from rig.bench.fakes_process import simulated_operator, started_fakes
-
-        if config.fakes is not None and config.fakes.control is None:
-            config = self._session.enter_context(started_fakes(config))
-        prove_simulated(config)
-        self._simulated = partial(simulated_operator, config)
-        return config
 
     def _remembered_hand(self, config: BenchConfig) -> Hand:
         """What the last program knew of the hand; of fakes that were started for this one, nothing was."""
@@ -201,29 +177,30 @@ class StandingBench(BenchSource):
         self._connection.close()
 
 
-def _compute_in_one_thread() -> None:
-    """Keep libraries from threads of their own, which get no core on a busy computer: a lift waits for them.
-
-    A frame took up to three seconds so.
-    """
-    cv2.setNumThreads(1)
-    threadpool_limits(1)
-
-
 @contextmanager
-def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
-    """Make a bench to look at, in real time; fakes behind wires run as long as it is looked at."""
-    if config.in_process:
-        yield build_bench(config, realtime=True)[0]
-        return
+def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
+    """Start the fakes of a bench file unless it names running ones; yield the bench with their addresses.
+
+    A bench without fakes is yielded as it is. Raises `InputError` if its fakes do not serve all devices.
+    """
     with ExitStack() as stack:
         if config.fakes is not None and config.fakes.control is None:
             from rig.bench.fakes_process import started_fakes
 
             config = stack.enter_context(started_fakes(config))
-        elif config.fakes is not None:
+        if config.fakes is not None:
             prove_simulated(config)
-        yield build_real_bench(config)
+        yield config
+
+
+@contextmanager
+def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
+    """Make a bench for reading, in real time; fakes behind wires run until the block ends."""
+    if config.in_process:
+        yield build_bench(config, realtime=True)[0]
+        return
+    with _reached(config) as reached:
+        yield build_real_bench(reached)
 
 
 @contextmanager

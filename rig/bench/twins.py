@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 
 from drivers.errors import InputError
-from fakes.objects.plain import PREFIX
+from fakes.objects.catalogue import PREFIX
 from protocols.grasps import GraspFile, Position
 from rig.config import BenchConfig
 
@@ -15,17 +15,21 @@ def laid_as(own: Sequence[GraspFile], object_id: str) -> str:
     own: a lab's objects, which have no twin there and become plain shapes. Raises `InputError`.
     """
     grasps = next((each for each in own if each.id == object_id), None)
-    return object_id if grasps is None else _plain(grasps)
+    if grasps is None:
+        return object_id
+    sites = [_site(grasps, position) for position in grasps.position]
+    body = {"id": grasps.id, "name": grasps.name, **grasps.simulated.model_dump(), "sites": sites}
+    return PREFIX + json.dumps(body, sort_keys=True)
 
 
 def refuse_undrawn(config: BenchConfig, grasps: GraspFile) -> None:
-    """Raise `InputError` where a bench is simulated and could not show an object."""
+    """Raise `InputError` if a bench is simulated and cannot draw an object."""
     if config.simulated:
         laid_as(config.objects, grasps.id)
 
 
 def plain_notes(config: BenchConfig, objects: Sequence[GraspFile]) -> list[str]:
-    """Say which objects are plain shapes on a simulated bench, and what is taken for true of them."""
+    """Return a note for each object that a simulated bench draws as a plain shape, with its assumed body."""
     own = {each.id for each in config.objects} if config.simulated else set()
     return [_note(each) for each in objects if each.id in own]
 
@@ -37,16 +41,6 @@ def _note(grasps: GraspFile) -> str:
         f"SIMULATED: object {grasps.id} has no simulated twin and is drawn as a plain shape: {shapes}; "
         f"{body.mass_kg:g} kg, friction {body.friction:g}, {1e3 * body.length_m:g} mm long."
     )
-
-
-def _plain(grasps: GraspFile) -> str:
-    said = {
-        "id": grasps.id,
-        "name": grasps.name,
-        **grasps.simulated.model_dump(),
-        "sites": [_site(grasps, position) for position in grasps.position],
-    }
-    return PREFIX + json.dumps(said, sort_keys=True)
 
 
 def _site(grasps: GraspFile, position: Position) -> dict[str, object]:

@@ -40,9 +40,9 @@ Result = TypeVar("Result")
 def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
     """Declare a field of a row: the heading of its column, how its value is shown, and what it is.
 
-    show: a format specification as ".2f", with which None is shown as "-"; or a function that returns the
-    text of a value, also of None. doc: unit and meaning. optional: the column is left out if it has no value
-    in any row.
+    show: a format specification as ".2f", for each value of a tuple, with which None is shown as "-"; or a
+    function that returns the text of a value, also of None. doc: unit and meaning. optional: the column is
+    left out if it has no value in any row.
     """
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
@@ -128,7 +128,8 @@ class Study(Generic[Options]):
     options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
     "jobs" and "seed" it has. measure: measures; its docstring is the command's help. cases: what the progress
     counts, in the plural. section: name of its section in a document; None: the study's name. keeps_results:
-    results are stored, in a default folder if --out is not given. simulated: marks the JSON.
+    results are stored, in a default folder if --out is not given. simulated: marks the JSON. written: its own
+    options that name a file to be written; the file's place is checked before anything else.
     """
 
     name: str
@@ -139,6 +140,7 @@ class Study(Generic[Options]):
     section: Callable[[Options], str] | None = None
     keeps_results: bool = False
     simulated: bool = True
+    written: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +163,13 @@ class Run:
         """Number of worker processes: one per core, unless --jobs was given."""
         return self.jobs or os.cpu_count() or 1
 
+    @property
+    def results_folder(self) -> Path:
+        """Folder of the results of a study that keeps them."""
+        if self.folder is None:
+            raise ValueError("this run has no folder for results")
+        return self.folder
+
     def each(
         self,
         work: Callable[[Case], Result],
@@ -168,37 +177,64 @@ class Run:
         name: Callable[[Case], str] = str,
         stored: type[Result] | None = None,
         workers: int | None = None,
+        common: str = "",
+        finish: Callable[[Case, Result], str] | None = None,
     ) -> list[Result]:
         """Return the result of `work` for each case, in the order of the cases.
 
         name: of a case; unique among all cases that may be stored in one folder. stored: the dataclass of
         results that are appended to `RESULTS` in the folder as soon as they are there; a stored case is not
-        run again. Raises `InputError` if the folder has results and --resume was not given, and what `work`
-        raises.
+        run again. common: see `stored`. finish: called in this process with a case and its new result, before
+        that is stored; it returns the note for the progress, by default the case's name. Raises `InputError`
+        as `stored`, and what `work` raises.
         """
         names = [name(case) for case in cases]
-        found: dict[str, Result] = {}
-        file = None if self.folder is None or stored is None else self.folder / RESULTS
-        if file is not None and stored is not None:
-            found = {each: result for each, result in self._stored(file, stored).items() if each in names}
+        before = {} if stored is None else self.stored(stored, common)
+        found = {each: result for each, result in before.items() if each in names}
         left = [case for case in cases if name(case) not in found]
         for case, result in run_tasks(work, left, workers or self.workers):
+            note = name(case) if finish is None else finish(case, result)
             found[name(case)] = result
-            if file is not None:
-                append_line(file, json_line(_StoredCase(name(case), json_value(result))))
-            self.progress(len(found), len(names), name(case))
+            if self.folder is not None and stored is not None:
+                append_line(self.folder / RESULTS, json_line(_StoredCase(name(case), json_value(result))))
+            self.progress(len(found), len(names), note)
         return [found[each] for each in names]
 
-    def _stored(self, file: Path, kind: type[Result]) -> dict[str, Result]:
-        make_folder(file.parent)
+    def stored(self, kind: type[Result], common: str = "") -> dict[str, Result]:
+        """Return the results in the folder, by the names of their cases. kind: the dataclass of a result.
+
+        common: the beginning that the names of all cases in one folder share, such as bench and seed. Raises
+        `InputError` if --resume was not given and there are results, or if they belong to other options,
+        another command or another version.
+        """
+        if self.folder is None:
+            return {}
+        make_folder(self.folder)
+        file = self.folder / RESULTS
+        if other := sorted(path.name for path in self.folder.glob("*.jsonl") if path != file):
+            raise InputError(
+                f"{self.folder}: holds {other[0]}, written by another command or an older version; give "
+                "another folder"
+            )
         drop_torn_line(file)
         lines, results = read_rows(file, Codec[_StoredCase](_StoredCase)), Codec[Result](kind)
         if lines and not self.resume:
             raise InputError(
-                f"{file.parent}: holds {counted(len(lines), 'result')}; continue with --resume, or give "
+                f"{self.folder}: holds {counted(len(lines), 'result')}; continue with --resume, or give "
                 "another folder"
             )
-        return {line.case: results.checked(line.result) for line in lines}
+        if strange := [line.case for line in lines if not line.case.startswith(common)]:
+            raise InputError(
+                f"{self.folder}: holds the result of '{strange[0]}', and this run is '{common}'; continue "
+                "with the options that it was begun with, or give another folder"
+            )
+        try:
+            return {line.case: results.checked(line.result) for line in lines}
+        except ValueError as error:
+            raise InputError(
+                f"{file}: its results were written by another command or version ({error}); give another "
+                "folder"
+            ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,8 +281,6 @@ def machine() -> dict[str, object]:
 def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
     if callable(show):
         return show(value)
+    if isinstance(value, tuple):
+        return ", ".join(format(each, show) for each in value)
     return NONE if value is None else format(value, show)
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value

@@ -48,9 +48,9 @@ def time_frames(sink: Sink, seconds: float = SECONDS) -> FrameCost:
     recorder, began = LiftRecorder(sink), time.perf_counter()
     for time_s, serial, number, size in due:
         time.sleep(max(began + time_s - time.perf_counter(), 0.0))
-        frame, jpeg = Frame(image, round(time_s * 1e9), number, serial), noise[:size]
+        frame = Frame(image, round(time_s * 1e9), number, serial, noise[:size])
         start, start_cpu = time.perf_counter(), time.thread_time()
-        recorder.image(frame, jpeg)
+        recorder.frame(frame)
         took_ms.append(1e3 * (time.perf_counter() - start))
         cpu_ms.append(1e3 * (time.thread_time() - start_cpu))
     recorder.close()

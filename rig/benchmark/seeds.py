@@ -12,14 +12,15 @@ import typer
 
 from drivers.errors import InputError, RigError
 from protocols.observer import Phase
-from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
+from rig.benchmark.estimators.scores import SeriesScore, score_all, score_series
 from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
 from rig.experiments.attempts import MAX_FAULTS_IN_A_ROW
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import resolve_objects
 from rig.lift.marker_truth import interpolate
 from rig.lift.recorded_truth import recorded_truth
@@ -184,15 +185,11 @@ def _row(name: str, lifts: Sequence[SeedLift]) -> SeedRow:
         turned=sum(abs(lift.turned_deg) > TURNED_DEG for lift in lifts),
         mare_b=score.mare_b,
         mare=score.mare,
-        worst=_worst(score),
+        worst=score.worst_text,
         answered=score.answered,
         within_two_sigma=score.within_two_sigma,
         confidently_wrong=_wrong_lifts(lifts),
     )
-
-
-def _worst(score: ContenderScore) -> str:
-    return "-" if score.worst_deg is None else f"{score.worst_deg:.2f} ({score.worst})"
 
 
 def _wrong_lifts(lifts: Sequence[SeedLift]) -> int:

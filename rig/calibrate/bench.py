@@ -11,10 +11,10 @@ from calibration.store import write_bytes
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
 from drivers.images import encode_png
-from drivers.types import ArmState, Frame, GripperState, Image, Pose
+from drivers.types import Frame, Image, Pose
 from protocols.capture_touch import Touch
 from protocols.home import home_plan
-from protocols.observer import Phase
+from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import TOOL_DOWN, home_pose
@@ -124,7 +124,7 @@ def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[Planned
 
 
 @dataclass(slots=True)
-class TouchObserver:
+class TouchObserver(LiftObserver):
     """Watches the fingertips while the fingers close on something. newest: last frame by serial.
 
     reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing. shown: is given
@@ -170,12 +170,6 @@ class TouchObserver:
             return
         seen = finder.find(frame.image).mask is not None
         self._touches.setdefault(frame.serial, TouchDebounce()).update(seen)
-
-    def arm(self, state: ArmState) -> None:
-        """Not needed here."""
-
-    def gripper(self, state: GripperState) -> None:
-        """Not needed here."""
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip has shown contact in its last frames."""

@@ -88,19 +88,18 @@ def _replay_one(
 
     from rig.cli.interrupted import interrupted_json, interrupted_text
     from rig.cli.printing import TrialProgress, summary_json, trial_table
-    from rig.experiments.replay import run_replay, session_settings, truth_note
+    from rig.experiments.replay import run_replay
+    from rig.experiments.stored_trial import stored_trial
 
     began = time.perf_counter()
-    settings = session_settings(session, estimator, window)
-    simulated = "SIMULATED " if settings.bench.simulated else ""
-    say(
-        f"{simulated}session {session}, estimator {settings.estimator.name}, "
-        f"window {settings.estimator.window}"
-    )
-    if note := truth_note(session):
+    trial = stored_trial(session, estimator, window)
+    simulated = "SIMULATED " if trial.manifest.simulated else ""
+    choice = trial.settings.estimator
+    say(f"{simulated}session {session}, estimator {choice.name}, window {choice.window}")
+    if note := trial.truth_note:
         say(note)
     with TrialProgress(1) as progress:
-        result = run_replay(session, estimator, window, trial_jobs(jobs, True, False), progress)
+        result = run_replay(trial, trial_jobs(jobs, True, False), progress)
     wall_s = time.perf_counter() - began
     if result.rows:
         trial_table(result.summary, simulated, wall_s, to_stderr=json)
@@ -112,7 +111,7 @@ def _replay_one(
         figures = {**summary_json(result.summary), "wall_s": round(wall_s, 2), "identical": result.identical}
         if result.interrupted:
             figures["unfinished"] = [interrupted_json(lift) for lift in result.interrupted]
-        emit_json({"session": str(session), "estimator": settings.estimator.name, **figures})
+        emit_json({"session": str(session), "estimator": choice.name, **figures})
     report_broken(result.problems)
 
 
@@ -160,22 +159,20 @@ def _partial(folder: Path, json: bool) -> None:
     """Print the table of the lifts that are replayed when the command ends early."""
     from rig.cli.results import print_results
     from rig.sessions.layout import RESULTS
-    from rig.sessions.records import REPLAYS
+    from rig.sessions.lift_columns import REPLAYS
     from rig.sessions.rows import read_rows
 
     print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)
 
 
 def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
-    from rig.experiments.replay import truth_note
-
-    sessions = {task.folder for task in plan.tasks}
-    simulated = "SIMULATED " if any(task.settings.bench.simulated for task in plan.tasks) else ""
+    sessions = {task.trial.folder: task.trial for task in plan.tasks}
+    simulated = "SIMULATED " if any(trial.manifest.simulated for trial in sessions.values()) else ""
     say(
         f"{simulated}{counted(len(plan.tasks), 'lift')} of {counted(len(sessions), 'session')}, "
         f"estimator {estimator or 'of each session'}"
     )
-    notes = [note for folder in sorted(sessions) if (note := truth_note(folder))]
+    notes = [note for _, trial in sorted(sessions.items()) if (note := trial.truth_note)]
     if notes:
         say(f"{len(notes)} of {counted(len(sessions), 'session')}: {notes[0]}")
     for path, why in (*plan.left_out, *plan.broken):

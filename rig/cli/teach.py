@@ -104,7 +104,7 @@ def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> Non
 def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[TaughtPosition]":
     """Write what nothing speaks against, once agreed. Raises `OperatorStopError` unless they agree."""
     from drivers.errors import OperatorStopError
-    from drivers.whole_files import write_whole
+    from drivers.formats import write_whole
     from rig.config.object_text import with_position
 
     good = [each for each in found if not each.problems]

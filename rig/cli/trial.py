@@ -19,7 +19,7 @@ from rig.cli.watching import Work, telling, watched
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig
-    from rig.experiments.lift_attempt import TrialSettings
+    from rig.experiments.lift_plan import TrialSettings
     from rig.results.summary import TrialSummary
     from rig.sessions.remarks import Remarks
 
@@ -253,7 +253,7 @@ def _settings(
     seed: int,
 ) -> "TrialSettings":
     from protocols.reaction import ReactionKind
-    from rig.experiments.lift_attempt import TrialSettings
+    from rig.experiments.lift_plan import TrialSettings
     from rig.lift.slip_watch import SlipSettings
     from rig.live.phases import begin_phase
     from rig.tactile.estimators import choose_estimator

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from drivers.errors import InputError, nearest, unknown_name
 from drivers.formats import parse_toml, read_text, shown
-from drivers.formats.toml_text import MOST_BYTES
+from drivers.formats.structured import MOST_TOML_BYTES
 from rig.config.checks import inconsistencies
 from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
@@ -32,7 +32,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
         known = sorted(file.stem for file in BENCHES.glob("*.toml"))
         also = ", or give the path of a bench file (rig bench new FILE writes one)"
         raise unknown_name("bench", name_or_path, known, also)
-    return parse_bench(read_text(path, MOST_BYTES), str(path))
+    return parse_bench(read_text(path, MOST_TOML_BYTES), str(path))
 
 
 def parse_bench(text: str, name: str) -> BenchConfig:

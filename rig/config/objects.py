@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from drivers.errors import InputError, nearest
 from drivers.formats import parse_toml, read_text
-from drivers.formats.toml_text import MOST_BYTES
+from drivers.formats.structured import MOST_TOML_BYTES
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
 from rig.config.lines import line_of
 from rig.config.load import validation_text
@@ -48,7 +48,7 @@ def read_objects(folder: Path) -> dict[Path, GraspFile]:
     found: dict[Path, GraspFile] = {}
     taken = {name: "the package" for own in load_grasp_files().values() for name in own.names}
     for path in paths:
-        text = read_text(path, MOST_BYTES)
+        text = read_text(path, MOST_TOML_BYTES)
         found[path] = read = parse_object(text, str(path))
         for key, name in zip(("id", "name"), read.names, strict=True):
             if name in taken:

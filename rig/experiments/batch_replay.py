@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
-from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import repeats, replay_around_gaps, session_settings
+from rig.experiments.replay import replay_around_gaps
+from rig.experiments.stored_trial import StoredTrial, trial_of
 from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
+from rig.sessions.lift_columns import REPLAYS, ReplayRow
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
-from rig.sessions.records import REPLAYS, FinishedLift, ReplayRow
+from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import Session, open_session
 from rig.sessions.table_files import csv_bytes, has_parquet, parquet_bytes
@@ -28,28 +29,22 @@ Key = tuple[str, int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class ReplayTask:
-    """One recorded lift to replay, in whatever process or on whatever machine sees its folder.
+    """One recorded lift to replay, in any process or on any machine that can read its folder."""
 
-    repeats: whether it is to give exactly the stored row.
-    """
-
-    folder: Path
-    settings: TrialSettings
+    trial: StoredTrial
     row: FinishedLift
-    started: str
-    repeats: bool
 
     @property
     def key(self) -> Key:
         """What identifies the lift in the table."""
-        return str(self.folder), self.row.number, self.row.attempt
+        return str(self.trial.folder), self.row.number, self.row.attempt
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayPlan:
-    """What is to be replayed, what cannot be, and what was left out because it is no trial.
+    """Lifts to replay, sessions or lines that cannot be read (broken), and sessions without lifts (left_out).
 
-    broken: a session as a whole, or a line of it; its other lifts are replayed.
+    If a line of a session is broken, its other lifts are replayed.
     """
 
     tasks: tuple[ReplayTask, ...]
@@ -81,10 +76,9 @@ def plan_replays(folders: list[Path], estimator: str | None, window: int | None)
         try:
             manifest = read_manifest(folder)
             if isinstance(manifest, TrialManifest):
-                settings, usable = session_settings(folder, estimator, window), read_usable_lifts(folder)
-                settings.estimator.require_named()
-                again = repeats(folder, settings)
-                tasks += [ReplayTask(folder, settings, row, manifest.started, again) for row in usable.lifts]
+                trial, usable = trial_of(folder, manifest, estimator, window), read_usable_lifts(folder)
+                trial.settings.estimator.require_named()
+                tasks += [ReplayTask(trial, row) for row in usable.lifts]
                 broken += [(folder, problem) for problem in usable.problems]
             else:
                 left_out.append((folder, f"a '{manifest.kind}' session has no lifts to replay"))
@@ -131,12 +125,14 @@ def replay_manifest(folders: list[Path], estimator: str | None, window: int | No
 
 def replay_task(task: ReplayTask) -> ReplayRow:
     """Replay one lift; return its row of the table, with the problem if it cannot be read as a whole."""
-    bench, choice = task.settings.bench, task.settings.estimator
-    head = TableHead(str(task.folder), task.started, bench.name, choice.name, choice.window)
-    row, problem = replay_around_gaps(task.folder, task.settings, task.row)
+    trial, choice = task.trial, task.trial.settings.estimator
+    head = TableHead(
+        str(trial.folder), trial.manifest.started, trial.manifest.config.name, choice.name, choice.window
+    )
+    row, problem = replay_around_gaps(trial.folder, trial.settings, task.row)
     if row is None:
         return unread_row(head, task.row, problem or "")
-    return table_row(head, row, row == task.row if task.repeats else None, problem)
+    return table_row(head, row, row == task.row if trial.repeats else None, problem)
 
 
 def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:

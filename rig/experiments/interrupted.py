@@ -5,9 +5,10 @@ from pathlib import Path
 
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, RigError, SessionError
-from rig.experiments.lift_attempt import TrialSettings, new_measurement
+from rig.experiments.lift_plan import TrialSettings, new_measurement
 from rig.lift.marker_truth import NO_ANGLES
 from rig.lift.measurement import LiftMeasurement
+from rig.lift.recording import lift_angles
 from rig.sessions.layout import RECORDINGS
 from rig.sessions.reading import show_again
 from rig.sessions.recorder import IMAGE_PREFIX, RecordedAngle
@@ -65,7 +66,7 @@ def read_interrupted(path: Path, settings: TrialSettings) -> InterruptedLift:
         raise SessionError(f"{path}: the recording was interrupted before its first frames were written")
     gaps: Gaps = []
     measurement = new_measurement(settings)
-    phases_ns = show_again(path, measurement, measurement, gaps=gaps)
+    phases_ns = show_again(path, measurement, gaps=gaps)
     values = recording_values(path)
     return InterruptedLift(
         f"{RECORDINGS}/{path.name}",
@@ -81,6 +82,6 @@ def _angles(measurement: LiftMeasurement) -> dict[str, list[RecordedAngle]]:
         series = measurement.truth.series()
     except CalibrationError:
         series = NO_ANGLES
-    for topic, angle in measurement.angles(series):
+    for topic, angle in lift_angles(measurement, series):
         found.setdefault(topic, []).append(angle)
     return found

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.types import ArmState, Frame, GripperState, Image
-from protocols.observer import Phase
+from drivers.types import Frame, Image
+from protocols.observer import LiftEvents
+from protocols.record_grasps import CaptureObserver
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TouchDebounce
 
@@ -13,7 +14,7 @@ FRAMES_APART = 3
 
 
 @dataclass(slots=True)
-class PoseCapture:
+class PoseCapture(CaptureObserver):
     """An observer that takes images with contact, turn about from each fingertip.
 
     true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
@@ -31,15 +32,6 @@ class PoseCapture:
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _areas: dict[str, float] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        """Phases are a lift's; a pose has none."""
-
-    def arm(self, state: ArmState) -> None:
-        """The pose is in the plan."""
-
-    def gripper(self, state: GripperState) -> None:
-        """The grip is in the plan."""
 
     def want(self, images: int, grip_counts: int) -> None:
         """Take this many more images at a grip."""
@@ -83,23 +75,10 @@ class PoseCapture:
 
 
 @dataclass(slots=True)
-class ReferenceCapture:
+class ReferenceCapture(LiftEvents):
     """An observer that keeps the fingertips' frames without contact."""
 
     frames: dict[str, list[Image]]
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        """No phases."""
-
-    def arm(self, state: ArmState) -> None:
-        """Nothing moves."""
-
-    def gripper(self, state: GripperState) -> None:
-        """Nothing moves."""
-
-    def touching(self, serial: str) -> bool:
-        """Nothing touches."""
-        return False
 
     def frame(self, frame: Frame) -> None:
         """Keep a fingertip's frame."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from drivers.errors import InputError
 from protocols.grasps import find_grasp_file
 from protocols.reaction import FIRST_STEP_COUNTS, MOST_REACTIONS, ReactionKind
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.lift.tip_watch import sigmas_for
 from rig.tactile.estimators import WITH_RATE
 

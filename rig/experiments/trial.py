@@ -16,17 +16,20 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks, attempt_lift, plan_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks, plan_lift
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed
-from rig.results.summary import TrialSummary, lifts_csv, summarize_trial
+from rig.results.summary import TrialSummary, summarize_trial
+from rig.results.table import lifts_csv
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow
 from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.session import Session, open_session
 
 WORDING = Wording("trial", "lift")
+LIFTS_CSV = "lifts.csv"
 _log = logging.getLogger("rig.experiments.trial")
 
 
@@ -110,7 +113,8 @@ def run_trial(
     """
     require_reaction(settings, objects)
     with open_session(folder, trial_manifest(settings, objects, lifts, remarks), LIFTS, resume) as session:
-        if not session.complete:
+        was_complete = session.complete
+        if not was_complete:
             _require_same_truth(session)
             if benches is not None:
                 benches.begin()
@@ -123,7 +127,8 @@ def run_trial(
             for row in session.rows:
                 _log.info("lift %s/%s: %s", row.object, row.lift, row.outcome)
         summary = summarize_trial(session.rows)
-        session.write("lifts.csv", lifts_csv(session.rows).encode())
+        if not was_complete or not (session.folder / LIFTS_CSV).exists():
+            session.write(LIFTS_CSV, lifts_csv(session.rows))
         return summary
 
 

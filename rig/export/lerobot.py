@@ -12,12 +12,12 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.images import decode_stored
 from rig.config import BenchConfig
 from rig.export.episodes import Episode, read_episode
 from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.statistics import FeatureStatistics
-from rig.sessions.images import decoded
 from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Line, pyarrow_modules
@@ -84,7 +84,7 @@ def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:
     """Return the features as `meta/info.json` lists them. keys: of the images by serial."""
     features: dict[str, Feature] = {}
     for serial, pictures in episode.images.items():
-        height, width = decoded(pictures[0]).shape[:2]
+        height, width = decode_stored(pictures[0]).shape[:2]
         features[keys[serial]] = Feature("image", [height, width, 3], ["height", "width", "channels"])
     vector = Feature("float32", [len(STATE_NAMES)], list(STATE_NAMES))
     features |= {"observation.state": vector, "action": vector}
@@ -153,7 +153,7 @@ def _count(
 ) -> None:
     for name, shown in pictures.items():
         for picture in shown[::EVERY_IMAGE]:
-            statistics.add_image(name, decoded(picture["bytes"]))
+            statistics.add_image(name, decode_stored(picture["bytes"]))
     for name, values in columns.items():
         statistics.add(name, np.asarray(values, np.float64).reshape(len(values), -1))
 

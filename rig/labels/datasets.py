@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.formats import read_bounded, shown
-from drivers.formats.json_text import MOST_BYTES
+from drivers.formats.structured import MOST_JSON_BYTES
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
@@ -185,4 +185,4 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
 
 def _is_label(path: Path) -> bool:
     """Whether a JSON file looks like LabelMe's; others (manifests, COCO) lie about as well."""
-    return b'"shapes"' in read_bounded(path, MOST_BYTES)
+    return b'"shapes"' in read_bounded(path, MOST_JSON_BYTES)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from protocols.reaction import ReactionStep
+from protocols.observer import ReactionStep
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.onset import departure_ns
 from rig.lift.slip_watch import SlipEvent, SlipWatch

@@ -9,10 +9,10 @@ from protocols.observer import Phase
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import LiftMeasurement
+from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import estimated_onset_ns, slip_onset_ns
 from rig.lift.reactions import reaction_records, slip_thresholds
 from rig.lift.slip_watch import CAUGHT_DEG
-from rig.lift.tip_track import ZERO_S
 from rig.results.metrics import Floats, hold_last, summarize
 from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome, ReactionRecord
 from rig.sessions.timing import StageTimes
@@ -35,14 +35,15 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
     series, since_zero = measurement.truth.series(), measurement.truth.series_since_zero()
     if fall_ns is not None:
         series, since_zero = series.before(fall_ns), since_zero.before(fall_ns)
-    fused = [s for s in measurement.fused if s.time_ns < end_ns]
+    angle = measurement.angle
+    fused = [s for s in angle.fused if s.time_ns < end_ns]
     true_deg = [interpolate(series, s.time_ns) for s in fused]
     in_b = np.array([s.time_ns < hold_ns for s in fused], bool)
     errors = _errors([s.angle_deg for s in fused], true_deg)
     held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
-    answers = [(s.time_ns, s.angle_deg) for s in measurement.fused]
-    samples = [s for tip in measurement.tips.values() for s in tip.samples]
+    answers = [(s.time_ns, s.angle_deg) for s in angle.fused]
+    samples = angle.samples
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
     final_truth = _final(
@@ -59,16 +60,14 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
-        onset_alarm_s=_since(measurement.alarm.raised_ns, lift_ns),
+        onset_alarm_s=_since(angle.alarm.raised_ns, lift_ns),
         phases_s={phase.value: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
         jumped={name: tally.jumped for name, tally in measurement.tallies.items() if tally.jumped} or None,
         states={state.value: sum(s.state is state for s in samples) for state in State},
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
-        disagreements={
-            why.value: sum(s.disagreement is why for s in measurement.fused) for why in Disagreement
-        },
+        disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
         marker_distance=measurement.marker_distance(),
         reactions=reactions,
         slip_thresholds=None if watch is None else slip_thresholds(watch),
@@ -80,11 +79,10 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
 def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
     """Return wall time per stage and tactile frame, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
-    for tip in measurement.tips.values():
-        for sample in tip.samples:
-            for stage, spent_s in sample.stage_s.items():
-                stages.setdefault(stage, []).append(spent_s * 1e3)
-            stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)
+    for sample in measurement.angle.samples:
+        for stage, spent_s in sample.stage_s.items():
+            stages.setdefault(stage, []).append(spent_s * 1e3)
+        stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)
     return {
         name: StageTimes(*np.percentile(spent_ms, [50, 95, 99]).tolist()) for name, spent_ms in stages.items()
     }
@@ -131,6 +129,6 @@ def _contact_areas(measurement: LiftMeasurement, lift_ns: int) -> dict[str, floa
     since = lift_ns - to_ns(ZERO_S)
     areas = {
         serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]
-        for serial, tip in measurement.tips.items()
+        for serial, tip in measurement.angle.tips.items()
     }
     return {serial: float(np.mean(values)) if values else 0.0 for serial, values in areas.items()}

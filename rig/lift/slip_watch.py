@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S
-from protocols.reaction import ReactionStep
+from protocols.observer import ReactionStep
 from rig.lift.fusion import TipAnswer
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
 

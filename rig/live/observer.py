@@ -1,12 +1,12 @@
-"""An observer that tells of a lift while another one measures it: it only reads, so nothing changes."""
+"""Shows a lift to viewers while it is measured. It only reads, so it changes no result."""
 
 import os
 from collections import deque
 from collections.abc import Mapping
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.types import ArmState, Frame, GripperState
-from protocols.observer import LiftObserver, Phase
+from drivers.types import ArmState, Frame
+from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
 from rig.live.pictures import Sparing, small_jpeg
@@ -18,11 +18,11 @@ RATE_FRAMES = 31
 """Frames of a source whose times give its rate: a second of the camera's."""
 
 
-class LiveObserver(LiftObserver):
-    """Passes everything to a lift's measurement first, then sends what a viewer shows.
+class LiveObserver(LiftEvents):
+    """Sends pictures and figures of a lift to viewers. It comes after the lift's measurement.
 
-    head: of the lift; what tells it from others goes with each message. clock: of real time, which
-    limits how much is sent, however fast a simulated bench runs.
+    head: of the lift; its `LIFT_KEYS` go with each message. clock: of real time, which limits the rate of
+    messages, even if a simulated bench runs faster.
     """
 
     def __init__(
@@ -41,15 +41,13 @@ class LiveObserver(LiftObserver):
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         """Begin a phase."""
-        self._measurement.phase(phase, time_ns)
         self._phase = phase.value
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
-        """Take a frame: measured first, then shown unless one of its source was shown just now."""
-        self._measurement.frame(frame)
+        """Show a frame, unless one of its source was shown just before, and the newest figures."""
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
-        if frame.serial not in self._measurement.tips:
+        if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
         if self._pictures and self._due(frame.serial):
             self._show(frame)
@@ -57,20 +55,11 @@ class LiveObserver(LiftObserver):
             self._figures(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Take the arm's state."""
-        self._measurement.arm(state)
+        """Show the arm's pose."""
         if self._pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             self._send("arm", {"time_ns": state.time_ns, **values})
-
-    def gripper(self, state: GripperState) -> None:
-        """Take the gripper's state."""
-        self._measurement.gripper(state)
-
-    def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
-        return self._measurement.touching(serial)
 
     def close(self) -> None:
         """Send what is left."""
@@ -80,7 +69,7 @@ class LiveObserver(LiftObserver):
     def _show(self, frame: Frame) -> None:
         jpeg, scale = small_jpeg(frame.image)
         values: dict[str, object] = {"serial": frame.serial, "time_ns": frame.time_ns}
-        if frame.serial not in self._measurement.tips:
+        if frame.serial not in self._measurement.angle.tips:
             values["source"] = "camera"
             corners = self._measurement.truth.latest_corners_px()
             # OpenCV has whole numbers at a pixel's middle, viewers have halves
@@ -88,8 +77,8 @@ class LiveObserver(LiftObserver):
         self._send("frame", values, jpeg)
 
     def _figures(self, time_ns: int) -> None:
-        fused = self._measurement.fused[self._fused_sent :]
-        self._fused_sent = len(self._measurement.fused)
+        fused = self._measurement.angle.fused[self._fused_sent :]
+        self._fused_sent = len(self._measurement.angle.fused)
         values = {
             "time_ns": time_ns,
             "phase": self._phase,
@@ -103,7 +92,7 @@ class LiveObserver(LiftObserver):
 
     def _rates_hz(self) -> dict[str, float | None]:
         """Frames a second of each source: fingertips in the order of the bench file, then the camera."""
-        tips = self._measurement.tips
+        tips = self._measurement.angle.tips
         camera = next((times for serial, times in self._times.items() if serial not in tips), None)
         return {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)}
 

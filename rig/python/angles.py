@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.errors import InputError
-from drivers.short_repr import short_repr
+from drivers.values import short_repr
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]

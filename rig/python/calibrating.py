@@ -15,8 +15,8 @@ from calibration.hand_eye.samples import Setup
 from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.targets.boards import View
 from drivers.errors import InputError
-from drivers.short_repr import short_repr
 from drivers.types import Pose
+from drivers.values import short_repr
 
 Array = NDArray[np.float64]
 EYE_TO_HAND = Setup.EYE_TO_HAND.value

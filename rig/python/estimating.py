@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from drivers.short_repr import short_repr
 from drivers.types import Image
+from drivers.values import short_repr
 from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate

@@ -10,8 +10,8 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import counted, unknown_name
-from drivers.short_repr import short_repr
 from drivers.types import Image
+from drivers.values import short_repr
 from protocols.observer import Phase
 from rig.python.angles import Angles, Floats, data_frame
 from rig.report.curves import Curve, LiftCurves, signed_errors, truth_at

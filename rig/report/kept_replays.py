@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import RecordingError
-from drivers.whole_files import write_whole
-from rig.experiments.lift_attempt import TrialSettings
+from drivers.formats import write_whole
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
 from rig.results.metrics import Floats

@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
 from protocols.observer import Phase
-from rig.experiments.replay import session_settings
+from rig.experiments.stored_trial import trial_of
 from rig.report.compare import ComparedLift
 from rig.report.curves import Curve, LiftCurves
 from rig.report.kept_replays import replayed
@@ -19,6 +19,7 @@ from rig.sessions.records import LIFTS, FinishedLift, finished
 from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, FinishedLift], None]
+ONLY_TRIALS = "only trials have lifts to compare"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,10 @@ def session_side(folder: Path, name: str | None = None) -> Side:
             else ""
         )
         raise InputError(f"{folder}: no session folder{hint}")
-    manifest = read_manifest_of(folder, TrialManifest, "only trials have lifts to compare")
+    return _stored_side(folder, name, read_manifest_of(folder, TrialManifest, ONLY_TRIALS))
+
+
+def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Side:
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
@@ -64,12 +68,12 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
 
     Raises `InputError` for an unknown estimator, `SessionError` for a damaged session.
     """
-    own = session_settings(folder, None, None)
-    stored = session_side(folder, estimator)
-    wanted = session_settings(folder, estimator, None).estimator
-    if wanted == own.estimator:
+    manifest = read_manifest_of(folder, TrialManifest, ONLY_TRIALS)
+    trial, stored = trial_of(folder, manifest, estimator), _stored_side(folder, estimator, manifest)
+    if trial.own_estimator:
         return stored
-    found, problems, before = replayed(folder, replace(own, estimator=wanted), jobs, progress)
+    wanted = trial.settings.estimator
+    found, problems, before = replayed(folder, trial.settings, jobs, progress)
     rows = [row for row, _ in found]
     if not rows:
         raise SessionError(problems[0])

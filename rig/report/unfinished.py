@@ -7,7 +7,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.experiments.interrupted import InterruptedLift, read_interrupted
-from rig.experiments.replay import session_settings
+from rig.experiments.stored_trial import trial_of
 from rig.report.curves import LiftCurves
 from rig.report.session import curve
 from rig.sessions.manifest import TrialManifest
@@ -38,7 +38,7 @@ def find_unfinished(folder: Path, manifest: TrialManifest, wanted: str) -> Unfin
     path = next((path for path in unfinished_recordings(folder) if path.stem == name), None)
     if path is None:
         return None
-    settings = session_settings(folder, None, None)
+    settings = trial_of(folder, manifest).settings
     settings.estimator.require_named()
     return _shown(path, read_interrupted(path, settings), manifest)
 

@@ -12,6 +12,7 @@ from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from rig.results.metrics import Mare, mare_of
 from rig.sessions.layout import MANIFEST, RECORDINGS, RESULTS
+from rig.sessions.lift_columns import REPLAYS
 from rig.sessions.manifest import (
     AnyManifest,
     BenchManifest,
@@ -20,7 +21,7 @@ from rig.sessions.manifest import (
     read_manifest,
 )
 from rig.sessions.recording_file import check_recording
-from rig.sessions.records import LIFTS, REPLAYS, finished
+from rig.sessions.records import LIFTS, finished
 from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.rows import read_poses, read_rows, readable_rows
 from rig.sessions.session import in_use

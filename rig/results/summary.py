@@ -1,28 +1,12 @@
 """What a trial amounts to: the paper's table per object and MARE, with intervals."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from protocols.reaction import ReactionKind
 from rig.results.metrics import Mare, mare_of
-from rig.sessions.codec import json_value
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
-
-CSV_COLUMNS = (
-    "number", "attempt", "object", "name", "lift", "position", "accepted", "outcome", "fault",
-    "grip_counts", "lift_height_m", "final_estimate_deg", "final_truth_deg", "onset_truth_s",
-    "onset_estimate_s", "answered", "bench_s", "recording",
-)  # fmt: skip
-REACTION_COLUMNS = (
-    "react", "reactions", "counts_added", "reaction_onset_s", "reaction_event_s", "reaction_command_s",
-    "reaction_standstill_s",
-)  # fmt: skip
-ERRORS = ("re_b", "re", "re_held")
-"""A lift's errors: over phase B, over B and C, over both with refused frames held."""
 
 
 class MeasuredLift(Protocol):
@@ -145,47 +129,6 @@ def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSumma
         bench_s=bench_s,
         turns_deg=_turns(lifts),
     )
-
-
-def lifts_csv(rows: Sequence[LiftRow]) -> str:
-    """Return the lifts as CSV text, one line per attempt, errors in degrees.
-
-    Of reactions to slip, where there may be any, the columns tell the first, how many, and the grip added.
-    """
-    text = io.StringIO()
-    errors = [f"{part}_{key}" for part in ERRORS for key in ("mean_deg", "std_deg", "max_deg")]
-    reacting = REACTION_COLUMNS if any(row.react is not ReactionKind.NONE for row in rows) else ()
-    writer = csv.DictWriter(
-        text, [*CSV_COLUMNS, *errors, *reacting], restval="", extrasaction="ignore", lineterminator="\n"
-    )
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({**json_value(row), **flat_errors(row), **_reaction_cells(row)})
-    return text.getvalue()
-
-
-def flat_errors(row: LiftRow) -> dict[str, float | int]:
-    """Return a lift's errors by part and key, as `re_b_mean_deg`; nothing for parts without an answer."""
-    parts = {part: getattr(row, part, None) for part in ERRORS}
-    return {
-        f"{part}_{key}": value
-        for part, error in parts.items()
-        if error is not None
-        for key, value in asdict(error).items()
-    }
-
-
-def _reaction_cells(row: LiftRow) -> dict[str, object]:
-    if not isinstance(row, FinishedLift) or row.reactions is None:
-        return {"react": row.react.value, "reactions": None}
-    first = row.reactions[0] if row.reactions else None
-    times = ("onset_s", "event_s", "command_s", "standstill_s")
-    return {
-        "react": row.react.value,
-        "reactions": len(row.reactions),
-        "counts_added": sum(reaction.counts_added for reaction in row.reactions),
-        **{f"reaction_{key}": getattr(first, key, None) for key in times},
-    }
 
 
 def _reacting_summary(lifts: Sequence[FinishedLift]) -> ReactingSummary | None:

@@ -1,7 +1,6 @@
-"""One table of lifts out of many sessions: a line per lift, as CSV and as Parquet.
+"""Tables of lifts, a flat line per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
-A line is a flat copy of a lift's row in `lifts.jsonl`, with its session in front; errors are in
-degrees, times in seconds.
+A line repeats a lift's row in `lifts.jsonl`. `rig.sessions.lift_columns.ReplayRow` declares its columns.
 """
 
 from collections.abc import Sequence
@@ -11,9 +10,11 @@ from typing import Any, get_args, get_type_hints
 
 from drivers.errors import FormatError, InputError
 from drivers.formats import reason
-from rig.results.summary import TrialSummary, flat_errors, summarize_lifts
-from rig.sessions.records import REPLAYS, ErrorSummary, FinishedLift, LiftRow, ReplayRow
-from rig.sessions.table_files import Line, has_parquet, read_csv, read_parquet
+from protocols.reaction import ReactionKind
+from rig.results.summary import TrialSummary, summarize_lifts
+from rig.sessions.lift_columns import IF_REACTING, IN_CSV, REPLAYS, ReplayRow
+from rig.sessions.records import ErrorSummary, FinishedLift, LiftRow, ReactionRecord
+from rig.sessions.table_files import Line, csv_bytes, has_parquet, read_csv, read_parquet
 
 
 def _plain(hint: Any) -> type:
@@ -24,7 +25,9 @@ def _plain(hint: Any) -> type:
 COLUMNS = {name: _plain(hint) for name, hint in get_type_hints(ReplayRow).items() if name[0] != "_"}
 """Columns in their order, with their types."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
-_EMPTY = ReplayRow(**{**dict.fromkeys(COLUMNS), "session": "", "accepted": False})
+ERRORS = ("re_b", "re", "re_held")
+"""Errors of a lift: over phase B, over B and C, over both with refused frames held."""
+_REACTION_TIMES = ("onset_s", "event_s", "command_s", "standstill_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +59,43 @@ class TableLift:
 def table_row(
     head: TableHead, row: LiftRow, identical: bool | None = None, problem: str | None = None
 ) -> ReplayRow:
-    """Return a lift's row as a line of the table. identical, problem: see `ReplayRow`."""
-    known = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
-    faults = row.estimator_faults if isinstance(row, FinishedLift) else None
-    told = {"identical": identical, "problem": problem, "estimator_fault": str(faults) if faults else None}
-    return replace(_EMPTY, **asdict(head), **known, **flat_errors(row), **told)
+    """Return a lift's row as a line of a table. identical, problem: see `ReplayRow`."""
+    return replace(_line(row), **asdict(head), identical=identical, problem=problem)
+
+
+def lifts_csv(rows: Sequence[LiftRow]) -> bytes:
+    """Return the lifts of one session as CSV, a line per attempt."""
+    reacts = any(row.react is not ReactionKind.NONE for row in rows)
+    columns = {
+        each.name: COLUMNS[each.name]
+        for each in fields(ReplayRow)
+        if each.metadata.get("in_csv") in ((IN_CSV, IF_REACTING) if reacts else (IN_CSV,))
+    }
+    return csv_bytes(columns, [{**asdict(_line(row)), "accepted": str(row.accepted)} for row in rows])
+
+
+def _line(row: LiftRow) -> ReplayRow:
+    """Return a lift's row as a flat line, without its session."""
+    values: dict[str, Any] = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
+    for part in ERRORS:
+        if (error := getattr(row, part, None)) is not None:
+            values |= {f"{part}_{key}": value for key, value in asdict(error).items()}
+    if isinstance(row, FinishedLift):
+        values["estimator_fault"] = str(row.estimator_faults) if row.estimator_faults else None
+        values |= _reaction_cells(row.reactions)
+    return ReplayRow(**{**values, "session": "", "react": row.react.value})
+
+
+def _reaction_cells(reactions: tuple[ReactionRecord, ...] | None) -> dict[str, object]:
+    """Return the number of reactions, the grip that they added, and the times of the first one."""
+    if reactions is None:
+        return {"reactions": None}
+    first = reactions[0] if reactions else None
+    return {
+        "reactions": len(reactions),
+        "counts_added": sum(reaction.counts_added for reaction in reactions),
+        **{f"reaction_{key}": getattr(first, key, None) for key in _REACTION_TIMES},
+    }
 
 
 def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
@@ -68,12 +103,12 @@ def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
     named = {
         name: getattr(row, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
     }
-    return replace(_EMPTY, **asdict(head), **named, problem=problem)
+    return ReplayRow(**asdict(head), **named, accepted=False, problem=problem)
 
 
 def broken_row(session: str, problem: str) -> ReplayRow:
     """Return the line of a session that cannot be read as a whole."""
-    return replace(_EMPTY, session=session, number=0, attempt=0, problem=problem)
+    return ReplayRow(session=session, number=0, attempt=0, accepted=False, problem=problem)
 
 
 def table_lines(rows: Sequence[ReplayRow]) -> list[Line]:

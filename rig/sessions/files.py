@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import FormatError, RecordingError, SessionError
-from drivers.formats import parse_json, read_bounded
-from drivers.whole_files import write_whole
+from drivers.formats import parse_json, read_bounded, write_whole
 
 MOST_BYTES = 20_000_000
 """Of a file that is read whole."""

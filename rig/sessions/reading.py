@@ -13,11 +13,10 @@ from google.protobuf.message import DecodeError
 from pydantic import ConfigDict, Field
 
 from drivers.errors import RecordingError, SessionError
+from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
-from protocols.observer import REQUIRED, LiftObserver, Phase
-from protocols.reaction import ReactionStep, SlipSense
+from protocols.observer import REQUIRED, LiftEvents, Phase, ReactionStep
 from rig.sessions.codec import STRICT, Codec
-from rig.sessions.images import decoded
 from rig.sessions.phase_times import PhaseTimes
 from rig.sessions.recorder import (
     ARM_TOPIC,
@@ -96,18 +95,16 @@ _ANGLE: Codec[_Angle] = Codec(_Angle)
 
 def show_again(
     path: Path,
-    observer: LiftObserver,
-    sense: SlipSense | None = None,
+    observer: LiftEvents,
     known_phases: Mapping[str, int] = MappingProxyType({}),
     gaps: Gaps | None = None,
 ) -> dict[str, int]:
-    """Give a recorded lift to an observer exactly as it was given when it happened.
+    """Pass the events of a recorded lift to an observer exactly as when the lift happened.
 
-    An unfinished recording is given up to its end. sense: is told again what was done about slips, where that
-    matters. known_phases: when phases began, ns, for phases that a gap hides. gaps: list to which damage is
-    added; see `recorded_messages`. Returns when each phase began, ns, by name, also the phases that this
-    version does not know, of which the observer hears nothing. Raises `SessionError` when the recording is
-    missing, not of a whole lift, or, without `gaps`, damaged.
+    An unfinished recording is passed on up to its end. known_phases: start times of phases, ns, for phases
+    whose message is in a gap. gaps: list to which damage is added; see `recorded_messages`. Returns the start
+    of each phase, ns, by name. Phases that this version does not know are returned but not passed on. Raises
+    `SessionError` if the recording is missing, not of a whole lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
     hidden = {} if gaps is None else _hidden(path, known_phases)
@@ -125,9 +122,8 @@ def show_again(
         if topic == PHASE_TOPIC:
             begin(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == REACTION_TOPIC:
-            if sense is not None:
-                done = _parsed(_REACTION, data, path)
-                sense.reacted(done.step, time_ns, done.counts)
+            done = _parsed(_REACTION, data, path)
+            observer.reaction(done.step, time_ns, done.counts)
         elif topic == ARM_TOPIC:
             pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC and (pose is not None or not gaps):
@@ -252,7 +248,7 @@ def _message(kind: type[Message], data: bytes, path: Path) -> Message:
 def _frame(data: bytes, path: Path, time_ns: int, sequence: int) -> Frame:
     message = _message(CompressedImage, data, path)
     try:
-        return Frame(decoded(message.data), time_ns, sequence, message.frame_id, message.data)
+        return Frame(decode_stored(message.data), time_ns, sequence, message.frame_id, message.data)
     except RecordingError as error:
         raise SessionError(f"{path}: {error}") from error
 

@@ -23,7 +23,9 @@ from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
+from drivers.errors import RecordingError
 from drivers.types import ArmState, Frame, GripperState
+from protocols.observer import LiftEvents
 from rig.sessions.about import (
     CALIBRATION_TOPIC,
     CLOCK_OFFSET,
@@ -113,7 +115,7 @@ class Sink(Protocol):
         ...
 
 
-class LiftRecorder:
+class LiftRecorder(LiftEvents):
     """Writes the messages of one lift to a binary stream as they come; `close` completes the file.
 
     about: what the file says of itself. Nothing is written before the first message. Every method raises
@@ -143,9 +145,11 @@ class LiftRecorder:
         """Whether anything was written."""
         return self._begun
 
-    def image(self, frame: Frame, jpeg: bytes) -> None:
-        """Keep a frame's encoded bytes as received."""
-        message = CompressedImage(frame_id=frame.serial, data=jpeg, format="jpeg")
+    def frame(self, frame: Frame) -> None:
+        """Write a frame's JPEG as received."""
+        if frame.jpeg is None:
+            raise RecordingError(f"{frame.serial}: a frame without JPEG cannot be recorded")
+        message = CompressedImage(frame_id=frame.serial, data=frame.jpeg, format="jpeg")
         message.timestamp.FromNanoseconds(self._date(frame.time_ns))
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 

@@ -239,64 +239,6 @@ class PoseRow:
         """Ignore the key that is no longer written."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReplayRow:
-    """A line of `replays.jsonl` and of a results table: a replayed lift, flat, errors by their names.
-
-    react: what was to be done about slip, None in tables written by versions without reactions. identical:
-    whether the replay gave exactly the stored row, None where that is not expected. problem: why a lift, or a
-    whole session (number 0), cannot be read, with figures that are None; or a gap in a recording, with the
-    figures of what is left. estimator_fault: where a foreign estimator failed on frames.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-
-    session: str
-    started: str | None
-    bench: str | None
-    simulated: bool | None
-    estimator: str | None
-    window: int | None
-    number: int | None
-    attempt: int | None
-    object: str | None
-    name: str | None
-    lift: int | None
-    position: str | None
-    accepted: bool
-    outcome: str | None
-    grip_counts: int | None
-    lift_height_m: float | None
-    final_estimate_deg: float | None
-    final_truth_deg: float | None
-    onset_truth_s: float | None
-    onset_estimate_s: float | None
-    onset_alarm_s: float | None
-    answered: float | None
-    bench_s: float | None
-    identical: bool | None
-    problem: str | None
-    re_b_mean_deg: float | None
-    re_b_std_deg: float | None
-    re_b_max_deg: float | None
-    re_b_frames: int | None
-    re_mean_deg: float | None
-    re_std_deg: float | None
-    re_max_deg: float | None
-    re_frames: int | None
-    re_held_mean_deg: float | None
-    re_held_std_deg: float | None
-    re_held_max_deg: float | None
-    re_held_frames: int | None
-    react: str | None = None
-    estimator_fault: str | None = None
-
-    @property
-    def measured(self) -> bool:
-        """Whether the row has figures, even if `problem` names a gap."""
-        return not self.problem or self.outcome is not None
-
-
 def _member(values: object) -> str:
     """Tell what a line is to be read as; one that does not say it is read as a finished lift."""
     accepted = values.get("accepted", True) if isinstance(values, dict) else True
@@ -308,7 +250,6 @@ _LIFT = Annotated[
 ]
 LIFTS: Codec[LiftRow] = Codec(_LIFT)
 POSES: Codec[PoseRow] = Codec(PoseRow)
-REPLAYS: Codec[ReplayRow] = Codec(ReplayRow)
 
 
 def finished(rows: Iterable[LiftRow]) -> list[FinishedLift]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from drivers.short_repr import short_repr
 from drivers.tally import LONGEST_STEP_NS, StreamTimes
 from drivers.types import ArmState, Image
+from drivers.values import short_repr
 
 MIN_SIDE_PX, MAX_SIDE_PX = 8, 4096
 MOST_ELONGATED = 40

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 
 from drivers.bench import Bench
 from drivers.errors import GraspError
-from drivers.types import ArmState, Frame, GripperState, Image
+from drivers.types import ArmState, Frame, Image
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.experiments.seeds import derived_seed
 from rig.tactile.estimators import choose_estimator
 from rig.training.examples import sized
@@ -103,9 +103,6 @@ class _Seen(LiftObserver):
         """Keep it."""
         self.states.append(state)
         self._note(state.time_ns)
-
-    def gripper(self, state: GripperState) -> None:
-        """Nothing is learnt from it."""
 
     def touching(self, serial: str) -> bool:
         """Whether the fingers press on the object."""

@@ -5,25 +5,10 @@ from pathlib import Path
 
 import pytest
 
-import rig.benchmark.estimators.benchmark as estimators
 import rig.benchmark.estimators.lifts as lifts
+import rig.benchmark.estimators.study as estimators
 import rig.benchmark.estimators.timing as timing
 from support.command_line import rig
-
-
-@pytest.mark.parametrize("arguments", [(), ("estimators",)])
-def test_estimators_are_the_default_and_have_help(arguments: tuple[str, ...]) -> None:
-    done = rig("benchmark", *arguments, "--help")
-    assert done.returncode == 0
-    assert "estimators" in done.stdout
-    assert ("Examples" in done.stdout) == bool(arguments)
-
-
-def test_a_session_that_is_none_is_one_line(tmp_path: Path) -> None:
-    done = rig("benchmark", "--session", str(tmp_path / "none"), "--out", str(tmp_path))
-    assert done.returncode == 2
-    assert "no such session folder" in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
 
 
 def test_faults_are_injected_into_no_bench_but_its_own_fakes(tmp_path: Path) -> None:

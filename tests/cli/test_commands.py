@@ -8,10 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from rich.markup import render
 
 from support.command_line import rig
-from support.documentation import commands
 
 HEAVY = {
     "cv2", "numpy", "scipy", "onnxruntime", "skimage", "rtde_control", "pymodbus", "mcap", "pyarrow", "rerun",
@@ -19,7 +17,7 @@ HEAVY = {
 }  # fmt: skip
 COMMANDS = (
     "record", "trial", "sessions", "export", "replay", "results", "estimate", "doctor", "bench new",
-    "fakes serve", "fakes fault",
+    "fakes serve", "fakes fault", "report", "compare", "play",
 )  # fmt: skip
 
 
@@ -48,16 +46,6 @@ def test_every_command_has_help_with_examples(command: str) -> None:
     assert done.returncode == 0
     assert "Examples" in done.stdout
     assert f"rig {command}" in done.stdout
-
-
-def test_no_help_loses_what_stands_in_brackets() -> None:
-    lost = [
-        f"{name} {option.opts[0]}: {option.help}"
-        for name, command in commands().items()
-        for option in command.params
-        if (said := getattr(option, "help", None)) and render(said).plain != said.replace("\\[", "[")
-    ]
-    assert lost == []
 
 
 def test_a_trial_prints_one_json_object_and_says_simulated(
@@ -111,7 +99,7 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -
         assert word in last
 
 
-def test_the_version_help_and_completion_are_where_they_are_looked_for() -> None:
+def test_version_help_and_completion_options_work() -> None:
     told = rig("--version")
     assert told.returncode == 0
     assert told.stdout.split()[0] == "rig"
@@ -143,12 +131,6 @@ def test_the_fakes_tell_people_how_the_world_is(monkeypatch: pytest.MonkeyPatch)
     assert json.loads(rig("fakes", "status", "--bench", "wire", "--json").stdout) == state
 
 
-def test_a_limit_below_zero_is_refused() -> None:
-    done = rig("trial", "--max-mare", "-1")
-    assert done.returncode == 2
-    assert "greater than or equal to 0" in done.stderr
-
-
 @pytest.mark.parametrize(
     ("arguments", "kind", "said"),
     [
@@ -159,7 +141,7 @@ def test_a_limit_below_zero_is_refused() -> None:
         (("nothing",), "UsageError", "No such command"),
     ],
 )
-def test_with_json_an_error_is_one_object_too(arguments: tuple[str, ...], kind: str, said: str) -> None:
+def test_with_json_an_error_is_one_object(arguments: tuple[str, ...], kind: str, said: str) -> None:
     done = rig(*arguments, "--json")
     error = json.loads(done.stdout)["error"]
     assert (error["kind"], error["exit_code"], done.returncode) == (kind, 2, 2)
@@ -167,17 +149,7 @@ def test_with_json_an_error_is_one_object_too(arguments: tuple[str, ...], kind: 
     assert done.stderr  # for people, as without
 
 
-def test_what_is_broken_after_all_else_is_no_second_object(session: Path, tmp_path: Path) -> None:
-    many = tmp_path / "many"
-    shutil.copytree(session, many / "good")
-    (many / "bad").mkdir()
-    (many / "bad" / "session.json").write_text("{")
-    done = rig("replay", many, "--jobs", "1", "--out", tmp_path / "out", "--json")
-    assert done.returncode == 2
-    assert json.loads(done.stdout)["identical"] == 1
-
-
-def test_unknown_things_are_refused_with_what_exists(tmp_path: Path) -> None:
+def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
     out = str(tmp_path / "s")
     one_line(process("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
     one_line(rig("record", "--object", "99", "--out", out), 2, "spam")
@@ -200,23 +172,11 @@ def test_sessions_that_cannot_be_used_are_refused(
     one_line(rig("replay", str(damaged)), 2, "damaged")
 
 
-def test_a_recording_cut_short_is_named(session: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "cut"
-    shutil.copytree(session, copy)
-    recording = copy / "lifts" / "001.mcap"
-    recording.write_bytes(recording.read_bytes()[:200_000])
-    one_line(rig("replay", str(copy), "--jobs", "1"), 2, "001.mcap", "damaged")
-
-
-def test_an_unwritable_place_is_refused() -> None:
-    one_line(rig("trial", "--lifts", "1", "--out", "/proc/session"), 2, "--out")
-    one_line(rig("record", "--object", "7", "--out", "/proc/session"), 2, "--out")
-
-
-def test_a_place_that_is_a_file_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", [("trial", "--lifts", "1"), ("record", "--object", "7")])
+def test_unwritable_session_folder_is_rejected(command: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    one_line(rig("trial", "--lifts", "1", "--out", str(tmp_path / "file" / "s")), 2, "--out")
-    one_line(rig("trial", "--lifts", "1", "--out", str(tmp_path / "file")), 2, "--out")
+    for out in ("/proc/session", tmp_path / "file", tmp_path / "file" / "s"):
+        one_line(rig(*command, "--out", out), 2, "--out")
 
 
 def test_a_bench_file_with_a_slip_of_the_pen_names_the_key(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fakes.wire.net.loopback import free_address
+from fakes.wire.net import free_address
 from support.angle_clips import write_clip
 
 ROOT = Path(__file__).parents[2]
@@ -52,12 +52,9 @@ def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, code: in
     assert done.returncode == code, done.stderr
 
 
+@pytest.mark.long
 def test_replay_in_several_processes(folder: Path) -> None:
     check(folder, "replay", ".", "--jobs", 2)
-
-
-def test_compare_in_several_processes(folder: Path) -> None:
-    check(folder, "compare", "slip", "pca", "--on", ".", "--jobs", 2, "--out", folder.parent / "page.html")
 
 
 def test_list_of_sessions_in_several_processes(folder: Path) -> None:
@@ -68,7 +65,7 @@ def test_trial_in_several_processes_with_page_and_viewer(folder: Path, light_ben
     out = folder.parent / "out"
     check(
         folder, "trial", "--lifts", 2, "--object", "toothbrush", "--jobs", 2, "--bench", light_bench_file,
-        "--out", out, "--no-report", "--watch", "--live-to", folder.parent / "lift.rrd",
+        "--estimator", "pca", "--out", out, "--no-report", "--watch", "--live-to", folder.parent / "lift.rrd",
     )  # fmt: skip
 
 

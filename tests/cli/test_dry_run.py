@@ -46,7 +46,7 @@ def test_nothing_moves_and_nothing_is_kept(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_would_be_refused_and_who_does_not_answer_are_said(tmp_path: Path) -> None:
+def test_dry_run_reports_refused_motions_and_unreachable_devices(tmp_path: Path) -> None:
     values = load_bench("fake").model_dump()
     values["arm"] |= {"driver": "ur5e", "host": "127.0.0.9"}
     values["arm"]["limits"]["max_speed_m_s"] = 0.2

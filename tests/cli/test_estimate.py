@@ -128,11 +128,6 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert re.search(r"; slip 0\.1\d+ s after the first frame", done.said)
 
 
-def test_an_estimator_that_tells_no_rate_raises_no_alarm(lift: Path) -> None:
-    done = estimate(lift / "frames", "--background", lift / "bare.png", "--estimator", "pca")
-    assert {(row["rate_deg_s"], row["slip"]) for row in done.rows} == {("", "")}
-
-
 def test_the_alarm_is_armed_when_the_lift_begins(lift: Path) -> None:
     late = estimate(lift / "frames", "--background", lift / "bare.png", "--lift-from", "0.25", "--json")
     soon = estimate(lift / "frames", "--background", lift / "bare.png", "--lift-from", "0.15", "--json")
@@ -140,7 +135,7 @@ def test_the_alarm_is_armed_when_the_lift_begins(lift: Path) -> None:
     assert 0.15 < json.loads(soon.out)["slip_s"] < 0.22
 
 
-def test_what_is_doubtful_is_said_and_the_table_is_written_all_the_same(lift: Path) -> None:
+def test_background_with_contact_is_warned_of_and_table_is_written(lift: Path) -> None:
     done = estimate(lift / "frames", "--background", lift / "frames" / "f9.png", "--json")
     figures = json.loads(done.out)
     assert done.error is None
@@ -168,11 +163,6 @@ def test_default_background_is_the_untouched_opening(press: Draw, tmp_path: Path
     assert "which are alike" in done.said
     assert [row["state"] for row in done.rows[:10]] == ["no_contact"] * 10
     assert float(done.rows[-1]["angle_deg"]) == pytest.approx(19, abs=3)
-
-
-def test_default_background_is_refused_if_no_frames_show_an_untouched_gel(lift: Path) -> None:
-    done = estimate(lift / "frames")
-    assert "give --background IMAGE" in (done.error or "")
 
 
 def test_json_is_one_object_and_the_table_goes_to_the_file(lift: Path, tmp_path: Path) -> None:
@@ -222,7 +212,9 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
         (("--fps", "0"), "no frame rate"),
     ],
 )
-def test_a_wrong_choice_is_one_line(lift: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_invalid_option_value_is_a_one_line_error(
+    lift: Path, arguments: tuple[str, ...], message: str
+) -> None:
     done = estimate(lift / "frames", *arguments)
     assert done.error is not None
     assert "\n" not in done.error
@@ -268,24 +260,6 @@ def test_a_session_needs_a_folder_and_has_its_own_times(session: Path) -> None:
     assert "give --out FOLDER" in (estimate(session).error or "")
     assert "has its own times" in (estimate(session, "--fps", 60, "--out", session / "x").error or "")
     assert "--lift-from out" in (estimate(session, "--lift-from", 1, "--out", session / "x").error or "")
-
-
-def test_real_contacts_are_estimated_with_an_automatic_background(real_data: Path, tmp_path: Path) -> None:
-    for file in (real_data / "aurova_figures" / "panels").glob("*_raw.png"):
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    done = estimate(tmp_path, "--background", "auto", "--estimator", "ellipse", "--window", 1)
-    by_name = dict(zip("123456789", done.rows, strict=True))
-    assert len(done.rows) == 9
-    assert all(by_name[n]["state"] == "tracking" for n in "1249"), "plainly long contacts"
-    assert [n for n in "78" if by_name[n]["angle_deg"]] == [], "nearly round contacts"
-
-
-def test_a_real_clip_runs_through(real_data: Path) -> None:
-    clip = real_data / "marker_slip_clips" / "cheese_tube_exp_num_1_camera_0.avi"
-    done = estimate(clip, "--background", "first:3", "--json")
-    figures = json.loads(done.out)
-    assert figures["frames"] == len(figures["samples"]) == 68
-    assert figures["answered"] + sum(figures["refused"].values()) == 68
 
 
 def test_recording_gives_one_table_of_its_fingertips(one_lift: Path, tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.M
     assert not Path(urlsplit(opened[0]).path).exists()
 
 
-def test_what_was_drawn_before_a_stop_is_gone_on_with(clip: Path, person: Browse) -> None:
+def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     def stops(address: str) -> None:
         draw_all(address, [2])
         import os
@@ -118,7 +118,7 @@ def test_other_frames_than_those_begun_with_are_refused(clip: Path, person: Brow
     assert "was begun with 2 frames and the reference 2" in refused.stderr
 
 
-def test_labels_from_elsewhere_are_not_replaced_unasked(clip: Path, person: Browse) -> None:
+def test_existing_labels_are_replaced_only_with_overwrite(clip: Path, person: Browse) -> None:
     (clip / "labels.csv").write_text("reference_frame,keyframe,angle_deg,sigma_deg\n2,6,1,1\n")
     refused = rig("label-angle", clip)
     assert refused.returncode == 2
@@ -128,7 +128,7 @@ def test_labels_from_elsewhere_are_not_replaced_unasked(clip: Path, person: Brow
     assert "2,13," in (clip / "labels.csv").read_text()
 
 
-def test_what_is_no_clip_is_refused(clip: Path, tmp_path: Path) -> None:
+def test_invalid_clip_is_rejected(clip: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     (empty / "frames").mkdir(parents=True)
     for path, why in [
@@ -143,16 +143,7 @@ def test_what_is_no_clip_is_refused(clip: Path, tmp_path: Path) -> None:
         assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_background_of_another_size_is_refused(clip: Path) -> None:
-    import cv2
-
-    cv2.imwrite(str(clip / "background.png"), np.zeros((100, 100, 3), np.uint8))
-    done = rig("label-angle", clip, "--no-browser")
-    assert done.returncode == 2
-    assert "the background is 100 x 100 px, the frames are 240 x 320 px" in done.stderr
-
-
-def test_without_a_background_the_first_frame_serves_and_it_is_said(clip: Path, person: Browse) -> None:
+def test_missing_background_uses_the_first_frame_with_a_note(clip: Path, person: Browse) -> None:
     (clip / "background.png").unlink()
     person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
     done = rig("label-angle", clip, "--count", 2)

@@ -42,7 +42,7 @@ def session(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_objects_are_listed_with_where_they_come_from(lab: Path) -> None:
+def test_objects_are_listed_with_their_source(lab: Path) -> None:
     done = rig("objects", "--bench", lab / "bench.toml", "--json")
     listed = {each["id"]: each for each in json.loads(done.stdout)["objects"]}
     assert listed["lever"]["from"] == str(lab / "objects" / "lever.toml")
@@ -59,7 +59,7 @@ def test_a_new_object_file_is_listed_as_it_is(tmp_path: Path) -> None:
     assert rig("objects", "new", tmp_path / "cup.toml").returncode == 2
 
 
-def test_a_dry_run_shows_it_and_what_is_taken_for_true_of_it(lab: Path) -> None:
+def test_dry_run_shows_own_object_and_its_assumptions(lab: Path) -> None:
     done = rig(
         "trial", "--object", "lever", "--lifts", 1, "--bench", lab / "bench.toml", "--dry-run", "--json"
     )
@@ -69,7 +69,7 @@ def test_a_dry_run_shows_it_and_what_is_taken_for_true_of_it(lab: Path) -> None:
     assert any("lever/1 my lever" in line for line in plan["plan"])
 
 
-def test_a_trial_lifts_it_and_its_session_says_where_it_was_grasped(session: Path) -> None:
+def test_trial_lifts_own_object_and_stores_the_grasp_position(session: Path) -> None:
     row = json.loads((session / "lifts.jsonl").read_text())
     assert (row["object"], row["name"], row["position"]) == ("lever", "my lever", "end")
     assert row["answered"] > 0.5
@@ -127,7 +127,7 @@ def test_a_recording_takes_every_pose_of_a_smaller_file(lab: Path, tmp_path: Pat
         ("width_m", "with_m", "line 9: position.0.with_m: unknown key"),
     ],
 )
-def test_what_cannot_be_lifted_is_refused_before_a_session_is_made(
+def test_object_that_cannot_be_lifted_is_rejected_before_the_session(
     tmp_path: Path, old: str, new: str, said: str
 ) -> None:
     assert old in LEVER
@@ -139,7 +139,7 @@ def test_what_cannot_be_lifted_is_refused_before_a_session_is_made(
     assert not folder.exists()
 
 
-def test_calibrations_look_at_it(lab: Path, tmp_path: Path) -> None:
+def test_marker_calibration_accepts_own_object(lab: Path, tmp_path: Path) -> None:
     what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
     done = rig(*what, "--out", tmp_path, "--json")
     assert done.returncode == 0, done.stderr

@@ -63,10 +63,13 @@ def commands(session: Path) -> dict[str, tuple[object, ...]]:
     }
 
 
-NAMES = ("sessions", "replay", "replays", "play", "compare", "report")
+NAMES = ("sessions", "replay", "play", "replays", "compare", "report")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name",
+    ["sessions", "replay", "play", *(pytest.param(n, marks=pytest.mark.long) for n in NAMES[3:])],
+)
 def test_text_of_others_does_not_act_on_a_terminal(session: Path, name: str) -> None:
     written = at_a_terminal(*commands(session)[name])
     assert not [text for text in ACTING if text in written]

@@ -47,7 +47,7 @@ ASKED = """
 """
 
 
-@pytest.mark.parametrize("columns", [80, 160])
+@pytest.mark.parametrize("columns", [80, pytest.param(160, marks=pytest.mark.long)])
 @pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD, IN_CALIBRATE], ids=["trial", "record", "calibrate"])
 def test_a_question_stands_alone_until_it_is_answered(
     at_terminal: AtTerminal, code: str, columns: int
@@ -62,7 +62,7 @@ def test_a_question_stands_alone_until_it_is_answered(
     terminal.wait_for("answered True False", 20.0)
 
 
-def test_what_was_typed_before_the_question_is_no_answer_to_it(at_terminal: AtTerminal) -> None:
+def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal) -> None:
     code = """
         import time
         print("busy", flush=True)
@@ -83,7 +83,7 @@ def test_what_was_typed_before_the_question_is_no_answer_to_it(at_terminal: AtTe
     terminal.wait_for("answered False", 5.0)
 
 
-def test_where_the_question_goes_to_a_file_nobody_has_agreed(at_terminal: AtTerminal, tmp_path: Any) -> None:
+def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, tmp_path: Any) -> None:
     code = "import sys; sys.stderr = open({!r}, 'w'); from rig.cli.common import ask; print(ask('Move?'))"
     terminal = at_terminal([sys.executable, "-c", code.format(str(tmp_path / "log"))], 80)
     terminal.type("y\n")

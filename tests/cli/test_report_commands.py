@@ -32,15 +32,7 @@ def said(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> No
         assert word in done.stderr.splitlines()[-1]
 
 
-@pytest.mark.parametrize("command", ["report", "compare", "play"])
-def test_help_has_examples(command: str) -> None:
-    done = rig(command, "--help")
-    assert done.returncode == 0
-    assert "Examples" in done.stdout
-    assert f"rig {command}" in done.stdout
-
-
-def test_a_trial_asked_for_no_report_has_none_until_it_is_asked_for(trial: Path) -> None:
+def test_trial_without_report_gets_one_by_rig_report(trial: Path) -> None:
     assert not (trial / "report.html").exists()
     done = rig("report", str(trial))
     assert done.returncode == 0, done.stderr
@@ -116,7 +108,7 @@ def test_two_estimators_on_one_session(trial: Path, tmp_path: Path, monkeypatch:
     assert {path.name for path in trial.iterdir()} == inside
 
 
-def test_comparisons_that_cannot_be_are_refused(trial: Path, tmp_path: Path) -> None:
+def test_impossible_comparisons_are_rejected(trial: Path, tmp_path: Path) -> None:
     said(rig("compare", "slip", "pca"), 2, "needs --on SESSION")
     said(rig("compare", str(trial), str(trial)), 2, "given twice")
     said(rig("compare", str(trial), str(tmp_path / "none")), 2, "no session folder")

@@ -44,7 +44,7 @@ def test_resume_alone_continues_the_newest_unfinished_session_with_its_options(
     assert json.loads((here / "sessions" / "old" / "session.json").read_text())["status"] == "running"
 
 
-def test_resume_alone_without_such_a_session_says_so(here: Path, one_lift: Path) -> None:
+def test_resume_without_an_unfinished_session_is_rejected(here: Path, one_lift: Path) -> None:
     copied(one_lift, here / "sessions" / "other", bench="another")
     for command in (("trial",), ("record",), ("replay",)):
         done = rig(*command, "--resume")
@@ -55,7 +55,7 @@ def test_resume_alone_without_such_a_session_says_so(here: Path, one_lift: Path)
     assert "which sessions" in rig("replay").stderr
 
 
-def test_what_is_asked_for_otherwise_is_refused_by_its_name(
+def test_resume_with_other_options_names_the_difference(
     here: Path, one_lift: Path, light_bench_file: Path
 ) -> None:
     folder = copied(one_lift, here / "s")
@@ -71,7 +71,7 @@ def test_what_is_asked_for_otherwise_is_refused_by_its_name(
         assert said in done.stderr.splitlines()[-1]
 
 
-def test_a_trial_that_is_stopped_writes_its_report_and_says_the_line_that_continues_it(
+def test_stopped_trial_writes_its_report_and_prints_the_command_to_continue(
     here: Path, one_lift: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(folder: Path, *_: object, **__: object) -> None:
@@ -127,7 +127,7 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
     assert (manifest.status, manifest.estimator) == ("complete", "pca")
 
 
-def test_the_same_fault_again_is_no_second_message(one_lift: Path) -> None:
+def test_repeated_fault_is_abbreviated(one_lift: Path) -> None:
     (row,) = read_lifts(one_lift)
     head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
     failed = [

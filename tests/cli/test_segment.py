@@ -81,7 +81,7 @@ def test_damaged_black_and_saturated_images_are_flagged(frames: Path, tmp_path: 
     assert "cut.png: unreadable" in done.stderr
 
 
-def test_wrong_input_is_said_in_a_line(frames: Path, tmp_path: Path) -> None:
+def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None:
     other = write(tmp_path / "small" / "0.png", np.full((64, 48, 3), 90, np.uint8))
     text = tmp_path / "notes.png"
     text.write_text("no image")

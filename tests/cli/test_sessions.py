@@ -57,17 +57,17 @@ def test_sessions_are_sorted(named: Path) -> None:
     assert names(named) == ["s0", "s1", "s2"]
 
 
-def test_what_people_said_is_in_the_table_where_they_did(named: Path, one_lift: Path) -> None:
+def test_table_has_remark_columns_only_with_remarks(named: Path, one_lift: Path) -> None:
     table = rig("sessions", named).stdout
     assert all(word in table for word in ("Beta", "gel-1, x", "Ada", "operator"))
     assert "operator" not in rig("sessions", one_lift).stdout
 
 
-def test_words_given_to_a_trial_reach_its_report(tmp_path: Path, light_bench_file: Path) -> None:
-    folder = tmp_path / "s"
+def test_remarks_of_a_trial_are_in_its_report(tmp_path: Path, one_lift: Path, light_bench_file: Path) -> None:
+    folder = shutil.copytree(one_lift, tmp_path / "s")
     words = ("--name", "new <gel>", "--tag", "gel-7", "--operator", "Ada", "--note", "cleaned & dried")
-    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file, "--estimator", "pca")
-    done = rig(*what, "--jobs", 1, "--out", folder, *words)
+    what = ("trial", "--lifts", 1, "--object", "t2", "--bench", light_bench_file)
+    done = rig(*what, "--out", folder, "--resume", *words)
     assert done.returncode == 0, done.stderr
     page = (folder / "report.html").read_text()
     assert "new &lt;gel&gt;: Slip trial" in page
@@ -78,7 +78,7 @@ def test_words_given_to_a_trial_reach_its_report(tmp_path: Path, light_bench_fil
     assert not (tmp_path / "other").exists()
 
 
-def test_damaged_bytes_are_seen_unless_it_has_to_be_quick(tmp_path: Path, one_lift: Path) -> None:
+def test_damaged_bytes_are_detected_except_with_quick(tmp_path: Path, one_lift: Path) -> None:
     folder = tmp_path / "s"
     shutil.copytree(one_lift, folder)
     recording = next((folder / "lifts").iterdir())

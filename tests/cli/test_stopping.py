@@ -44,14 +44,14 @@ def started(told: Path, teardown_s: float) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_one_signal_is_a_safe_end(tmp_path: Path, number: signal.Signals) -> None:
+def test_one_signal_ends_safely(tmp_path: Path, number: signal.Signals) -> None:
     process = started(tmp_path / "told", teardown_s=0.3)
     process.send_signal(number)
     process.communicate(timeout=30)
     assert (tmp_path / "told").read_text() == "working\nteardown\nmade safe\n"
 
 
-def test_the_second_stops_at_once_and_no_further_one_comes_between(tmp_path: Path) -> None:
+def test_second_signal_stops_at_once_and_further_ones_are_ignored(tmp_path: Path) -> None:
     told = tmp_path / "told"
     process = started(told, teardown_s=30)
     process.send_signal(signal.SIGINT)
@@ -66,7 +66,7 @@ def test_the_second_stops_at_once_and_no_further_one_comes_between(tmp_path: Pat
     assert "stops all motion at once" in error
 
 
-def test_a_reader_that_is_gone_keeps_no_signal_from_ending_it_safely(tmp_path: Path) -> None:
+def test_closed_stderr_does_not_prevent_the_safe_end(tmp_path: Path) -> None:
     code = CODE.replace('say("still printing")', "")
     told = tmp_path / "told"
     process = subprocess.Popen(
@@ -80,7 +80,7 @@ def test_a_reader_that_is_gone_keeps_no_signal_from_ending_it_safely(tmp_path: P
     assert told.read_text() == "working\nteardown\nmade safe\n"
 
 
-def test_a_terminal_that_is_gone_ends_it_safely_and_what_is_printed_then_is_no_error(
+def test_lost_terminal_ends_safely_and_later_output_is_no_error(
     tmp_path: Path, at_terminal: AtTerminal
 ) -> None:
     told = tmp_path / "told"
@@ -91,12 +91,11 @@ def test_a_terminal_that_is_gone_ends_it_safely_and_what_is_printed_then_is_no_e
     assert told.read_text() == "working\nteardown\nmade safe\n"
 
 
-def test_what_was_told_to_outlive_its_terminal_does(tmp_path: Path) -> None:
+def test_program_that_ignores_hangups_continues(tmp_path: Path) -> None:
     told = tmp_path / "told"
     code = CODE.format(told=str(told), teardown_s=0.3).replace("sleep(30)", "sleep(0.5); told.write('done')")
     process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None,
+        [sys.executable, "-c", code], preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None
     )
     wait_for(told, "working")
     os.kill(process.pid, signal.SIGHUP)
@@ -104,7 +103,7 @@ def test_what_was_told_to_outlive_its_terminal_does(tmp_path: Path) -> None:
     assert told.read_text() == "working\ndone"
 
 
-def test_left_over_fakes_in_the_file_of_a_real_bench_are_refused_before_anything(tmp_path: Path) -> None:
+def test_real_bench_file_with_a_fakes_section_is_rejected_first(tmp_path: Path) -> None:
     from rig.config import load_bench
     from rig.config.models import BenchConfig
     from rig.config.write import write_bench
@@ -139,7 +138,7 @@ _end("stopped by the operator", "OperatorStopError", Exit.STOPPED)
 """
 
 
-def test_a_ctrl_c_while_the_program_ends_changes_neither_its_last_word_nor_its_code() -> None:
+def test_ctrl_c_at_the_end_changes_neither_message_nor_exit_code() -> None:
     done = subprocess.run(
         [sys.executable, "-c", STRUCK_AT_THE_END], capture_output=True, text=True, timeout=60, check=False
     )

@@ -34,7 +34,7 @@ def lab(tmp_path: Path, light_bench_file: Path) -> Path:
     return tmp_path
 
 
-def test_what_the_bench_says_is_written_and_can_be_lifted(lab: Path) -> None:
+def test_taught_position_is_written_and_can_be_lifted(lab: Path) -> None:
     file = lab / "objects" / "lever.toml"
     done = rig("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
     assert done.returncode == 0, done.stderr
@@ -67,7 +67,7 @@ def test_keys_teach_a_new_position(lab: Path) -> None:
     assert places[0].width_m == 0.08, "the other one is as it was"
 
 
-def test_what_a_trial_would_be_refused_is_not_written(lab: Path) -> None:
+def test_position_that_a_trial_would_reject_is_not_written(lab: Path) -> None:
     text = (lab / "bench.toml").read_text()
     box = '\n[[keep_out]]\nname = "shelf"\nmin_m = [0.2, -0.3, 0.28]\nmax_m = [0.7, 0.3, 0.45]\n'
     what = ("teach", "lever", "--bench", lab / "bench.toml", "--yes", "--json")
@@ -80,14 +80,14 @@ def test_what_a_trial_would_be_refused_is_not_written(lab: Path) -> None:
     assert (lab / "objects" / "lever.toml").read_text() == before
 
 
-def test_without_agreement_the_file_stays_as_it_is(lab: Path) -> None:
+def test_file_is_unchanged_without_agreement(lab: Path) -> None:
     done = rig("teach", "lever", "--bench", lab / "bench.toml")
     assert done.returncode == 3
     assert "was left as it is" in done.stderr
     assert (lab / "objects" / "lever.toml").read_text() == LEVER
 
 
-def test_the_packages_objects_are_not_changed_and_unknown_ones_are_begun(lab: Path) -> None:
+def test_package_objects_and_unknown_names_are_rejected(lab: Path) -> None:
     for name, said in (("wrench", "an object of the package"), ("nothing", "there are: lever")):
         done = rig("teach", name, "--bench", lab / "bench.toml")
         assert done.returncode == 2
@@ -95,13 +95,10 @@ def test_the_packages_objects_are_not_changed_and_unknown_ones_are_begun(lab: Pa
         assert "rig objects new" in done.stderr
 
 
-def test_a_dry_run_says_what_would_move(lab: Path) -> None:
+def test_dry_run_lists_the_motions(lab: Path) -> None:
     done = rig("teach", "lever", "--bench", lab / "bench.toml", "--dry-run")
     assert done.returncode == 0
-    for part in (
-        "At each of end: the fingers open wide; you lead the arm by hand, for 120 s",
-        "home",
-    ):
+    for part in ("At each of end: the fingers open wide; you lead the arm by hand, for 120 s", "home"):
         assert part in done.stdout
 
 
@@ -119,7 +116,7 @@ with waited("again?") as answered:
 """
 
 
-def test_a_person_at_a_terminal_presses_keys_and_says_when(
+def test_keys_and_enter_are_read_at_a_terminal(
     at_terminal: Callable[[list[str], int], Any],
 ) -> None:
     terminal = at_terminal([sys.executable, "-c", ASKED], 80)

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,7 @@ class Browser:
                     with urlopen(f"{address}picture/{serial}.jpg", timeout=20) as answer:
                         assert answer.read(2) == b"\xff\xd8"
                         self.pictures.add(serial)
+                time.sleep(0.05)  # as a page does, so that the command gets the computer
         except OSError:  # it has ended
             pass
 
@@ -66,7 +68,7 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
     return made
 
 
-def test_a_trial_that_is_watched_is_the_same_trial(
+def test_watching_does_not_change_the_results(
     browser: Browser, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
     notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
@@ -114,7 +116,7 @@ def test_a_calibration_can_be_watched(browser: Browser, light_bench_file: Path, 
 
 
 @pytest.mark.parametrize("what", [("markers",), ("tactile",), ("tcp", "--poses", 4)])
-def test_every_calibration_tells_those_who_look_on(
+def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[Event] = []
@@ -133,7 +135,7 @@ def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> Non
             assert f"{options[0]} watches a bench" in done.stderr, what
 
 
-def test_what_cannot_be_watched_or_run_is_refused_and_no_session_begun(tmp_path: Path) -> None:
+def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -> None:
     for options, why in (
         (("--watch-at", "nowhere"), "write host and port"),
         (("--notify", "no-such-command-here"), "no such program"),
@@ -144,7 +146,7 @@ def test_what_cannot_be_watched_or_run_is_refused_and_no_session_begun(tmp_path:
     assert not (tmp_path / "s").exists()
 
 
-def test_a_question_at_the_terminal_is_told_while_it_waits(at_terminal: AtTerminal) -> None:
+def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> None:
     code = """if True:
         from rig.cli.common import ask
         from rig.live.onlookers import looking_on
@@ -162,7 +164,7 @@ def test_a_question_at_the_terminal_is_told_while_it_waits(at_terminal: AtTermin
     terminal.wait_for("told end done", 20.0)
 
 
-def test_nothing_of_the_page_is_imported_where_nobody_looks_on() -> None:
+def test_page_modules_are_not_imported_without_watch() -> None:
     code = "import sys, rig.cli.main, rig.experiments.trial, rig.live.session; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True

@@ -6,14 +6,14 @@ from drivers.bench import Bench
 from rig.contract_checks.test_diagnosis import *  # noqa: F403
 
 
-def test_real_devices_tell_who_they_are_and_count(bench: Bench, kind: str) -> None:
+def test_real_devices_have_identity_and_counters(bench: Bench, kind: str) -> None:
     for device in (bench.arm, bench.gripper, *bench.frame_sources):
         if kind != "fake":
             assert device.identity()
             assert device.counters()
 
 
-def test_where_a_device_has_a_clock_or_answers_requests_that_is_told(bench: Bench, kind: str) -> None:
+def test_clock_offsets_and_round_trips_are_reported_if_known(bench: Bench, kind: str) -> None:
     offset_s = bench.arm.clock_offset_s()
     if kind == "fake":
         assert offset_s is None

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter

@@ -15,11 +15,12 @@ from typing import Any
 
 import pytest
 
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control
 from rig.bench.fakes_process import hosted_fakes
-from rig.benchmark.wire.real_bench import as_real
+from rig.benchmark.wire.safety_program import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
+from support.command_line import SHORT_PHASES
 
 pytestmark = pytest.mark.real_time
 GRASP_M, ABOVE_M = 0.06, 0.16
@@ -54,9 +55,9 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
 
 def trial(bench: Path, out: Path) -> subprocess.Popen[str]:
     """A trial in a script: agreed to beforehand, nobody at a terminal."""
-    command = [sys.executable, "-m", "rig", "trial", "--lifts", "1", "--object", "wrench", "--no-report"]
+    words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes"]
     return subprocess.Popen(
-        [*command, "--bench", str(bench), "--out", str(out), "--yes"],
+        [sys.executable, "-c", SHORT_PHASES, *words, "--bench", str(bench), "--out", str(out)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
@@ -71,7 +72,7 @@ def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
-def test_a_trial_that_is_stopped_on_its_way_down_stays_there(
+def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
 ) -> None:
     served.control.call("place", object="wrench", seed=3)
@@ -86,7 +87,7 @@ def test_a_trial_that_is_stopped_on_its_way_down_stays_there(
     assert served.world()["tool_moving"] is False
 
 
-def test_what_a_killed_program_left_hanging_is_neither_dropped_nor_moved_unasked(
+def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     served: Served, tmp_path: Path
 ) -> None:
     served.control.call("place", object="wrench", seed=3)

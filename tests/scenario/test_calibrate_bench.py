@@ -18,7 +18,7 @@ from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
-from rig.benchmark.wire.real_bench import as_real
+from rig.benchmark.wire.safety_program import as_real
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
@@ -154,7 +154,6 @@ def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(t
 def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
     from drivers.types import Pose
     from fakes.world.motion import FingerPath, ToolPath
-    from fakes.world.trapezoid import TrapezoidProfile
     from fakes.world.world import World
     from rig.calibrate.bench import grasp_at
 
@@ -162,7 +161,7 @@ def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() 
     world = World(BenchLayout(Pose(config.table.position_m), grasp_at(config)), 0)
     world.lay("ball:10")
     world.tool = ToolPath.resting(grasp_at(config, 0.002, -0.003))
-    world.fingers = FingerPath(185.0, 185.0, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(185.0)
     assert world.state_at(10_000_000).held
     assert world.grasp is not None
     assert world.grasp.off_m == pytest.approx((0.002, -0.003))

@@ -46,13 +46,13 @@ def test_every_reachable_pose_is_a_sample_under_its_own_id() -> None:
     assert "workspace" in skipped[0][1]
 
 
-def test_a_stop_leaves_the_arm_standing() -> None:
+def test_stop_leaves_the_arm_at_rest() -> None:
     taken, _, standing = visit(stop_after=2)
     assert len(taken) == 2
     assert standing
 
 
-def test_an_arm_that_is_gone_ends_the_visit() -> None:
+def test_lost_arm_ends_the_visit() -> None:
     config = load_bench("fake")
     fault = {"device": "arm", "kind": "disconnect", "at_s": 0.0}
     broken = config.model_validate({**config.model_dump(), "faults": [fault]})

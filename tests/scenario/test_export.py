@@ -86,7 +86,7 @@ def test_coco_is_read_by_pycocotools_and_says_where_its_masks_come_from(
             assert mask.sum() == pytest.approx(annotation["area"], rel=0.03)
 
 
-def test_true_masks_are_taken_where_they_are_kept(recording: Path, tmp_path: Path) -> None:
+def test_stored_true_masks_are_exported(recording: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(recording, session)
     first = read_poses(session)[0].images[0].file
@@ -198,7 +198,7 @@ def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_pa
         export_session(one_lift, "csv", tmp_path / "broken")
 
 
-def test_the_command_says_what_it_wrote_and_where(one_lift: Path, tmp_path: Path) -> None:
+def test_command_prints_counts_and_folder(one_lift: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(
         app, ["export", str(one_lift), "--to", "csv", "--out", str(tmp_path / "x"), "--json"]
     )

@@ -1,6 +1,7 @@
 """A lift that is interrupted leaves its recording, which is read up to its end and never counts."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from protocols.observer import Phase
 from rig.config import BenchConfig
 from rig.experiments.interrupted import interrupted_lifts
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.results.listing import SessionState, list_session
 from rig.sessions.reading import phase_times, recorded_frames
@@ -41,11 +42,18 @@ def interrupted_after(size: int, how: signal.Signals, folder: Path, bench: Path,
     process.communicate(timeout=60)
 
 
+@pytest.fixture(scope="module")
+def killed_once(tmp_path_factory: pytest.TempPathFactory, light_bench_file: Path) -> Path:
+    """A session whose first lift was killed in the middle, to be read only."""
+    folder = tmp_path_factory.mktemp("killed") / "s"
+    interrupted_after(BYTES, signal.SIGKILL, folder, light_bench_file)
+    return folder
+
+
 @pytest.fixture
-def killed(tmp_path: Path, light_bench_file: Path) -> Path:
-    """A session whose first lift was killed in the middle."""
-    interrupted_after(BYTES, signal.SIGKILL, tmp_path / "s", light_bench_file)
-    return tmp_path / "s"
+def killed(killed_once: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be written to."""
+    return Path(shutil.copytree(killed_once, tmp_path / "s"))
 
 
 def test_recording_of_a_killed_lift_is_kept_and_read_up_to_its_end(
@@ -67,7 +75,7 @@ def test_recording_of_a_killed_lift_is_kept_and_read_up_to_its_end(
 
 
 def test_resumed_session_repeats_the_lift_and_keeps_what_was_interrupted(
-    killed: Path, tmp_path: Path, light_bench_file: Path
+    killed: Path, tmp_path: Path, light_bench: BenchConfig, light_bench_file: Path
 ) -> None:
     first = (killed / "lifts" / "001.unfinished.mcap").read_bytes()
     interrupted_after(BYTES, signal.SIGINT, killed, light_bench_file)
@@ -79,21 +87,9 @@ def test_resumed_session_repeats_the_lift_and_keeps_what_was_interrupted(
     assert [row.recording for row in rows] == ["lifts/001.mcap", "lifts/002.mcap"]
     assert (killed / "lifts" / "001.unfinished.mcap").read_bytes() == first
     assert [path.name for path in unfinished_recordings(killed)] == names
-    alone = run_trial(
-        tmp_path / "alone",
-        TrialSettings(load_light(light_bench_file), 0, choose_estimator("pca")),
-        ["t2"],
-        2,
-    )
-    assert alone.lifts_accepted == 2
+    run_trial(tmp_path / "alone", TrialSettings(light_bench, 0, choose_estimator("pca")), ["t2"], 2)
     for row in rows:
         assert (killed / row.recording).read_bytes() == (tmp_path / "alone" / row.recording).read_bytes()
-
-
-def load_light(file: Path) -> BenchConfig:
-    from rig.config import load_bench
-
-    return load_bench(str(file))
 
 
 def test_killed_parent_of_two_workers_leaves_both_recordings(tmp_path: Path, light_bench_file: Path) -> None:
@@ -105,15 +101,13 @@ def test_killed_parent_of_two_workers_leaves_both_recordings(tmp_path: Path, lig
 
 
 def test_replay_and_play_show_an_interrupted_lift_that_reached_phase_b(
-    tmp_path: Path, light_bench_file: Path, one_lift: Path, light_bench: BenchConfig
+    killed: Path, tmp_path: Path, one_lift: Path, light_bench: BenchConfig
 ) -> None:
     """The recording of a whole lift, cut off in phase C as a kill would."""
-    session = tmp_path / "s"
-    interrupted_after(BYTES, signal.SIGKILL, session, light_bench_file)
     whole = (one_lift / "lifts" / "001.mcap").read_bytes()
-    unfinished = session / "lifts" / "001.unfinished.mcap"
+    unfinished = killed / "lifts" / "001.unfinished.mcap"
     unfinished.write_bytes(whole[: len(whole) * 8 // 10])
-    done = rig("replay", session, "--json")
+    done = rig("replay", killed, "--json")
     assert done.returncode == 2  # no lift is finished
     [lift] = json.loads(done.stdout)["unfinished"]
     assert lift["recording"] == "lifts/001.unfinished.mcap"
@@ -121,10 +115,10 @@ def test_replay_and_play_show_an_interrupted_lift_that_reached_phase_b(
     assert lift["estimate_deg"] is not None
     assert "unfinished, not counted: lifts/001.unfinished.mcap: toothbrush, lift 1" in done.stderr
     film = tmp_path / "film.avi"
-    played = rig("play", session, "--lift", "001.unfinished", "--fps", "5", "--out", film)
+    played = rig("play", killed, "--lift", "001.unfinished", "--fps", "5", "--out", film)
     assert played.returncode == 0, played.stderr
     assert film.stat().st_size > 1000
     settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
-    [lift], _ = interrupted_lifts(session, settings)
+    [lift], _ = interrupted_lifts(killed, settings)
     assert lift.last_deg(FUSED_TOPIC) is not None
     assert lift.last_deg(TRUTH_TOPIC) is not None

@@ -1,6 +1,5 @@
 """One lift on the simulated bench: what is kept, how faults end, and what nobody may see."""
 
-import io
 import resource
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,22 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from drivers.errors import OperatorStopError, RecordingError
-from drivers.types import ArmState, Frame, GripperState
+from drivers.types import ArmState, Frame
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt
-from rig.experiments.lift_attempt import (
-    LiftTask,
-    TrialSettings,
-    attempt_lift,
-    new_measurement,
-    plan_lift,
-)
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.result import lift_result
 from rig.sessions.reading import show_again
@@ -48,9 +41,6 @@ class Relay(LiftObserver):
 
     def arm(self, state: ArmState) -> None:
         self.to.arm(state)
-
-    def gripper(self, state: GripperState) -> None:
-        self.to.gripper(state)
 
     def touching(self, serial: str) -> bool:
         return self.to.touching(serial)
@@ -95,18 +85,6 @@ def test_a_lift_gives_a_result_with_its_errors_and_counts(good: Attempt[LiftRow]
     assert phases[Phase.HOLD] - phases[Phase.LIFT] == pytest.approx(1.5, abs=0.2)
 
 
-def test_the_recording_opens_as_mcap_with_well_known_schemas(good: Attempt[LiftRow]) -> None:
-    reader = make_reader(io.BytesIO(recorded(good)))
-    summary = reader.get_summary()
-    assert summary is not None
-    schemas = {schema.name: schema.encoding for schema in summary.schemas.values()}
-    assert schemas["foxglove.CompressedImage"] == "protobuf"
-    assert schemas["foxglove.PoseInFrame"] == "protobuf"
-    assert schemas["rig.Angle"] == "jsonschema"
-    topics = {channel.topic for channel in summary.channels.values()}
-    assert {"/angle/estimate", "/angle/truth", "/image/SIM-D0001", "/image/SIM-C0001"} <= topics
-
-
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(
     good: Attempt[LiftRow], tmp_path: Path
 ) -> None:
@@ -126,9 +104,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_lift(
         ("arm", "protective_stop", "ProtectiveStopError"),
         ("arm", "disconnect", "connection lost"),
         ("gripper", "fault", "0x0D"),
-        ("gripper", "blocked", "no contact"),
-        ("gripper", "stuck", "instead of"),
-        ("gripper", "overshoot", "too far"),
+        pytest.param("gripper", "blocked", "no contact", marks=pytest.mark.long),
+        pytest.param("gripper", "stuck", "instead of", marks=pytest.mark.long),
+        pytest.param("gripper", "overshoot", "too far", marks=pytest.mark.long),
         ("tactile", "freeze", "froze"),
         ("SIM-D0002", "disconnect", "SIM-D0002"),
         ("tactile", "drop", "no frame"),
@@ -226,7 +204,7 @@ def test_full_disk_in_mid_lift_is_an_error_and_the_lift_ends_safely(tmp_path: Pa
     assert note in ("object set down, fingers open, arm retreated", "nothing held, fingers open, arm risen")
 
 
-def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow]) -> None:
+def test_frames_of_noise_give_no_answer(tmp_path: Path, good: Attempt[LiftRow]) -> None:
     """Frames of noise in place of the real ones leave nothing to answer."""
     path = tmp_path / "lift.mcap"
     path.write_bytes(recorded(good))
@@ -234,7 +212,7 @@ def test_no_answer_without_anything_to_see(tmp_path: Path, good: Attempt[LiftRow
 
     class Noise(Relay):
         def frame(self, frame: Frame) -> None:
-            if frame.serial in self.to.tips:
+            if frame.serial in self.to.angle.tips:
                 rng = np.random.default_rng(frame.sequence)
                 noise = rng.normal(110, 3, frame.image.shape).clip(0, 255).astype(np.uint8)
                 frame = Frame(noise, frame.time_ns, frame.sequence, frame.serial)

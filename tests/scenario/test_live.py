@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer, viewer_feed

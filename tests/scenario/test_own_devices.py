@@ -3,18 +3,22 @@
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from fakes.wire.net.side_channel import Control
+from fakes.wire.net import Control
 from rig.bench.fakes_process import hosted_fakes
-from rig.benchmark.wire.real_bench import as_real
+from rig.benchmark.wire.safety_program import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
+from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
 
 pytestmark = pytest.mark.real_time
@@ -37,9 +41,15 @@ def with_own_drivers(bench: BenchConfig) -> BenchConfig:
 def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The program in a lab's folder, in a script: nobody at a terminal."""
     return subprocess.run(
-        [sys.executable, "-m", "rig", *words], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
+
+
+def differences(row: FinishedLift, again: FinishedLift) -> dict[str, tuple[object, object]]:
+    """The columns of a lift that its replay does not repeat, with both values."""
+    pairs = {field.name: (getattr(row, field.name), getattr(again, field.name)) for field in fields(row)}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
@@ -60,6 +70,8 @@ def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_b
     assert row.simulated is False
     manifest = read_manifest_of(tmp_path / "agreed", TrialManifest, "no trial")
     assert manifest.config.own_drivers == {f"{MODULE}:{name}" for name in ("Wrist", "Hand", "Finger", "Eye")}
-    assert run_replay(tmp_path / "agreed", None, None, jobs=1).identical == 1
+    replay = run_replay(stored_trial(tmp_path / "agreed"), jobs=1)
+    assert differences(row, replay.rows[0]) == {}
+    assert replay.identical == 1
     assert not (tmp_path / "imported").exists()
     assert MODULE not in sys.modules

@@ -20,8 +20,9 @@ from rig.benchmark.estimators.lifts import score_lift, session_lifts
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.replay import run_replay, session_settings
+from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.report.write import write_report
 from rig.results.listing import list_session
@@ -60,25 +61,25 @@ def not_imported(lab: Path) -> Callable[[], bool]:
     return lambda: not lab.exists() and MODULE not in sys.modules
 
 
-def test_a_trial_measures_as_the_estimator_it_is_made_of(session: Path) -> None:
+def test_own_estimator_measures_as_the_one_it_wraps(session: Path) -> None:
     rows = read_finished_lifts(session)
-    again = run_replay(session, "pca", 1, jobs=1).rows
+    again = run_replay(stored_trial(session, "pca", 1), jobs=1).rows
     assert [replace(row, marker_distance=None) for row in again] == rows
     assert all(row.answered > 0.5 and row.estimator_faults is None for row in rows)
 
 
-def test_a_replay_that_names_it_again_repeats_it(session: Path) -> None:
+def test_replay_naming_own_estimator_is_identical(session: Path) -> None:
     done = rig("replay", session, "--estimator", MINE, "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["identical"] == 2
 
 
 def test_a_session_alone_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
-    assert session_settings(session, None, None).bench.simulated
+    assert stored_trial(session).settings.bench.simulated
     assert list_session(session).problem is None
     write_report([session])
     with pytest.raises(EstimatorError, match=f"add --estimator {MINE}"):
-        run_replay(session, None, None, jobs=1)
+        run_replay(stored_trial(session), jobs=1)
     for command in (
         ["replay", session],
         ["replay", session, session.parent, "--out", session.parent / "table"],
@@ -102,7 +103,7 @@ def test_listing_imports_nothing(lab: Path, not_imported: Callable[[], bool]) ->
     assert not_imported()
 
 
-def test_frames_that_it_fails_on_are_told_in_rows_tables_and_reports(session: Path) -> None:
+def test_failed_frames_are_reported_in_output_and_table(session: Path) -> None:
     folder = Path(shutil.copytree(session, session.parent / "failing"))
     out = session.parent / "failed"
     done = rig("replay", folder, "--estimator", FAILING, "--jobs", "1", "--out", out)
@@ -114,7 +115,7 @@ def test_frames_that_it_fails_on_are_told_in_rows_tables_and_reports(session: Pa
     assert all("ValueError: no gradient today" in row["estimator_fault"] for row in rows)
 
 
-def test_a_lift_whose_estimator_fails_is_kept_and_says_so(lab: Path, light_bench: BenchConfig) -> None:
+def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_bench: BenchConfig) -> None:
     folder = lab.parent / "kept"
     summary = run_trial(folder, TrialSettings(light_bench, 0, choose_estimator(FAILING)), ["t2"], lifts=1)
     assert summary.lifts_accepted == 1
@@ -125,14 +126,14 @@ def test_a_lift_whose_estimator_fails_is_kept_and_says_so(lab: Path, light_bench
     assert "The estimator itself failed" in write_report([folder]).path.read_text()
 
 
-def test_two_are_compared_on_a_session(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_own_estimator_is_compared_on_a_session(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(session.parent)
     done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["lifts"] == 2
 
 
-def test_one_that_cannot_be_made_ends_a_trial_before_it_begins(lab: Path) -> None:
+def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> None:
     out = lab.parent / "never"
     done = rig("trial", "--lifts", "1", "--estimator", f"{MODULE}:Needs_more", "--out", out)
     assert done.returncode == 2
@@ -140,7 +141,7 @@ def test_one_that_cannot_be_made_ends_a_trial_before_it_begins(lab: Path) -> Non
     assert not out.exists()
 
 
-def test_anyones_frames_are_estimated(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
+def test_own_estimator_answers_a_folder_of_frames(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
     clip = write_clip(lab.parent / "clip", press, blank)
     tables = {}
     for name in (MINE, "pca"):
@@ -153,7 +154,7 @@ def test_anyones_frames_are_estimated(lab: Path, press: Draw, blank: NDArray[np.
     assert "the estimator failed on 1 frame" in failing.stderr
 
 
-def test_labelled_clips_are_answered(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
+def test_own_estimator_is_scored_on_labelled_clips(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
     clip = write_clip(lab.parent / "clips" / "one", press, blank)
     assert cv2.imread(str(clip / "background.png")) is not None
     (clip / "labels.csv").write_text(
@@ -171,7 +172,7 @@ def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
     assert "no gradient today" in report.faults[FAILING].first
 
 
-def test_the_benchmark_scores_it_beside_the_others(session: Path) -> None:
+def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
     tips, rows = session_lifts(session)
     scores = score_lift(session, tips, ("slip", NO_SKIP, "pca", MINE, FAILING), rows[0])
     assert scores.scores[MINE, 1] == scores.scores["pca", 1]

@@ -12,9 +12,11 @@ from drivers.errors import InputError
 from protocols.reaction import ReactionKind
 from rig.benchmark.reaction.wire import times_of
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.reactions import describe_reaction, require_reaction
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary
@@ -53,7 +55,7 @@ def caught(folder: Path, summary: TrialSummary) -> FinishedLift:
     return read_finished_lifts(folder)[0]
 
 
-def test_a_tightened_grip_catches_what_slips_without(caught: FinishedLift) -> None:
+def test_tightening_catches_an_object_that_slips_otherwise(caught: FinishedLift) -> None:
     without = lifted("none")
     assert without.outcome is LiftOutcome.SLIPPED
     assert without.final_truth_deg is not None
@@ -65,7 +67,7 @@ def test_a_tightened_grip_catches_what_slips_without(caught: FinishedLift) -> No
     assert caught.lift_height_m == without.lift_height_m
 
 
-def test_how_long_its_reactions_took_is_read_from_a_session(folder: Path, caught: FinishedLift) -> None:
+def test_reaction_times_are_read_from_a_session(folder: Path, caught: FinishedLift) -> None:
     soon, *still = times_of(folder, ReactionKind.TIGHTEN)
     assert caught.reactions
     first = caught.reactions[0]
@@ -79,7 +81,7 @@ def test_how_long_its_reactions_took_is_read_from_a_session(folder: Path, caught
     assert len(times_of(folder, ReactionKind.STOP)) == 3
 
 
-def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught: FinishedLift) -> None:
+def test_row_has_times_angles_and_counts_of_the_reaction(caught: FinishedLift) -> None:
     assert caught.reactions
     first = caught.reactions[0]
     assert first.onset_s is not None
@@ -95,25 +97,23 @@ def test_the_row_keeps_when_and_how_far_it_had_turned_and_what_was_added(caught:
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
 
 
-def test_replay_reads_what_was_done_and_finds_the_same_events(folder: Path, caught: FinishedLift) -> None:
-    replay = run_replay(folder, None, None, jobs=1)
+def test_replay_of_a_reaction_is_identical(folder: Path, caught: FinishedLift) -> None:
+    replay = run_replay(stored_trial(folder), jobs=1)
     assert replay.identical == 1
     assert replay.rows == [caught]
 
 
-def test_another_estimator_sees_the_same_commands_and_no_event_of_its_own(
+def test_replay_with_other_estimator_has_the_commands_and_no_event(
     folder: Path, caught: FinishedLift
 ) -> None:
-    row = run_replay(folder, "pca", None, jobs=1).rows[0]
+    row = run_replay(stored_trial(folder, "pca"), jobs=1).rows[0]
     assert row.reactions
     assert caught.reactions
     assert [r.command_s for r in row.reactions] == [r.command_s for r in caught.reactions]
     assert {r.event_s for r in row.reactions} == {None}
 
 
-def test_the_session_says_what_it_does_and_is_not_continued_with_another_reaction(
-    folder: Path, summary: TrialSummary
-) -> None:
+def test_session_with_another_reaction_is_not_continued(folder: Path, summary: TrialSummary) -> None:
     manifest = read_manifest(folder)
     assert isinstance(manifest, TrialManifest)
     assert manifest.react is ReactionKind.TIGHTEN
@@ -142,7 +142,7 @@ def test_stop_and_lower_end_below_full_height_and_so_catch_nothing(react: str) -
 
 
 @pytest.mark.long
-def test_with_a_largest_turn_it_reacts_later() -> None:
+def test_limit_on_the_turn_delays_the_reaction() -> None:
     late = lifted("tighten", 20.0)
     assert late.reactions
     first = late.reactions[0]
@@ -150,7 +150,7 @@ def test_with_a_largest_turn_it_reacts_later() -> None:
     assert first.command_s > first.event_s + 0.02
 
 
-def test_what_cannot_or_may_not_react_is_refused_before_anything_moves() -> None:
+def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
     tighten = settings("tighten")
     require_reaction(tighten, ["t1", "t2"])
     require_reaction(settings("none"), ["3"])
@@ -176,21 +176,21 @@ def test_what_cannot_or_may_not_react_is_refused_before_anything_moves() -> None
         require_reaction(replace(tighten, bench=forbidden), ["t1"])
 
 
-def test_the_plan_that_is_asked_about_says_what_the_hand_may_do_by_itself() -> None:
+def test_plan_lists_what_the_reaction_may_do() -> None:
     text = "\n".join(describe_reaction(settings("tighten", 5.0), ["t1", "t2"]))
     assert "more than 5 degrees" in text
     assert "t1 wrench 120, t2 toothbrush 14" in text
     assert describe_reaction(settings("none"), ["t1"]) == []
 
 
-def test_the_command_refuses_in_one_line_and_makes_no_session(tmp_path: Path) -> None:
+def test_object_without_largest_grip_is_rejected_before_the_session(tmp_path: Path) -> None:
     done = rig("trial", "--object", "orange", "--react", "tighten", "--out", tmp_path / "s")
     assert done.returncode == 2
     assert "largest_grip_counts" in done.stderr
     assert not (tmp_path / "s").exists()
 
 
-def test_the_command_says_what_was_caught(folder: Path, summary: TrialSummary) -> None:
+def test_replay_prints_the_number_of_caught_lifts(folder: Path, summary: TrialSummary) -> None:
     shown = rig("replay", folder, "--json")
     assert shown.returncode == 0
     figures = json.loads(shown.stdout)

@@ -46,7 +46,9 @@ def test_recordings_carry_foxgloves_own_schemas(one_lift: Path) -> None:
     assert found == set(known)
 
 
-def test_a_recording_says_by_itself_what_it_is(one_lift: Path, light_bench: BenchConfig) -> None:
+def test_recording_holds_its_metadata_camera_frames_and_outlines(
+    one_lift: Path, light_bench: BenchConfig
+) -> None:
     path = one_lift / "lifts/001.mcap"
     row = read_finished_lifts(one_lift)[0]
     with path.open("rb") as stream:

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import MID_LIFT, run_faults
-from rig.benchmark.wire.lift import measure_wire
+from rig.benchmark.wire.fault_lifts import MID_LIFT, run_faults
+from rig.benchmark.wire.lift import judge_wire, measure_wire
 from rig.config import BenchConfig
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
@@ -21,7 +22,7 @@ from support.benches import lighter
 from support.command_line import rig
 
 SOME = ("gripper: power lost", "fingertip: unplugged")
-"""Faults of the arm and the camera: `test_fault_campaign.py`; `rig benchmark faults` runs all of them."""
+"""Faults of the arm and the camera: `test_wire_campaigns.py`; `rig benchmark faults` runs all of them."""
 pytestmark = pytest.mark.real_time
 
 
@@ -33,7 +34,7 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     with viewer_feed(shown) as feed:
         report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)
     assert shown is None or shown.stat().st_size > 100_000
-    assert report.complete, report.streams
+    assert judge_wire(report)[0].met, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     assert min(stream.recorded for stream in report.streams) > 100
     assert report.row.simulated is True
@@ -44,7 +45,7 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert report.row.re_b.mean_deg < max(report.errors_deg) + 0.5
     manifest = read_manifest_of(tmp_path / "s", TrialManifest, "no trial")
     assert (manifest.bench, manifest.simulated) == ("wire", True)
-    assert run_replay(tmp_path / "s", None, None, jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "s"), jobs=1).identical == 1
 
 
 @pytest.mark.long
@@ -55,9 +56,9 @@ def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     cases = [(case, MID_LIFT) for case in CASES if case.name in SOME]
     results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
-    assert [result.case.name for result in results] == list(SOME)
-    for result in results:
-        assert result.passed, (result.case.name, result.faults, result.detected_s, result.safe_s)
+    assert [row.fault for row in results] == list(SOME)
+    for row in results:
+        assert row.passed, row
     assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)
 
 

@@ -13,6 +13,12 @@ import pytest
 from rig.cli.common import STOPS
 from rig.cli.main import main
 
+SHORT_PHASES = (
+    "import protocols.slip_trial as trial; trial.GRASP_S, trial.HOLD_S = 1.5, 0.5; "
+    "from rig.cli.main import main; main()"
+)
+"""`python -c` runs the program with less time before and after a lift, in which nothing happens."""
+
 
 def rig(*arguments: object) -> "subprocess.CompletedProcess[str]":
     """Run `rig ARGUMENTS` away from a terminal; return its exit code and what it printed.

@@ -15,7 +15,6 @@ from rig.cli.main import app
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 USAGE_ERROR = typer.BadParameter.__bases__[0]
-
 _FENCE = re.compile(r"^```(?P<language>\w*)$.*?^```$", re.DOTALL | re.MULTILINE)
 _SPAN = re.compile(r"`(rig(?: [^`]+)?)`")
 

@@ -1,28 +1,31 @@
-"""Which tests run side by side: a file at a time on each core, tests in real time one after the other.
+"""Which tests run side by side: a file at a time on each worker, tests in real time one after the other.
 
-Real time comes first, on one worker, and has two cores to itself: simulated devices and their drivers
-take more than one, and fall behind where they get less. Tests in real time that mostly wait,
-`real_time(beside=True)`, run beside the others in real time, on a second worker. Then come the folders
-whose files take longest. Hardware is driven by one process: with `--bench` there are no workers.
+Tests in real time come first, on one worker. Those that mostly wait, `real_time(beside=True)`, run beside
+them on a second worker. The others give way to both until they are over (`give_way`); the folders whose
+files take longest come first. Hardware is driven by one process: with `--bench` there are no workers.
 
-There is a worker more than there are cores: where one waits, for a device's deadline or a person's answer,
+There is one worker more than there are cores: while one waits for a device's deadline or a person's answer,
 another computes.
 """
 
-import fcntl
 import os
 import time
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
 
 import pytest
+
+from drivers.realtime import before_others
 
 MOST_WORKERS = 4
 """Each takes 0.5 GB, and the tests in real time take longer than a quarter of the rest."""
 REAL_TIME, BESIDE = "real_time", "beside real_time"
-REAL_TIME_CORES, POLL_S = 2, 0.05
+REAL_TIME_CORES = 2
+"""Simulated devices and their drivers take more than one core, and fall behind if they get less."""
+OWN_NICE, NICER = os.getpriority(os.PRIO_PROCESS, 0), 9
+"""Niceness of this worker, and what is added meanwhile: a page is served at 10 more, and 19 is the limit."""
+POLL_S = 0.05
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
@@ -65,48 +68,36 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_runtest_protocol(
     item: pytest.Item, nextitem: pytest.Item | None
 ) -> Generator[None, object, object]:
-    """Leave two cores to tests in real time while there are any."""
+    """Give way to tests in real time while there are any."""
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     if alone or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
     # Of a worker this is a folder of its own, beside those of the others.
     over = Path(str(item.config.getoption("basetemp"))).parent / "real_time_is_over"
-    if _group(item) == BESIDE:
-        return (yield)
-    if _group(item) != REAL_TIME:
-        with _core(over):
-            return (yield)
+    if _group(item) not in (REAL_TIME, BESIDE):
+        give_way(over)
     try:
         return (yield)
     finally:
-        if nextitem is None or _group(nextitem) != REAL_TIME:
+        if _group(item) == REAL_TIME and (nextitem is None or _group(nextitem) != REAL_TIME):
             over.touch()
 
 
-@contextmanager
-def _core(over: Path) -> Generator[None]:
-    """Wait for one of the cores that tests in real time leave; there is no need to once they are over."""
-    core: TextIO | None = None
-    while core is None and not over.exists():
-        core = _free_core(over)
-        time.sleep(0.0 if core else POLL_S)
-    try:
-        yield
-    finally:
-        if core is not None:
-            core.close()
+def give_way(over: Path) -> None:
+    """Let tests in real time come first: by priority, or by waiting if no core is left and none is granted.
+
+    over: the file that is there once they are over.
+    """
+    while not (over.exists() or _cores() > REAL_TIME_CORES or real_time_is_granted()):
+        time.sleep(POLL_S)
+    with suppress(OSError):  # not every user may go back to a higher priority
+        os.setpriority(os.PRIO_PROCESS, 0, OWN_NICE + (0 if over.exists() else NICER))
 
 
-def _free_core(over: Path) -> TextIO | None:
-    for core in range(REAL_TIME_CORES, _cores()):
-        file = over.with_name(f"{over.name}-{core}").open("w")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-        else:
-            return file
-    return None
+def real_time_is_granted() -> bool:
+    """Whether tests in real time run before every other program, as root's do."""
+    with before_others():
+        return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_RR
 
 
 def _cores() -> int:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.images import with_jpeg
 from drivers.types import Frame
 from rig.config import BenchConfig, load_bench
 from rig.results.metrics import summarize
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import write_json
-from rig.sessions.images import stored
 from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, PoseImage, PoseRow
@@ -49,9 +49,9 @@ def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple
         for serial, sign in TIPS.items():
             angle = 20.0 + sign * float(true_angle(np.array(time_s), turn_deg))
             image = press(angle if time_s > 10.3 else None, seed=sequence, **SMALL)
-            recorder.image(*stored(Frame(image, round(time_s * 1e9), sequence, serial)))
+            recorder.frame(with_jpeg(Frame(image, round(time_s * 1e9), sequence, serial)))
         view = np.full((60, 80, 3), 90, np.uint8)
-        recorder.image(*stored(Frame(view, round(time_s * 1e9), sequence, "CAM")))
+        recorder.frame(with_jpeg(Frame(view, round(time_s * 1e9), sequence, "CAM")))
     times = np.arange(PHASES_S["B"], PHASES_S["lower"], 1 / 60)
     noise = np.random.default_rng(number).normal(0.0, 0.1, times.size)
     estimate = true_angle(times, turn_deg) + error_deg * np.clip(times - 11.5, 0.0, 1.0) + noise

@@ -79,7 +79,7 @@ def test_the_arm_library_is_imported_by_nothing_here() -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_every_package_says_what_it_is_and_is_typed(package: str) -> None:
+def test_every_package_has_a_docstring_and_py_typed(package: str) -> None:
     assert (importlib.import_module(package).__doc__ or "").strip()
     assert (ROOT / package / "py.typed").exists()
 

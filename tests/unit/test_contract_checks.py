@@ -35,7 +35,7 @@ def lab(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_an_estimator_that_breaks_the_contract_is_told_where(lab: Path) -> None:
+def test_contract_violation_of_an_estimator_is_reported(lab: Path) -> None:
     few = ("-k", "clockwise or changes or devices")
     done = pytest_of(lab, *PLUGIN, *CHECKS, "--estimator", "lab_wrong:Clockwise", *few)
     assert done.returncode == 1, done.stdout + done.stderr
@@ -43,14 +43,14 @@ def test_an_estimator_that_breaks_the_contract_is_told_where(lab: Path) -> None:
     assert "1 failed, 1 passed" in done.stdout
 
 
-def test_devices_are_asked_for_and_nothing_is_reached_without(lab: Path) -> None:
+def test_device_checks_are_skipped_without_a_bench_file(lab: Path) -> None:
     done = pytest_of(lab, *PLUGIN, *CHECKS, "-k", "test_arm or frames or gripper", "-rs")
     assert done.returncode == 0, done.stdout
     assert "give --bench FILE, and --moves to let it move" in done.stdout
     assert "passed" not in done.stdout
 
 
-def test_without_the_options_it_says_what_to_type(lab: Path) -> None:
+def test_missing_plugin_prints_the_option_to_add(lab: Path) -> None:
     done = pytest_of(lab, *CHECKS)
     assert done.returncode == 4
     assert "add -p rig.contract_checks.options" in done.stderr
@@ -59,7 +59,7 @@ def test_without_the_options_it_says_what_to_type(lab: Path) -> None:
 def test_the_product_needs_no_pytest() -> None:
     code = (
         "import sys; sys.modules['pytest'] = None; import rig.cli.main, rig.experiments.trial;"
-        "import rig.bench.source, rig.benchmark.estimators.benchmark, rig.benchmark.wire.faults;"
+        "import rig.bench.source, rig.benchmark.estimators.study, rig.benchmark.wire.faults;"
         "print('fine')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

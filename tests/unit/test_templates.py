@@ -40,7 +40,7 @@ def run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProce
     )  # fmt: skip
 
 
-def test_they_are_packages_of_their_own(installed: Path, tmp_path: Path) -> None:
+def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) -> None:
     files = {path.name for path in installed.iterdir()}
     assert {f"lab_{kind}.py" for kind in KINDS} <= files
     assert {f"lab_{kind}-0.1.dist-info" for kind in KINDS} <= files
@@ -54,7 +54,7 @@ def test_they_are_packages_of_their_own(installed: Path, tmp_path: Path) -> None
 
 @pytest.mark.real_time
 @pytest.mark.long
-def test_they_keep_the_contract(installed: Path, tmp_path: Path) -> None:
+def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) -> None:
     bench = load_bench(str(ROOT / "rig" / "config" / "new_bench.toml"))
     values = bench.model_dump(exclude={"calibrations"}, exclude_unset=True)
     for section, theirs in NOT_TAKEN.items():
@@ -92,17 +92,8 @@ NOT_TAKEN = {
         ("there", "exists already"),
     ],
 )
-def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, says: str) -> None:
+def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, says: str) -> None:
     (tmp_path / "there").mkdir()
     done = rig("new", "sensor", tmp_path / name)
     assert done.returncode == 2
     assert says in done.stderr
-
-
-def test_each_is_short() -> None:
-    for kind in KINDS:
-        text = (ROOT / "rig" / "templates" / kind / f"my_{kind}.py").read_text()
-        lines = [
-            line for line in text.splitlines() if line.strip() and not line.strip().startswith(('"""', "#"))
-        ]
-        assert len(lines) < 60, kind

@@ -1,33 +1,51 @@
-"""Modbus as a gripper's side speaks it: requests out of bytes, replies into bytes.
+"""Modbus on the side of the gripper: requests from bytes, replies to bytes, and the registers between them.
 
-Written from the Modbus application protocol and serial line specifications, on its own: the
-fakes share no codec with the drivers, so that an error cannot cancel itself out.
+Written from the Modbus application protocol and serial line specifications: the fakes share no codec with the
+drivers, so that an error cannot cancel itself out.
 """
 
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
+from drivers.errors import InputError
+from fakes.wire.gripper.model import IMAGE_BYTES, GripperModel
+
+BASES = {"rtu": (0x03E8, 0x07D0), "tcp": (0x0000, 0x0000), "tcp-2014": (0x03E8, 0x07D0)}
+"""First command register and first status register, by edition of the manual."""
 READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY, READ_WRITE = 3, 4, 6, 16, 23
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 MAX_PDU = 253
 
 
-class Registers(Protocol):
-    """What a request reads and writes. Both raise `LookupError` for addresses that do not exist."""
+class Registers:
+    """The two register images of the model at their addresses. Raises `LookupError` for other addresses."""
 
-    def read(self, function: int, address: int, count: int) -> list[int]:
-        """Return `count` registers from `address`."""
-        ...
+    def __init__(self, model: GripperModel, preset: str) -> None:
+        if preset not in BASES:
+            raise InputError(f"simulated gripper: no preset '{preset}': use one of {', '.join(BASES)}")
+        self._model = model
+        self._command, self._status = BASES[preset]
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Return status registers, or the written command registers if they have addresses of their own."""
+        overlapping = self._command == self._status
+        if not overlapping and self._command <= address < self._command + IMAGE_BYTES // 2:
+            image, start = bytes(self._model.written), address - self._command
+        else:
+            image, start = self._model.image, address - self._status
+        _require_inside(start, count)
+        return list(struct.unpack_from(f">{count}H", image, 2 * start))
 
     def write(self, address: int, values: list[int]) -> None:
-        """Set registers from `address`."""
-        ...
+        """Set command registers; the gripper reads them at its next refresh."""
+        start = address - self._command
+        _require_inside(start, len(values))
+        struct.pack_into(f">{len(values)}H", self._model.written, 2 * start, *values)
 
 
 class ModbusError(Exception):
-    """A request that is answered with an exception code."""
+    """A refused request: it is answered with an exception code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -35,28 +53,25 @@ class ModbusError(Exception):
 
 
 class FramingError(Exception):
-    """Bytes that cannot become a frame any more; the connection has to be dropped."""
+    """Bytes with which no frame begins; the connection has to be dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One request: for whom, its protocol data unit, and how to wrap the reply to it."""
+    """The protocol data unit of a request, and how to wrap that of the reply."""
 
-    unit: int
     pdu: bytes
     wrap: Callable[[bytes], bytes]
 
 
 def answer(pdu: bytes, registers: Registers) -> bytes:
-    """Carry out one protocol data unit and return the reply's, an exception reply where it is refused."""
-    function = pdu[0]
+    """Execute a protocol data unit and return that of the reply: an exception reply if it is refused."""
     try:
-        return bytes([function]) + _carry_out(function, pdu[1:], registers)
+        return pdu[:1] + _execute(pdu[0], pdu[1:], registers)
     except ModbusError as error:
-        code = error.code
+        return exception_reply(pdu, error.code)
     except LookupError:
-        code = ILLEGAL_ADDRESS
-    return bytes([function | 0x80, code])
+        return exception_reply(pdu, ILLEGAL_ADDRESS)
 
 
 def exception_reply(pdu: bytes, code: int) -> bytes:
@@ -65,9 +80,9 @@ def exception_reply(pdu: bytes, code: int) -> bytes:
 
 
 def tcp_requests(buffer: bytearray) -> Iterator[Request]:
-    """Take the complete requests out of a TCP stream's bytes; the rest stays in `buffer`.
+    """Take the complete requests from the bytes of a TCP stream; the rest stays in `buffer`.
 
-    Raises `FramingError` when the bytes cannot be Modbus (protocol not 0, impossible length).
+    Raises `FramingError` if the bytes cannot be Modbus (protocol not 0, impossible length).
     """
     while len(buffer) >= 7:
         transaction, protocol, length, unit = struct.unpack_from(">HHHB", buffer)
@@ -77,14 +92,14 @@ def tcp_requests(buffer: bytearray) -> Iterator[Request]:
             return
         pdu = bytes(buffer[7 : 6 + length])
         del buffer[: 6 + length]
-        yield Request(unit, pdu, _tcp_wrapper(transaction, unit))
+        yield Request(pdu, _tcp_wrapper(transaction, unit))
 
 
 def rtu_requests(buffer: bytearray, unit: int) -> Iterator[Request]:
-    """Take the complete requests to `unit` out of a serial line's bytes.
+    """Take the complete requests to `unit` from the bytes of a serial line.
 
-    Bytes with a wrong checksum are skipped one by one until a frame's is right: after noise the next
-    good frame is found without having to time the pauses between frames.
+    Bytes are skipped one by one until a frame has the right checksum: after noise the next valid frame is
+    found without timing the pauses between frames.
     """
     while len(buffer) >= 4:
         length = _rtu_length(buffer) if buffer[0] == unit else None
@@ -95,7 +110,7 @@ def rtu_requests(buffer: bytearray, unit: int) -> Iterator[Request]:
             continue
         pdu = bytes(buffer[1 : length - 2])
         del buffer[:length]
-        yield Request(unit, pdu, lambda reply: rtu_frame(unit, reply))
+        yield Request(pdu, lambda reply: rtu_frame(unit, reply))
 
 
 def rtu_frame(unit: int, pdu: bytes) -> bytes:
@@ -105,7 +120,7 @@ def rtu_frame(unit: int, pdu: bytes) -> bytes:
 
 
 def crc16(data: bytes | bytearray) -> int:
-    """CRC-16/MODBUS; over a whole good frame it is 0."""
+    """Return the CRC-16/MODBUS; over a whole valid frame it is 0."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -114,48 +129,47 @@ def crc16(data: bytes | bytearray) -> int:
     return crc
 
 
-def _carry_out(function: int, body: bytes, registers: Registers) -> bytes:
+def _execute(function: int, body: bytes, registers: Registers) -> bytes:
     if function in (READ_HOLDING, READ_INPUT):
-        address, count = _unpacked(">HH", body)
-        return _values(_read(registers, function, address, count))
+        return _read(body, registers)
     if function == WRITE_ONE:
-        address, value = _unpacked(">HH", body)
+        address, value = _two(body)
         registers.write(address, [value])
         return body
     if function == WRITE_MANY:
-        address, count = _write_block(body, registers)
-        return struct.pack(">HH", address, count)
-    if function == READ_WRITE and len(body) > 4:
-        address, count = _unpacked(">HH", body[:4])
+        _write_block(body, registers)
+        return body[:4]
+    if function == READ_WRITE:
         _write_block(body[4:], registers)
-        return _values(_read(registers, READ_HOLDING, address, count))
-    raise ModbusError(ILLEGAL_VALUE if function == READ_WRITE else ILLEGAL_FUNCTION)
+        return _read(body[:4], registers)
+    raise ModbusError(ILLEGAL_FUNCTION)
 
 
-def _read(registers: Registers, function: int, address: int, count: int) -> list[int]:
+def _read(body: bytes, registers: Registers) -> bytes:
+    address, count = _two(body)
     if not 1 <= count <= 125:
         raise ModbusError(ILLEGAL_VALUE)
-    return registers.read(function, address, count)
+    return struct.pack(f">B{count}H", 2 * count, *registers.read(address, count))
 
 
-def _write_block(body: bytes, registers: Registers) -> tuple[int, int]:
+def _write_block(body: bytes, registers: Registers) -> None:
     if len(body) < 5:
         raise ModbusError(ILLEGAL_VALUE)
     address, count, size = struct.unpack_from(">HHB", body)
     if not 1 <= count <= 123 or size != 2 * count or len(body) != 5 + size:
         raise ModbusError(ILLEGAL_VALUE)
     registers.write(address, list(struct.unpack(f">{count}H", body[5:])))
-    return address, count
 
 
-def _unpacked(layout: str, body: bytes) -> tuple[int, ...]:
-    if len(body) != struct.calcsize(layout):
+def _two(body: bytes) -> tuple[int, int]:
+    if len(body) != 4:
         raise ModbusError(ILLEGAL_VALUE)
-    return struct.unpack(layout, body)
+    return struct.unpack(">HH", body)
 
 
-def _values(values: list[int]) -> bytes:
-    return struct.pack(f">B{len(values)}H", 2 * len(values), *values)
+def _require_inside(start: int, count: int) -> None:
+    if start < 0 or start + count > IMAGE_BYTES // 2:
+        raise LookupError(f"registers {start} to {start + count - 1} of 0 to {IMAGE_BYTES // 2 - 1}")
 
 
 def _tcp_wrapper(transaction: int, unit: int) -> Callable[[bytes], bytes]:
@@ -163,7 +177,7 @@ def _tcp_wrapper(transaction: int, unit: int) -> Callable[[bytes], bytes]:
 
 
 def _rtu_length(buffer: bytearray) -> int | None:
-    """Length of the serial frame that begins here, as far as it can be known; None when none does."""
+    """Return the length of the serial frame that begins here, as far as it is known; None if none begins."""
     function = buffer[1]
     if function in (READ_HOLDING, READ_INPUT, WRITE_ONE):
         return 8

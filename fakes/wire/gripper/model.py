@@ -1,8 +1,9 @@
 """A 3-Finger gripper as a state machine behind its registers: activation, modes, motions, faults.
 
-Byte positions and bits are those of the Robotiq 3-Finger manual (sections "Robot output
-registers" and "Robot input registers"), read here anew: nothing is shared with the driver.
-What the manual leaves open (durations, scissor positions of three modes) is marked as ours.
+Byte positions and bits are those of the Robotiq 3-Finger manual (sections "Robot output registers" and "Robot
+input registers"); nothing is shared with the driver. Durations and the scissor positions of three modes are
+our assumptions, because the manual does not give them. Automatic release and individual control of the
+scissor are not modelled.
 """
 
 import math
@@ -10,28 +11,42 @@ from dataclasses import dataclass
 
 from drivers.clock import to_ns
 from fakes.faults import OVERSHOOT_COUNTS
-from fakes.world.motion import FingerPath
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import FingerPath, TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
 ACCELERATION_COUNTS_S2 = 2000.0
+REFRESH_NS = 5_000_000
+"""The registers are refreshed at 200 Hz: a status that is read sooner is still the one before."""
+LATEST_NS = 2_000_000_000
+"""Largest delay of a tick with which the fingers still stop where they met the object."""
+IMAGE_BYTES = 16
+RESET, ACTIVATING, CHANGING_MODE, READY = range(4)
+SCISSOR_MODE = 3
+AXES = ("A", "B", "C", "S")
+OFFSETS: dict[str, int] = dict(zip(AXES, (3, 6, 9, 12), strict=True))
+SCISSOR_OF_MODE = (0x89, 0xDC, 0x19, 0x19)
+"""Scissor position of the modes basic (the manual's status example), pinch, wide and scissor (ours)."""
+CLOSED_COUNTS = 255
+MOTIONLESS = frozenset(("stuck", "false_success"))
+"""Faults with which the fingers do not move although the gripper reports that they arrived."""
+MOVING_CURRENT = 0x0F
+"""Current in the manual's example while the fingers close."""
+MODE_CHANGE_S = 1.0
+SLOWEST_M_S, FASTEST_M_S = 0.022, 0.110
+WEAKEST_N, FORCE_PER_COUNT_N = 15.0, 0.175
+MAJOR_FAULT = 0x0D
 
 
 @dataclass(slots=True)
 class FingerMotor:
-    """One motor: its path, what it was asked for, and the contact it stopped at (gDT's 1 or 2, or 0)."""
+    """One motor: its path, its request (position, speed, force), and its contact (gDT's 1 or 2, or 0)."""
 
     path: FingerPath
     asked: tuple[int, int, int] = (0, 0, 0)
     contact: int = 0
 
-    @classmethod
-    def resting(cls, position: float) -> "FingerMotor":
-        """An axis that has not moved yet."""
-        return cls(FingerPath(position, position, TrapezoidProfile(0, 0.0, 1.0, 1.0)))
-
     def moving(self, now_ns: int) -> bool:
-        """Whether it is on its way."""
+        """Whether it moves."""
         return not self.path.profile.done_at(now_ns)
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
@@ -43,25 +58,25 @@ class FingerMotor:
         self.contact = 0
 
     def stop(self, now_ns: int) -> None:
-        """Stay where it is."""
+        """Stop at the present position."""
         self.path = self.path.cut_at(now_ns)
 
     @property
     def closing(self) -> bool:
-        """The direction of its path."""
+        """Whether its path closes the finger."""
         return self.path.end > self.path.start
 
 
 def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
-    """One path for the opening between fingers, from now on.
+    """Return one path for the opening between fingers, from now on.
 
-    Exact while the fingers move alike; otherwise it ends where they end, at their mean speed.
+    It is exact while the fingers move alike; otherwise it ends where they end, at their mean speed.
     """
     moving = [path for path in paths if not path.profile.done_at(now_ns)]
     here = sum(path.position_at(now_ns) for path in paths) / len(paths)
     end = sum(path.end if path in moving else path.position_at(now_ns) for path in paths) / len(paths)
     if not moving:
-        return FingerPath(here, here, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+        return FingerPath.resting(here)
     longest = max(moving, key=lambda path: path.profile.duration_s).profile
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
@@ -69,33 +84,11 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
     return FingerPath(here, end, TrapezoidProfile(now_ns, abs(end - here), speed, ACCELERATION_COUNTS_S2))
 
 
-REFRESH_NS = 5_000_000
-"""The registers are refreshed at 200 Hz: a status read sooner still tells of what was before."""
-LATEST_NS = 2_000_000_000
-"""How late a tick may come and still stop the fingers where they met the object."""
-IMAGE_BYTES = 16
-RESET, ACTIVATING, CHANGING_MODE, READY = range(4)
-SCISSOR_MODE = 3
-AXES = ("A", "B", "C", "S")
-OFFSETS: dict[str, int] = dict(zip(AXES, (3, 6, 9, 12), strict=True))
-SCISSOR_OF_MODE = (0x89, 0xDC, 0x19, 0x19)
-"""Basic is the manual's status example; pinch, wide and scissor are ours."""
-CLOSED_COUNTS = 255
-MOTIONLESS = frozenset(("stuck", "false_success"))
-"""Faults with which the fingers do not move although the gripper reports that they arrived."""
-MOVING_CURRENT = 0x0F
-"""What the manual's example reads while the fingers close."""
-MODE_CHANGE_S = 1.0
-SLOWEST_M_S, FASTEST_M_S = 0.022, 0.110
-WEAKEST_N, FORCE_PER_COUNT_N = 15.0, 0.175
-MAJOR_FAULT = 0x0D
-
-
 class GripperModel:
     """The device behind the registers. `tick` it every 5 ms; other calls only read or write bytes.
 
-    fingers: the axes that carry the world's fingertips; the world's opening follows their mean.
-    faults: names of those that are on: `deaf` ignores what is written, the others are `fakes.faults.KINDS`.
+    fingers: the axes that carry the world's fingertips; the world's opening follows their mean. faults: names
+    of the active faults: `deaf` ignores what is written, the others are those of `fakes.faults.KINDS`.
     """
 
     def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:
@@ -107,20 +100,17 @@ class GripperModel:
         self._open = float(world.layout.open_counts)
         scissor = float(SCISSOR_OF_MODE[0])
         starts = dict.fromkeys("ABC", world.fingers.position_at(now_ns)) | {"S": scissor}
-        self.axes = {name: FingerMotor.resting(at) for name, at in starts.items()}
+        self.axes = {name: FingerMotor(FingerPath.resting(at)) for name, at in starts.items()}
         self._latched = bytes(IMAGE_BYTES)
         self._stage = RESET
         self._stage_ends_ns = 0
-        self._swept = False
-        self._going = False
-        self._releasing = False
-        self._mode = 0
-        self._fault = 0
+        self._swept = self._going = False
+        self._mode = self._fault = 0
         self._ticked_ns = now_ns
         self.image = self._status(now_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Take up what was written, move, and refresh the status image."""
+        """Read the command registers, move, and refresh the status image."""
         before = [self.axes[name].path for name in self._fingers]
         for missed_ns in range(max(self._ticked_ns, now_ns - LATEST_NS) + REFRESH_NS, now_ns, REFRESH_NS):
             self._stop_at_contact(missed_ns)
@@ -136,14 +126,14 @@ class GripperModel:
         self.image = self._status(now_ns)
 
     def fail(self, code: int, now_ns: int) -> None:
-        """Raise a fault; from 0x0D on the gripper stops and wants a reset and an activation."""
+        """Raise a fault; from 0x0D on the gripper stops and needs a reset and an activation."""
         self._fault = code
         if code >= MAJOR_FAULT:
             self._stage, self._going = RESET, False
             self._stop(now_ns)
 
     def lose_power(self, now_ns: int) -> None:
-        """Forget everything that was asked for; the fingers stay where they are."""
+        """Clear all registers; the fingers stay where they are."""
         self.written[:] = bytes(IMAGE_BYTES)
         self._reset(now_ns)
         self._latched = bytes(IMAGE_BYTES)
@@ -155,22 +145,19 @@ class GripperModel:
             self._fault = 0
 
     def _take(self, request: bytes, now_ns: int) -> None:
-        activate, release = request[0] & 1, request[0] & 16
-        if not activate:
+        if not request[0] & 1:
             self._reset(now_ns)
             return
         if not self._latched[0] & 1:
             self._stage, self._swept = ACTIVATING, False
             self._stage_ends_ns = now_ns + to_ns(self._sweep_s)
             self._sweep(CLOSED_COUNTS, now_ns)
-        if release and self._stage == READY:
-            self._begin_release(now_ns)
-        elif self._stage == READY and request[0] >> 1 & 3 != self._mode and not request[1] & 8:
+        if self._stage == READY and request[0] >> 1 & 3 != self._mode:
             self._begin_mode_change(request[0] >> 1 & 3, now_ns)
 
     def _reset(self, now_ns: int) -> None:
         self._stop(now_ns)
-        self._stage, self._going, self._releasing, self._fault = RESET, False, False, 0
+        self._stage, self._going, self._fault = RESET, False, 0
 
     def _stop(self, now_ns: int) -> None:
         for axis in self.axes.values():
@@ -181,11 +168,6 @@ class GripperModel:
         speed = 1.5 * (CLOSED_COUNTS - self._open) / self._sweep_s
         for name in "ABC":
             self.axes[name].go(end, speed, now_ns)
-
-    def _begin_release(self, now_ns: int) -> None:
-        self._stage, self._going, self._releasing, self._fault = RESET, False, True, 0x0B
-        for name in "ABC":
-            self.axes[name].go(self._open, self._speed(0), now_ns)
 
     def _begin_mode_change(self, mode: int, now_ns: int) -> None:
         self._stop(now_ns)
@@ -203,8 +185,6 @@ class GripperModel:
             self._stage = READY
             if self.axes["S"].contact:
                 self.fail(0x0E, now_ns)
-        elif self._releasing and not any(axis.moving(now_ns) for axis in self.axes.values()):
-            self._releasing, self._fault = False, 0x0F
         if self._stage == READY:
             self._follow(now_ns)
 
@@ -222,33 +202,22 @@ class GripperModel:
     def _follow(self, now_ns: int) -> None:
         go_to = bool(self._latched[0] & 8)
         if go_to:
-            for name, asked in self._requests().items():
-                self._ask(self.axes[name], asked, now_ns, rearm=not self._going)
+            individual = self._latched[1] & 4
+            for name in "S" if self._mode == SCISSOR_MODE else "ABC":
+                offset = OFFSETS[name if individual and name != "S" else "A"]
+                self._ask(self.axes[name], self._latched[offset : offset + 3], now_ns, rearm=not self._going)
         elif self._going:
             self._stop(now_ns)
         self._going = go_to
 
-    def _requests(self) -> dict[str, tuple[int, int, int]]:
-        """What each axis is asked for: position, speed, force."""
+    def _ask(self, axis: FingerMotor, request: bytes, now_ns: int, rearm: bool) -> None:
+        """Pass an axis its request: position, speed, force.
 
-        def bytes_of(name: str) -> tuple[int, int, int]:
-            position, speed, force = self._latched[OFFSETS[name] : OFFSETS[name] + 3]
-            return position, speed, force
-
-        requests = {}
-        if self._mode == SCISSOR_MODE and not self._latched[1] & 8:
-            return {"S": bytes_of("A")}
-        for name in "ABC":
-            requests[name] = bytes_of(name if self._latched[1] & 4 else "A")
-        if self._latched[1] & 8:
-            requests["S"] = bytes_of("S")
-        return requests
-
-    def _ask(self, axis: FingerMotor, asked: tuple[int, int, int], now_ns: int, rearm: bool) -> None:
-        """An axis in contact stays unless it is sent back, pressed harder, or rGTO was set anew."""
+        An axis in contact stays there unless it is sent back, is pressed harder, or rGTO has been set again.
+        """
+        position, speed, force = asked = request[0], request[1], request[2]
         if asked == axis.asked and not rearm:
             return
-        position, speed, force = asked
         end = max(float(position), self._open)
         back = (end < axis.path.position_at(now_ns)) == axis.closing
         if self.faults & MOTIONLESS:
@@ -309,7 +278,7 @@ class GripperModel:
         return {0: 3, 3: 2}.get(stopped, 1)
 
     def _refusal(self) -> int:
-        """The priority fault of a motion that has to wait: 5, 6 or 7, also where rACT comes with rGTO."""
+        """Return the priority fault of a motion that has to wait: 5, 6 or 7, also if rACT comes with rGTO."""
         if not self._latched[0] & 8:
             return 0
         if not self._latched[0] & 1:

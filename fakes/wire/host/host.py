@@ -4,60 +4,36 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
-from fakes.objects.plain import short_id
+from fakes.objects.catalogue import short_id
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.wire.host.mirror import Track, snapshot_of
+from fakes.wire.gripper.transport import WireGripper
 from fakes.wire.host.render import Renderer
-from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net.background import VitalThread
-from fakes.wire.net.side_channel import ControlServer, whole_number
+from fakes.wire.net import ControlServer, VitalThread
 from fakes.wire.ur.controller import POLYSCOPE, URController
 from fakes.world.fixture import parse_fixture
+from fakes.world.mirror import Track, snapshot_of
 from fakes.world.world import World
 
 TICK_S = 0.004
 SWITCH_S = 0.0005
-"""How long a busy thread may keep the interpreter while the controller's next cycle is due."""
-
-
+"""Longest time for which a busy thread keeps the interpreter while the controller's next cycle is due."""
 LOOK_S = 0.5
-"""How often `wait` looks whether all parts are alive."""
+"""Interval at which `wait` checks that all parts are alive."""
 JOIN_S = 2.0
 MOST_SEED = 2**63 - 1
 
 
-class Vital(Protocol):
-    """A part without which there are no fakes."""
-
-    @property
-    def failure(self) -> Exception | None:
-        """What ended it by itself; None where nothing did."""
-        ...
-
-
-class Device(Protocol):
-    """What every fake behind a wire can be told."""
-
-    def inject(self, kind: str, **arguments: Any) -> None:
-        """Begin a fault, or end all with kind "clear". Raises `InputError` naming the known kinds."""
-        ...
-
-    def snapshot(self) -> Mapping[str, Any]:
-        """What has happened so far, in JSON values."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """Where the fakes are reached. gripper: (host, port), or the path of a serial device."""
+    """The addresses of the fakes. gripper: (host, port), or the path of a serial device."""
 
     arm: str
     gripper: tuple[str, int] | str
@@ -67,11 +43,11 @@ class Addresses:
 
 @dataclass(frozen=True, slots=True)
 class WirePlan:
-    """How the arm and the gripper show themselves on the wire.
+    """The arm and the gripper on the wire.
 
-    polyscope: the version that the controller announces. fingers: the gripper's that carry the
-    fingertips. preset: its register map over TCP. rtu: a path to serve it under on a
-    pseudo-terminal instead.
+    polyscope: the version that the controller announces. fingers: those of the gripper that carry fingertips.
+    preset: its register map over TCP. rtu: path of a pseudo-terminal on which it is served instead, None for
+    TCP.
     """
 
     polyscope: str = POLYSCOPE
@@ -83,8 +59,8 @@ class WirePlan:
 class FakesHost:
     """Starts and stops the fakes of a bench.
 
-    host: the loopback address of all of them; a controller's ports are fixed, so a second bench
-    needs another one (127.0.0.2).
+    host: the loopback address of all of them; the ports of a controller are fixed, so a second bench needs
+    another address (127.0.0.2).
     """
 
     def __init__(self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0) -> None:
@@ -92,14 +68,14 @@ class FakesHost:
         self._clock = SharedClock(time.monotonic_ns())
         self._world = World(plan.layout, seed)
         self._track = Track()
-        self._devices: dict[str, Device] = {}
+        self._devices: dict[str, URController | WireGripper | _Stream] = {}
         self._served: dict[str, Any] = {}
         self._running = ExitStack()
         self._stopping = threading.Event()
-        self._vital: list[Vital] = []
+        self._vital: list[URController | WireGripper | ControlServer | VitalThread] = []
 
     def start(self) -> Addresses:
-        """Start everything; return where it is. Raises `InputError` for a place that is taken."""
+        """Start everything and return the addresses. Raises `InputError` if a port is in use."""
         sys.setswitchinterval(SWITCH_S)
         try:
             return self._start()
@@ -118,7 +94,7 @@ class FakesHost:
             self.check()
 
     def check(self) -> None:
-        """Raise a `DeviceError` with its reason where a part of the fakes has ended by itself."""
+        """Raise a `DeviceError` with the reason if a part of the fakes has ended."""
         for failure in (part.failure for part in self._vital):
             if isinstance(failure, DeviceError):
                 raise failure
@@ -153,7 +129,7 @@ class FakesHost:
         return GripperServer(self._world, self._clock, self._host, preset=wire.preset, fingers=wire.fingers)
 
     def _ticker(self, renderer: Renderer) -> VitalThread:
-        """Keep the world going and the cameras informed, whether or not a device asks."""
+        """Advance the world and send it to the cameras, whether or not a device asks."""
 
         def run() -> None:
             while not self._stopping.wait(TICK_S):
@@ -164,7 +140,7 @@ class FakesHost:
 
         ticker = VitalThread(run, "world of the fakes")
         ticker.start()
-        # not forever: it may be held up by cameras that take nothing more, whose process ends after it
+        # with a limit: it may be blocked by cameras that read nothing more, whose process ends after it
         self._running.callback(ticker.join, JOIN_S)
         self._running.callback(self._stopping.set)
         return ticker
@@ -176,30 +152,29 @@ class FakesHost:
         }  # fmt: skip
 
     def _place(self, object: str, seed: int | None = None) -> None:
-        """Do what an operator does, if it can be done: nothing is begun with what cannot be drawn."""
+        """Lay an object down or mount a target, as an operator does, if it can be drawn."""
         if not isinstance(object, str):
             raise InputError(f"an object has an id or a name, not {object!r}")
+        if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_SEED):
+            raise InputError(f"seed: {seed!r}: give a whole number from 0 to {MOST_SEED}")
         fixture = parse_fixture(object)
         if fixture is not None:
             self._plan.camera.printed(fixture.spec)
-        self._world.lay(object, whole_number(seed, "seed", MOST_SEED))
+        self._world.lay(object, seed)
 
     def _gap(self) -> dict[str, Any]:
         return {"gap_m": self._world.gap_at(self._clock.now_ns())}
 
     def _guide(self, to: Sequence[float], over_s: float) -> None:
-        """Have a person's hand lead the tool to a pose: x y z in m, rotation vector in rad, base axes."""
-        if (
-            not isinstance(to, list)
-            or len(to) != 6
-            or not all(isinstance(v, int | float) for v in (*to, over_s))
-        ):
-            raise InputError(f"a pose is six numbers, and a time one, not {to!r} and {over_s!r}")
-        x, y, z, a, b, c = (float(v) for v in to)
-        self._arm.guide((x, y, z, a, b, c), float(over_s))
+        """Let a person's hand guide the tool to a pose: x y z in m, rotation vector in rad, base axes."""
+        try:
+            x, y, z, a, b, c = map(float, to)
+            self._arm.guide((x, y, z, a, b, c), float(over_s))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"a pose is six numbers, and a time one, not {to!r} and {over_s!r}") from error
 
     def _identity(self) -> dict[str, Any]:
-        """Where each device is served: the arm, the gripper, and streams by their serials."""
+        """Return the address of each device: the arm, the gripper, and streams by their serials."""
         return self._served
 
     def _fault(self, device: str, kind: str, **arguments: Any) -> None:
@@ -220,17 +195,17 @@ class FakesHost:
         return names
 
     def _since(self, since_ns: int) -> dict[str, Any]:
-        """How the tool and the fingers truly moved since a time of this computer's monotonic clock."""
+        """Return the true motion of tool and fingers since a time of this computer's monotonic clock."""
         start_ns = self._clock.start_ns
         samples = self._track.since(since_ns - start_ns)
         return {"samples": [(time_ns + start_ns, *rest) for time_ns, *rest in samples]}
 
     def _status(self) -> dict[str, Any]:
-        """The world and all devices."""
-        return {**self._state(), "devices": {name: dict(d.snapshot()) for name, d in self._devices.items()}}
+        """Return the state of the world and of all devices."""
+        return {**self._state(), "devices": {name: d.snapshot() for name, d in self._devices.items()}}
 
     def _state(self) -> dict[str, Any]:
-        """The world as it truly is."""
+        """Return the true state of the world."""
         now = self._clock.now_ns()
         state, model = self._world.state_at(now), self._world.model
         return {
@@ -248,13 +223,13 @@ class FakesHost:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """A stream's server in the drawing process."""
+    """The server of a stream, in the rendering process."""
 
     renderer: Renderer
     serial: str
 
     def inject(self, kind: str, **arguments: Any) -> None:
-        self.renderer.call(self.serial, MjpegServer.inject, kind, **arguments)
+        self.renderer.call(self.serial, "inject", kind=kind, **arguments)
 
-    def snapshot(self) -> Mapping[str, Any]:
-        return self.renderer.call(self.serial, MjpegServer.snapshot)
+    def snapshot(self) -> dict[str, Any]:
+        return self.renderer.call(self.serial, "snapshot")

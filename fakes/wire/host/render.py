@@ -1,12 +1,11 @@
-"""The process that draws: cameras and fingertips of a mirrored world, served as MJPEG streams."""
+"""The rendering process: cameras and fingertips of a mirrored world, served as MJPEG streams."""
 
 import sys
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,25 +19,22 @@ from fakes.devices.camera import FakeCamera
 from fakes.devices.digit import FakeDigit
 from fakes.devices.plan import BenchPlan, unit_seed
 from fakes.faults import FaultScript
-from fakes.wire.host.mirror import MirroredWorld, Snapshot
 from fakes.wire.mjpeg.server import MjpegServer
-from fakes.wire.net.background import VitalThread
+from fakes.wire.net import VitalThread
+from fakes.world.mirror import MirroredWorld, Snapshot
 
 START_S = 30.0
 STOP_S = 5.0
 LOOK_S = 0.25
-"""How often the process looks whether all of its threads are alive."""
+"""Interval at which the process checks that all of its threads are alive."""
 CAMERA_PHASE = 0.125
-"""When within its period the camera captures: a quarter of a fingertip's period after the first of them."""
+"""Share of its period at which the camera captures: a quarter of a fingertip's period after the first."""
 SWITCH_S = 0.0005
-"""How long a busy thread may keep the interpreter while another's image is due."""
-
-Arguments = ParamSpec("Arguments")
-Answer = TypeVar("Answer")
+"""Longest time for which a busy thread keeps the interpreter while the image of another is due."""
 
 
 class Renderer:
-    """The drawing process as its parent sees it."""
+    """The rendering process, in its parent."""
 
     def __init__(self, plan: BenchPlan, clock: SharedClock, first: Snapshot, host: str) -> None:
         context = spawn_context()
@@ -57,26 +53,20 @@ class Renderer:
         return self._answer(START_S)
 
     def feed(self, snapshot: Snapshot) -> None:
-        """Tell the process how the world is now. Raises `DeviceError` when it is gone."""
+        """Send the state of the world to the process. Raises `DeviceError` if the process has ended."""
         try:
             self._feed.send(snapshot)
         except OSError as error:
             raise self._reason() from error
 
-    def call(
-        self,
-        serial: str,
-        method: Callable[Concatenate[MjpegServer, Arguments], Answer],
-        *arguments: Arguments.args,
-        **named: Arguments.kwargs,
-    ) -> Answer:
-        """Call a method of a stream's server. Raises what it raises."""
+    def call(self, serial: str, method: str, **arguments: Any) -> Any:
+        """Call a method of the server of a stream. Raises its errors."""
         with self._lock:
-            self._calls.send((serial, method, arguments, named))
+            self._calls.send((serial, method, arguments))
             return self._answer(START_S)
 
     def stop(self) -> None:
-        """End the process, whatever it is at."""
+        """End the process, whatever it does."""
         self._feed.close()
         self._calls.close()
         self._process.join(STOP_S)
@@ -85,7 +75,7 @@ class Renderer:
             self._process.join()
 
     def _reason(self) -> DeviceError:
-        """Why the process has ended, in its own words where it left some."""
+        """Return why the process has ended: its own error if it sent one."""
         with self._lock, suppress(EOFError, OSError):
             while self._calls.poll(STOP_S):
                 answer = self._calls.recv()
@@ -108,7 +98,7 @@ class Renderer:
 def _render(
     plan: BenchPlan, start_ns: int, first: Snapshot, host: str, feed: Connection, calls: Connection
 ) -> None:
-    """Run the process: until the parent closes the pipes, or is gone."""
+    """Run the process until the parent closes the pipes or ends."""
     leave_signals_to_parent()
     ask_for_realtime()
     sys.setswitchinterval(SWITCH_S)
@@ -150,7 +140,7 @@ def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase:
 
 
 def _drawn(source: FakeDigit | FakeCamera, time_ns: int) -> Image:
-    """A frame of the world at `time_ns`, with noise of its own."""
+    """Return a frame of the world at `time_ns`; its noise depends on the time."""
     return source.draw(time_ns, np.random.default_rng((unit_seed(source.serial), time_ns)))
 
 
@@ -161,25 +151,22 @@ def _keep_fed(world: MirroredWorld, feed: Connection) -> None:
 
 
 def _require_alive(*threads: VitalThread | MjpegServer) -> None:
-    """Raise a `DeviceError` with its reason where a thread has ended by itself."""
+    """Raise a `DeviceError` with the reason if a thread has ended."""
     for thread in threads:
         if thread.failure is not None:
             raise DeviceError(f"fake cameras: {type(thread.failure).__name__}: {thread.failure}")
 
 
 def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> bool:
-    """Do what the parent asks of the servers by now; return whether it may ask more.
-
-    It may not when it closed the pipe, or is gone.
-    """
+    """Execute the next call of the parent; return False if the parent has closed the pipe or ended."""
     try:
         if not calls.poll(LOOK_S):
             return True
-        serial, method, arguments, named = calls.recv()
+        serial, method, arguments = calls.recv()
     except (EOFError, OSError):
         return False
     try:
-        calls.send(method(servers[serial], *arguments, **named))
+        calls.send(getattr(servers[serial], method)(**arguments))
     except (RigError, TypeError) as error:
         calls.send(InputError(f"{serial}: {error}") if isinstance(error, TypeError) else error)
     return True

@@ -1,7 +1,7 @@
-"""A simulated DIGIT or camera as its wire shows it: modes, light, numbers, and what goes wrong.
+"""A simulated DIGIT or camera as it appears on its wire: modes, light, numbers, and faults.
 
-It stands for the device and the driver in the kernel: raw images on a schedule, each with a
-number and a capture time. A DIGIT's lie on their side, and its first ones are green.
+It replaces the device and its driver in the kernel: raw images on a schedule, each with a number and a
+capture time. Those of a DIGIT are rotated by 90 degrees, and its first ones are green.
 """
 
 import threading
@@ -13,22 +13,24 @@ import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
-from drivers.errors import InputError, unknown_name
+from drivers.errors import InputError
 from drivers.types import Image
-from fakes.wire.net.side_channel import duration_ns, whole_number
+from fakes.wire.injection import Faults
 
 Kind = Literal["digit", "camera"]
 Render = Callable[[int], Image]
 OnLight = Callable[[float, float, float], None]
 
-FAULTS = ("freeze", "drop", "disconnect", "green", "shift", "truncate", "slow")
+FAULTS = {
+    kind: {"frames": None} for kind in ("freeze", "drop", "disconnect", "green", "shift", "truncate", "slow")
+}
+"""Kinds of fault; each takes the number of images after which it ends."""
 DIGIT_MODES = {(320, 240): (30.0, 60.0), (640, 480): (15.0, 30.0)}
-"""Raw size in px: rates in Hz; the first is what a change of size resets to."""
+"""Rates in Hz by raw size in px; a change of size resets the rate to the first."""
 GREEN_AFTER_OPENING = 3
 JPEG_QUALITY = 95
-MOST_FRAMES = 1_000_000
 _EMPTY_BUFFER_RGB = (0, 135, 0)
-"""What a YUV buffer of zeros decodes to (ITU-R BT.601)."""
+"""The colour that a YUV buffer of zeros decodes to (ITU-R BT.601)."""
 _SHIFT_PX = 37
 _CUT_AT = 0.6
 _SLOWER = 2
@@ -36,25 +38,19 @@ _SLOWER = 2
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """One image on the wire. time_ns: when it was captured, on the sensor's clock."""
+    """One image on the wire. time_ns: capture time on the sensor's clock."""
 
     number: int
     time_ns: int
     jpeg: bytes
 
 
-@dataclass(slots=True)
-class _Fault:
-    until_ns: int | None
-    frames: int | None
-
-
 class MjpegSensor:
     """The state of one sensor. `render(time_ns)` draws (H, W, 3) uint8 RGB, upright.
 
-    rate_hz: until somebody sets another. on_light: told of the LEDs' intensities, 0 to 1. phase:
-    when in a period it captures, 0 to 1, so that no two sensors do it together.
-    Several threads may use it. Raises `InputError` for a rate that a DIGIT does not have.
+    rate_hz: the initial rate. on_light: is called with the intensities of the LEDs, 0 to 1. phase: time of
+    the capture within a period, 0 to 1, so that sensors do not all capture at once. Several threads may use a
+    sensor. Raises `InputError` for a rate that a DIGIT does not have.
     """
 
     def __init__(
@@ -76,22 +72,22 @@ class MjpegSensor:
         self._size = (height, width) if kind == "digit" else (width, height)
         self._rates = DIGIT_MODES if kind == "digit" else {self._size: (rate_hz,)}
         self._rate_hz = rate_hz
-        self._faults: dict[str, _Fault] = {}
+        self._faults = Faults("simulated sensor", FAULTS, clock.now_ns)
         self._last: bytes | None = None
         self._greens = 0
         self._number, self._due_ns = 0, clock.now_ns()
         self._set_rate(rate_hz)
 
     def open(self) -> None:
-        """The first client is there: the device starts, with images that nothing has filled yet."""
+        """Start the device for the first client, with empty images at first."""
         with self._lock:
             self._skip_until(self._clock.now_ns())
             self._greens = GREEN_AFTER_OPENING if self._kind == "digit" else 0
 
     def configure(self, settings: Mapping[str, Any]) -> dict[str, Any]:
-        """Set `size_px` [w, h] (raw), `rate_hz`, `light` [r, g, b]; return what is set now.
+        """Set `size_px` [w, h] (raw), `rate_hz`, `light` [r, g, b]; return the present settings.
 
-        Raises `InputError`, as a device refuses what it does not offer.
+        Raises `InputError` for a setting that the device does not offer.
         """
         unknown = set(settings) - {"size_px", "rate_hz", "light"}
         if unknown:
@@ -105,39 +101,23 @@ class MjpegSensor:
                 self._set_light(_numbers(settings["light"], 3))
             return {"size_px": list(self._size), "rate_hz": self._rate_hz}
 
-    def inject(self, kind: str, duration_s: float | None = None, frames: int | None = None) -> None:
-        """Begin a fault, for a time or a number of images; "clear" ends all.
-
-        Raises `InputError` naming the known kinds, or for numbers that are none.
-        """
-        lasts_ns = duration_ns(duration_s, f"fault '{kind}'")
-        frames = whole_number(frames, f"fault '{kind}', frames", MOST_FRAMES)
-        if kind not in (*FAULTS, "clear"):
-            raise unknown_name("fault", str(kind), (*FAULTS, "clear"))
-        with self._lock:
-            if kind == "clear":
-                self._faults.clear()
-                return
-            until = None if lasts_ns is None else self._clock.now_ns() + lasts_ns
-            self._faults[kind] = _Fault(until, frames)
+    def inject(self, kind: str, **arguments: Any) -> None:
+        """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
+        if kind == "clear":
+            self._faults.clear()
+        else:
+            self._faults.begin(kind, arguments)
 
     def active(self, kind: str) -> bool:
-        """Whether a fault is on."""
-        with self._lock:
-            fault = self._faults.get(kind)
-            if fault is None:
-                return False
-            over = fault.until_ns is not None and self._clock.now_ns() >= fault.until_ns
-            if over or fault.frames == 0:
-                del self._faults[kind]
-                return False
-            return True
+        """Whether a fault is active."""
+        fault = self._faults.get(kind)
+        return fault is not None and fault["frames"] != 0
 
     def due_ns(self, patience_ns: int) -> tuple[int, int]:
-        """Capture time of the next image, and how many were given up for it.
+        """Return the capture time of the next image, and how many were discarded before it.
 
-        An image nobody fetched for `patience_ns` is given up, with all that were due since: what
-        comes next is fresh.
+        If an image has not been captured for `patience_ns`, it is discarded with all that were due since, so
+        that the next one is fresh.
         """
         with self._lock:
             now = self._clock.now_ns()
@@ -145,7 +125,7 @@ class MjpegSensor:
             return self._due_ns, missed
 
     def capture(self) -> Capture | None:
-        """Take the image that is due; None where it never reaches the wire."""
+        """Capture the image that is due; return None if it never reaches the wire."""
         with self._lock:
             number, time_ns, size = self._number, self._due_ns, self._size
             self._number += 1
@@ -162,7 +142,7 @@ class MjpegSensor:
         return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
 
     def _skip_until(self, time_ns: int) -> int:
-        """Let images up to a time pass by; return how many they were."""
+        """Skip the images up to a time; return how many they were."""
         period_ns = round(NS_PER_S / self._rate_hz)
         passed = max(-((self._due_ns - time_ns) // period_ns), 0)
         self._number += passed
@@ -170,12 +150,12 @@ class MjpegSensor:
         return passed
 
     def _hits(self, kind: str) -> bool:
-        """Whether a fault is on for this image, which uses it up by one."""
-        if not self.active(kind):
+        """Whether a fault is active for this image; count the image."""
+        fault = self._faults.get(kind)
+        if fault is None or fault["frames"] == 0:
             return False
-        fault = self._faults[kind]
-        if fault.frames is not None:
-            fault.frames -= 1
+        if fault["frames"] is not None:
+            fault["frames"] -= 1
         return True
 
     def _raw(self, time_ns: int, size: tuple[int, int], shift: bool) -> Image:
@@ -196,7 +176,7 @@ class MjpegSensor:
     def _set_rate(self, rate_hz: float) -> None:
         if rate_hz not in self._rates[self._size]:
             raise InputError(f"sensor: no rate {rate_hz:g} Hz at {self._size}; {self._rates[self._size]}")
-        # Images of the old rate that nobody fetched are numbered before the new rate begins.
+        # images of the old rate that were not captured are numbered before the new rate begins
         self._skip_until(self._clock.now_ns())
         self._rate_hz = rate_hz
         period_ns = round(NS_PER_S / rate_hz)

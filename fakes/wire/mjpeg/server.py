@@ -12,14 +12,14 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 from zlib import crc32
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.errors import InputError
 from fakes.wire.mjpeg.sensor import Capture, Kind, MjpegSensor, OnLight, Render
-from fakes.wire.net.background import BackgroundServer, VitalThread
+from fakes.wire.net import BackgroundServer, QuietServer, VitalThread
 
 LATENCY_S = 0.004
 """From capture to rendering: by then the world has advanced to the time of the image."""
@@ -180,12 +180,8 @@ class MjpegServer:
         self._changed.notify_all()
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    request_queue_size = 128
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore clients that have disconnected."""
+class _Server(QuietServer, HTTPServer):
+    """The HTTP server of a stream."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -5,10 +5,18 @@ from collections.abc import Generator, Iterable
 from typing import Protocol
 
 from drivers.types import Vector6
-from fakes.wire.ur.frames import Frame, compose, inverse, moved, rotation_between, to_pose
-from fakes.wire.ur.kinematics import forward, nearest_inverse, tracked_inverse
-from fakes.world.motion import distance
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.wire.ur.geometry import (
+    Frame,
+    compose,
+    forward,
+    inverse,
+    moved,
+    nearest_inverse,
+    rotation_between,
+    to_pose,
+    tracked_inverse,
+)
+from fakes.world.motion import TrapezoidProfile, distance
 
 STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 Thread = Generator[None, None, None]
@@ -27,10 +35,10 @@ class OutOfReachError(Exception):
 
 
 class ArmMover(Protocol):
-    """Something that moves the arm, cycle by cycle."""
+    """A motion of the arm."""
 
     def step(self, body: "Body", dt_s: float) -> bool:
-        """Move on by `dt_s`; return whether the motion has ended."""
+        """Advance the motion by `dt_s`; return whether it has ended."""
         ...
 
 
@@ -39,8 +47,7 @@ class Body:
 
     def __init__(self, joints_rad: Vector6, flange_T_tcp: Frame) -> None:  # noqa: N803
         self.q = joints_rad
-        self.qd = STILL
-        self.twist = STILL
+        self.qd = self.twist = STILL
         self.flange = forward(joints_rad)
         self.tool = flange_T_tcp
         self.still_cycles = LONG_STILL_CYCLES
@@ -57,11 +64,11 @@ class Body:
         return self.still_cycles > 2
 
     def reach(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
-        """Joint angles nearest to `near` (or to now) that bring the TCP there; None when out of reach."""
+        """Return the joint angles nearest to `near` (or to now) that reach a pose, None if there are none."""
         return nearest_inverse(compose(base_T_tcp, inverse(self.tool)), near or self.q)
 
     def follow(self, base_T_tcp: Frame) -> None:  # noqa: N803
-        """Take the TCP a small step on. Raises `OutOfReachError`."""
+        """Move the TCP by a small step. Raises `OutOfReachError`."""
         flange = compose(base_T_tcp, inverse(self.tool))
         joints = tracked_inverse(flange, self.q)
         if joints is None or not self._can_step_to(joints):
@@ -69,7 +76,7 @@ class Body:
         self.q, self.flange = joints, flange
 
     def bend(self, joints_rad: Vector6) -> None:
-        """Take the joints a small step on. Raises `OutOfReachError`."""
+        """Move the joints by a small step. Raises `OutOfReachError`."""
         if not self._can_step_to(joints_rad):
             raise OutOfReachError
         self.q, self.flange = joints_rad, forward(joints_rad)
@@ -78,49 +85,32 @@ class Body:
         return all(abs(b - a) <= MAX_STEP_RAD for a, b in zip(self.q, joints_rad, strict=True))
 
     def step(self, dt_s: float, scale: float) -> bool:
-        """One control cycle at a speed scale of 0 to 1; return whether the arm moved."""
+        """Run one control cycle at a speed scale of 0 to 1; return whether the arm moved."""
         before, tcp = self.q, self.tcp
         try:
             if self.mover is not None and self.mover.step(self, dt_s * scale):
                 self.mover = None
         finally:
-            moved_now = self.q != before
-            self._differentiate(before, tcp, dt_s, moved_now)
-        return moved_now
+            self.still_cycles = 0 if self.q != before else self.still_cycles + 1
+            if not self.settled:
+                self._differentiate(before, tcp, dt_s)
+        return self.still_cycles == 0
 
-    def _differentiate(self, before: Vector6, tcp: Frame, dt_s: float, moved_now: bool) -> None:
-        self.still_cycles = 0 if moved_now else self.still_cycles + 1
-        if self.settled:
-            return
-        self.qd = _six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
+    def _differentiate(self, before: Vector6, tcp: Frame, dt_s: float) -> None:
+        self.qd = six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
         now = self.tcp
         turn = rotation_between(tcp, now)
-        self.twist = _six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
-
-
-class JointMove:
-    """movej: all joints start and end together, the one with the longest way at full speed."""
-
-    def __init__(self, start: Vector6, target: Vector6, speed: float, acceleration: float) -> None:
-        self._start, self._way = start, _six(b - a for a, b in zip(start, target, strict=True))
-        self._travel = _travel(max(abs(w) for w in self._way), speed, acceleration)
-        self._elapsed_s = 0.0
-
-    def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
-        self._elapsed_s += dt_s
-        fraction = self._travel.fraction_at(round(self._elapsed_s * _NS))
-        body.bend(_six(a + fraction * w for a, w in zip(self._start, self._way, strict=True)))
-        return fraction >= 1.0
+        self.twist = six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
 
 
 class LinearMove:
-    """movel: the TCP runs straight and turns about one axis, as the in-process arm does."""
+    """movel: the TCP moves straight and turns about one axis, as the in-process arm does."""
 
     def __init__(self, start: Frame, target: Frame, speed: float, acceleration: float) -> None:
         self._start, self._target = start, target
         self._turn = rotation_between(start, target)
-        self._travel = _travel(distance(to_pose(start), to_pose(target)), speed, acceleration)
+        way = distance(to_pose(start), to_pose(target))
+        self._travel = TrapezoidProfile(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
         self._elapsed_s = 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
@@ -136,7 +126,7 @@ class LinearMove:
 
 
 class JointStop:
-    """stopj: every joint brakes along its way; `deceleration` in rad/s^2 for the fastest."""
+    """stopj: every joint brakes along its path; `deceleration` in rad/s^2 for the fastest joint."""
 
     def __init__(self, speeds: Vector6, deceleration: float) -> None:
         self._speeds = speeds
@@ -148,12 +138,12 @@ class JointStop:
         if self._left_s <= 0.0:
             return True
         k = dt_s * self._left_s / self._brake_s
-        body.bend(_six(q + k * v for q, v in zip(body.q, self._speeds, strict=True)))
+        body.bend(six(q + k * v for q, v in zip(body.q, self._speeds, strict=True)))
         return False
 
 
 class LinearStop:
-    """stopl: the TCP brakes along its way; `deceleration` in m/s^2 (rad/s^2 for a pure turn)."""
+    """stopl: the TCP brakes along its path; `deceleration` in m/s^2 (rad/s^2 for a pure rotation)."""
 
     def __init__(self, twist: Vector6, deceleration: float) -> None:
         self._twist = twist
@@ -172,7 +162,7 @@ class LinearStop:
 
 
 class GuidingHand:
-    """A person's hand, simulated: it pushes along a straight way for a while, also against a locked arm."""
+    """A simulated hand of a person: it pushes along a straight path for a time, also against a locked arm."""
 
     def __init__(self) -> None:
         self._way: Vector6 = STILL
@@ -180,7 +170,7 @@ class GuidingHand:
         self._share = 0.0
 
     def lead(self, way: Vector6, total_s: float) -> None:
-        """Start to push. way: the whole displacement, x y z in m and rotation vector in rad, base axes."""
+        """Start to push. way: the total displacement, x y z in m and rotation vector in rad, base axes."""
         self._way, self._total_s, self._elapsed_s, self._share = way, total_s, 0.0, 0.0
 
     def pass_time(self, dt_s: float) -> None:
@@ -190,7 +180,7 @@ class GuidingHand:
 
     def step(self) -> Vector6:
         """Return the displacement of this cycle."""
-        return _six(self._share * value for value in self._way)
+        return six(self._share * value for value in self._way)
 
 
 def _covered(share_of_time: float) -> float:
@@ -198,7 +188,7 @@ def _covered(share_of_time: float) -> float:
 
 
 class Guided:
-    """teach_mode: the arm follows the hand, and rests when the hand does."""
+    """teach_mode: the arm follows the hand, and stands still when the hand does."""
 
     def __init__(self, hand: GuidingHand) -> None:
         self._hand = hand
@@ -218,10 +208,16 @@ def move_until_done(body: Body, mover: ArmMover) -> Thread:
         yield
 
 
-def _travel(way: float, speed: float, acceleration: float) -> TrapezoidProfile:
-    return TrapezoidProfile(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
+def ended(thread: Thread) -> bool:
+    """Run a thread for one cycle; return whether it has ended."""
+    try:
+        next(thread)
+    except StopIteration:
+        return True
+    return False
 
 
-def _six(values: Iterable[float]) -> Vector6:
+def six(values: Iterable[float]) -> Vector6:
+    """Return six values as a tuple."""
     a, b, c, d, e, f = values
     return a, b, c, d, e, f

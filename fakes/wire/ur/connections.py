@@ -2,8 +2,8 @@
 
 import contextlib
 import socket
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 from drivers.errors import InputError
 
@@ -76,42 +76,32 @@ class Connection:
         self.socket.close()
 
 
-@dataclass(slots=True)
-class Listeners:
-    """The ports a controller listens on, all on one address."""
-
-    host: str
-    ports: tuple[int, ...]
-    sockets: dict[int, socket.socket] = field(default_factory=dict)
-
-    def open(self) -> None:
-        """Listen. Raises `InputError` if a port is in use or the address is not one of this computer."""
-        for port in self.ports:
-            try:
-                self.sockets[port] = _listening(self.host, port)
-            except OSError as error:
-                self.close()
-                raise InputError(
-                    f"simulated controller: cannot listen on {self.host} port {port}: {error.strerror}; "
-                    "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
-                ) from error
-
-    def accept(self, port: int) -> socket.socket | None:
-        """Accept the next client of a port, None if it is already gone."""
+def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
+    """Listen on all ports. Raises `InputError` if one is in use or the address is not of this computer."""
+    listeners: dict[int, socket.socket] = {}
+    for port in ports:
         try:
-            client, _ = self.sockets[port].accept()
-        except OSError:
-            return None
-        client.setblocking(False)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
-        return client
+            listeners[port] = _listening(host, port)
+        except OSError as error:
+            for listener in listeners.values():
+                listener.close()
+            raise InputError(
+                f"simulated controller: cannot listen on {host} port {port}: {error.strerror}; "
+                "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
+            ) from error
+    return listeners
 
-    def close(self) -> None:
-        """Stop listening."""
-        for listener in self.sockets.values():
-            listener.close()
-        self.sockets.clear()
+
+def accept(listener: socket.socket) -> socket.socket | None:
+    """Accept the next client, None if it has disconnected already."""
+    try:
+        client, _ = listener.accept()
+    except OSError:
+        return None
+    client.setblocking(False)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+    return client
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -11,23 +11,25 @@ import logging
 import math
 import re
 import selectors
+import socket
 import threading
 import time
+from functools import partial
 from typing import Any
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.types import Vector6
-from fakes.wire.net.background import VitalThread
+from fakes.wire.injection import Faults
+from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
-from fakes.wire.ur.connections import MOST_CLIENTS, Connection, Feed, Listeners
+from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.dashboard import BANNER, DashboardServer, LineReader
-from fakes.wire.ur.faults import Faults
-from fakes.wire.ur.frames import compose, from_ur, rotation_between
+from fakes.wire.ur.dashboard import BANNER, LineReader, reply
+from fakes.wire.ur.geometry import compose, from_ur, rotation_between
 from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
-from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
+from fakes.wire.ur.script import ProgramReader, register_offset, run_other
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 
@@ -39,6 +41,26 @@ POLYSCOPE = "5.11.0"
 """The version that is announced by default."""
 BUILDS = {(5, 11): 108249}
 JOIN_S = 2.0
+FAULTS: dict[str, dict[str, Any]] = {
+    "protective_stop": {},
+    "emergency_stop": {},
+    "program_killed": {},
+    "stream_frozen": {"repeat": False},
+    "socket_dropped": {},
+    "silent": {},
+    "remote_control_off": {},
+    "recipe_refused": {"reply": "IN_USE", "prefix": ""},
+}
+"""Kinds of fault and the defaults of their arguments.
+
+protective_stop: the arm stops itself; a release over the dashboard ends it, 5 s later at the earliest.
+emergency_stop: the button is pressed; "clear" turns it out again, and the power stays off. program_killed:
+the running program ends, as from the pendant's stop button. stream_frozen: no more data packages are sent,
+or, if `repeat` is set, the same one again and again. socket_dropped: all connections are closed; new ones are
+accepted. silent: connections are accepted on any port, but nothing is answered. remote_control_off: the
+pendant is switched to local, so that no program is accepted. recipe_refused: variables that begin with
+`prefix` are refused with `reply`, NOT_FOUND or IN_USE.
+"""
 _log = logging.getLogger(__name__)
 
 
@@ -61,9 +83,9 @@ class URController:
         self.host = host
         self._clock = clock
         self.robot = Robot(world, _version(version), release_after_s)
-        self.faults = Faults(self.robot, self._drop)
-        self._dashboard = DashboardServer(self.robot, serial_number, self._run)
-        self._listeners = Listeners(host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
+        self.faults = Faults("simulated controller", FAULTS, lambda: self.robot.time_ns)
+        self._serial_number = serial_number
+        self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
         self._sessions: dict[Connection, RtdeSession] = {}
@@ -75,8 +97,8 @@ class URController:
 
     def start(self) -> None:
         """Listen and run. Raises `InputError` if a port is in use."""
-        self._listeners.open()
-        for port, listener in self._listeners.sockets.items():
+        self._listeners = listen(self.host, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS))
+        for port, listener in self._listeners.items():
             self._selector.register(listener, selectors.EVENT_READ, port)
         self._cycle = self._clock.now_ns() // CYCLE_NS
         self._stopping.clear()
@@ -96,15 +118,37 @@ class URController:
         for connection in self._connections:
             connection.closed = True
         self._remove_closed()
-        self._listeners.close()
+        for listener in self._listeners.values():
+            listener.close()
+        self._listeners = {}
         self._selector.close()
         self._selector = selectors.SelectSelector()
 
     def inject(self, kind: str, **arguments: Any) -> None:
-        """Start a fault (`fakes.wire.ur.faults.KINDS`). Raises `InputError` for an unknown one."""
-        self.faults.check(kind, arguments)
+        """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
+        if arguments.get("reply", "IN_USE") not in ("IN_USE", "NOT_FOUND"):
+            raise InputError("simulated controller: recipe_refused takes reply='NOT_FOUND' or 'IN_USE'")
+        robot = self.robot
         with self._lock:
-            self.faults.begin(kind, arguments)
+            if kind == "clear":
+                self.faults.clear()
+                robot.safety.release_button()
+            else:
+                self.faults.begin(kind, arguments)
+            match kind:
+                case "protective_stop":
+                    robot.protective_stop()
+                case "emergency_stop":
+                    robot.safety.emergency_stop()
+                case "program_killed":
+                    robot.end_program("killed")
+                case "socket_dropped":
+                    for connection in self._connections:
+                        connection.hang_up()
+            self._set_remote_control()
+
+    def _set_remote_control(self) -> None:
+        self.robot.safety.remote_control = self.faults.get("remote_control_off") is None
 
     def guide(self, to: Vector6, total_s: float) -> None:
         """Push the tool to a pose in the controller's notation within `total_s`, as a person's hand does.
@@ -132,8 +176,8 @@ class URController:
                 "streams": sum(session.started for session in self._sessions.values()),
                 "ignored_packages": sum(session.ignored for session in self._sessions.values()),
                 "commands": {str(number): n for number, n in sorted(robot.commands.items())},
-                "program_running": robot.running,
-                "program_end": robot.last_error,
+                "program_running": robot.runtime.running,
+                "program_end": robot.runtime.last_error,
                 "safety_mode": robot.safety.mode.name,
                 "robot_mode": robot.safety.robot_mode.name,
                 "remote_control": robot.safety.remote_control,
@@ -158,21 +202,21 @@ class URController:
             self._cycle = due - 1
         while self._cycle < due:
             self._cycle += 1
-            self.faults.step(self._cycle * CYCLE_NS)
             self.robot.cycle(self._cycle * CYCLE_NS)
+            self._set_remote_control()
             self._publish()
         if self._cycle % 64 == 0:
             self._cpu_s = time.thread_time()
 
     def _publish(self) -> None:
-        faults, time_ns = self.faults, self.robot.time_ns
-        if faults.silent or (faults.frozen and not faults.repeat):
+        frozen = self.faults.get("stream_frozen")
+        if self._silent or (frozen is not None and not frozen["repeat"]):
             return
         for connection, session in self._sessions.items():
             if session.due(self._cycle):
-                if not (connection.behind or (faults.frozen and connection.last)):
+                if not (connection.behind or (frozen and connection.last)):
                     connection.last = session.data()
-                connection.send(connection.last, time_ns, droppable=True)
+                connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
 
     def _handle(self, what: int | Connection) -> None:
@@ -182,7 +226,7 @@ class URController:
             self._receive(what)
 
     def _accept(self, port: int) -> None:
-        client = self._listeners.accept(port)
+        client = accept(self._listeners[port])
         if client is None:
             return
         if len(self._connections) >= MOST_CLIENTS:
@@ -191,41 +235,43 @@ class URController:
         connection = Connection(client, port, lambda _: b"")
         greeting = b""
         if port == RTDE_PORT:
-            session = RtdeSession(
-                self.robot.bank, self.robot.version, self.robot.write_inputs, self.faults.refused
-            )
+            session = RtdeSession(self.robot.bank, self.robot.version, self.robot.write_inputs, self._refused)
             self._sessions[connection], connection.feed = session, session.feed
         elif port == DASHBOARD_PORT:
-            connection.feed, greeting = self._dashboard_feed(LineReader()), BANNER.encode() + b"\n"
+            connection.feed, greeting = partial(self._feed_dashboard, LineReader()), BANNER.encode() + b"\n"
         else:
-            connection.feed = self._script_feed(ProgramReader())
+            connection.feed = partial(self._feed_script, ProgramReader())
         self._connections.append(connection)
         self._selector.register(client, selectors.EVENT_READ, connection)
-        if not self.faults.silent:
+        if not self._silent:
             connection.send(greeting, self.robot.time_ns)
 
-    def _dashboard_feed(self, lines: LineReader) -> Feed:
-        return lambda data: "".join(self._dashboard.reply(text) + "\n" for text in lines.feed(data)).encode()
+    def _refused(self, variable: str) -> str | None:
+        """Return how a recipe with this variable is refused, None if it is not."""
+        refusal = self.faults.get("recipe_refused")
+        return refusal["reply"] if refusal and variable.startswith(refusal["prefix"]) else None
 
-    def _script_feed(self, reader: ProgramReader) -> Feed:
-        def feed(data: bytes) -> bytes:
-            for text in reader.feed(data):
-                if self.robot.safety.remote_control:
-                    self._run(recognise(text), len(text))
-            return b""
+    @property
+    def _silent(self) -> bool:
+        return self.faults.get("silent") is not None
 
-        return feed
+    def _feed_dashboard(self, reader: LineReader, data: bytes) -> bytes:
+        lines = reader.feed(data)
+        return "".join(reply(self.robot, self._serial_number, line) + "\n" for line in lines).encode()
 
-    def _run(self, program: ControlProgram | OtherProgram, characters: int = 0) -> bool:
-        if isinstance(program, ControlProgram):
-            return self.robot.run(ControlLoop(self.robot, program), characters)
-        return self.robot.run(OtherProgramRun(self.robot, program), characters)
+    def _feed_script(self, reader: ProgramReader, data: bytes) -> bytes:
+        for text in reader.feed(data):
+            if self.robot.safety.remote_control:
+                offset, robot = register_offset(text), self.robot
+                program = run_other(robot, text) if offset is None else ControlLoop(robot, offset).run()
+                robot.run(program, len(text))
+        return b""
 
     def _receive(self, connection: Connection) -> None:
         data = connection.receive()
         if data is None:
             connection.closed = True
-        elif data and not self.faults.silent:
+        elif data and not self._silent:
             try:
                 connection.send(connection.feed(data), self.robot.time_ns)
             except InputError as error:
@@ -239,11 +285,6 @@ class URController:
             self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.close()
-
-    def _drop(self) -> None:
-        with self._lock:
-            for connection in self._connections:
-                connection.hang_up()
 
 
 def _version(text: str) -> Version:

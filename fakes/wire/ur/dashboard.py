@@ -4,97 +4,51 @@ Universal Robots, "Dashboard Server e-Series". The replies are worded as on that
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers.errors import InputError
 from fakes.wire.ur.robot import Robot
-from fakes.wire.ur.safety import RobotMode
-from fakes.wire.ur.script import OtherProgram
+from fakes.wire.ur.runtime import RobotMode
 
 BANNER = "Connected: Universal Robots Dashboard Server"
 LONGEST_LINE = 4096
-UNNAMED = "<unnamed>"
-"""Name of a program that was uploaded, or of none."""
 _SINCE_5S = (
     "Cannot unlock protective stop until 5s after occurrence. "
     "Always inspect cause of protective stop before unlocking"
 )
 
 
-@dataclass(slots=True)
-class DashboardServer:
-    """Answers the requests of a client. start: runs a program on the robot."""
-
-    robot: Robot
-    serial_number: str
-    start: Callable[[OtherProgram], bool]
-    program: str = ""
-
-    def reply(self, line: str) -> str:
-        """Answer one request."""
-        text = line.strip()
-        for request, answer in _REQUESTS.items():
-            if text.lower() == request.lower():
-                return answer(self)
-        if text.lower().startswith("load ") and text.endswith(".urp"):
-            self.program = text[len("load ") :].strip()
-            return f"Loading program: {self.program}"
-        return f'could not understand: "{text}"'
-
-    def state(self) -> str:
-        """Return state and name of the program."""
-        running = "PAUSED" if self.robot.paused else "PLAYING"
-        return f"{running if self.robot.running else 'STOPPED'} {self.program or UNNAMED}"
-
-    def unlock(self) -> str:
-        """Release a protective stop, unless it is too early."""
-        return "Protective stop releasing" if self.robot.safety.unlock(self.robot.time_ns) else _SINCE_5S
-
-    def play(self) -> str:
-        """Start the loaded program. It is not simulated: it runs until it is stopped, without motions."""
-        if self.robot.paused:
-            self.robot.paused = False
-            return "Starting program"
-        ready = self.program and self.robot.safety.remote_control
-        if ready and self.start(OtherProgram(("sleep(3600)",))):
-            return "Starting program"
-        return "Failed to execute: play"
-
-    def stop(self) -> str:
-        """End the running program."""
-        self.robot.end_program("stopped on the dashboard")
-        return "Stopped"
-
-    def pause(self) -> str:
-        """Pause the running program."""
-        if not self.robot.running:
-            return "Failed to execute: pause"
-        self.robot.paused = True
-        return "Pausing program"
-
-    def power(self, mode: RobotMode, reply: str) -> str:
-        """Switch on, release the brakes, or switch off."""
-        return reply if self.robot.safety.power(mode, self.robot.time_ns) else "Failed: emergency stop"
+def reply(robot: Robot, serial_number: str, line: str) -> str:
+    """Answer one request to a controller with this serial number."""
+    text = line.strip()
+    if text.lower() == "get serial number":
+        return serial_number
+    answer = _REQUESTS.get(text.lower())
+    return f'could not understand: "{text}"' if answer is None else answer(robot)
 
 
-_REQUESTS: dict[str, Callable[[DashboardServer], str]] = {
-    "PolyscopeVersion": lambda d: "URSoftware {}.{}.{}.{} (Jun 30 2021)".format(*d.robot.version),
-    "get serial number": lambda d: d.serial_number,
-    "get robot model": lambda _: "UR5",
-    "is in remote control": lambda d: str(d.robot.safety.remote_control).lower(),
-    "running": lambda d: f"Program running: {str(d.robot.running).lower()}",
-    "robotmode": lambda d: f"Robotmode: {d.robot.safety.robot_mode.name}",
-    "safetymode": lambda d: f"Safetymode: {d.robot.safety.mode.name}",
-    "safetystatus": lambda d: f"Safetystatus: {d.robot.safety.mode.name}",
-    "programState": DashboardServer.state,
-    "play": DashboardServer.play,
-    "stop": DashboardServer.stop,
-    "pause": DashboardServer.pause,
-    "unlock protective stop": DashboardServer.unlock,
-    "power on": lambda d: d.power(RobotMode.IDLE, "Powering on"),
-    "power off": lambda d: d.power(RobotMode.POWER_OFF, "Powering off"),
-    "brake release": lambda d: d.power(RobotMode.RUNNING, "Brake releasing"),
-    "close popup": lambda _: "closing popup",
+def _stop(robot: Robot) -> str:
+    robot.end_program("stopped on the dashboard")
+    return "Stopped"
+
+
+def _unlock(robot: Robot) -> str:
+    return "Protective stop releasing" if robot.safety.unlock(robot.time_ns) else _SINCE_5S
+
+
+def _power(robot: Robot, mode: RobotMode, done: str) -> str:
+    return done if robot.safety.power(mode) else "Failed: emergency stop"
+
+
+_REQUESTS: dict[str, Callable[[Robot], str]] = {
+    "polyscopeversion": lambda robot: "URSoftware {}.{}.{}.{} (Jun 30 2021)".format(*robot.version),
+    "is in remote control": lambda robot: str(robot.safety.remote_control).lower(),
+    "running": lambda robot: f"Program running: {str(robot.runtime.running).lower()}",
+    "robotmode": lambda robot: f"Robotmode: {robot.safety.robot_mode.name}",
+    "safetymode": lambda robot: f"Safetymode: {robot.safety.mode.name}",
+    "stop": _stop,
+    "unlock protective stop": _unlock,
+    "power on": lambda robot: _power(robot, RobotMode.IDLE, "Powering on"),
+    "brake release": lambda robot: _power(robot, RobotMode.RUNNING, "Brake releasing"),
     "close safety popup": lambda _: "closing safety popup",
     "quit": lambda _: "Disconnected",
 }

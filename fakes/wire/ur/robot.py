@@ -2,23 +2,41 @@
 
 import math
 from collections import Counter
+from operator import add, sub
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.devices.arm import TOOL_LENGTH_M
-from fakes.wire.ur.body import STILL, Body, GuidingHand, JointStop, OutOfReachError
-from fakes.wire.ur.frames import Frame, compose, from_pose, inverse, to_pose, to_ur
-from fakes.wire.ur.kinematics import nearest_inverse, tool
-from fakes.wire.ur.runtime import Program, ProgramError, Runtime
-from fakes.wire.ur.safety import Safety
+from fakes.wire.ur.body import STILL, Body, GuidingHand, JointStop, OutOfReachError, Thread, six
+from fakes.wire.ur.geometry import (
+    Frame,
+    compose,
+    from_pose,
+    from_quaternion,
+    inverse,
+    nearest_inverse,
+    to_pose,
+    to_ur,
+)
+from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
 from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
 from fakes.world.kinematics import ELBOW_UP
-from fakes.world.motion import ToolPath
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import ToolPath, TrapezoidProfile
 from fakes.world.world import World
 
+CYCLE_NS = 2_000_000
+CYCLE_S = CYCLE_NS / NS_PER_S
+JOINT_LIMIT_RAD = 2 * math.pi
+SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
+"""Deceleration at a safety stop, and when a program ends during a motion, rad/s^2."""
+STEADY_CYCLES = 250
+STOPPED, PLAYING = 1, 2
+FARTHEST_TCP_M = 10.0
+PHYSICAL_TOOL = from_quaternion((0.0, 0.0, TOOL_LENGTH_M), (0.0, 0.0, 0.0, 1.0))
+INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
+"""Payload in the controller's installation: that of the hand."""
 _LOAD_EVERY = 4
 """The load changes slowly: it is computed every fourth cycle."""
 
@@ -42,34 +60,11 @@ class ForceSensor:
             self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
         a, b, c, d, e, f = self._slow
         push = table_push_n(self._floor_m, tcp[2])
-        return _less(self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero)
+        return six(map(sub, self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero))
 
     def zero(self, wrench: Vector6) -> None:
-        """Subtract a reading from all that follow."""
-        a, b, c, d, e, f = (z + w for z, w in zip(self._zero, wrench, strict=True))
-        self._zero = (a, b, c, d, e, f)
-
-
-def magnitude(wrench: Vector6) -> float:
-    """Length of the force, N."""
-    return math.hypot(*wrench[:3])
-
-
-def _less(a: Vector6, b: Vector6) -> Vector6:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
-
-
-CYCLE_NS = 2_000_000
-CYCLE_S = CYCLE_NS / NS_PER_S
-JOINT_LIMIT_RAD = 2 * math.pi
-SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
-"""Deceleration at a safety stop, and when a program ends during a motion, rad/s^2."""
-STEADY_CYCLES = 250
-STOPPED, PLAYING, PAUSED = 1, 2, 4
-FARTHEST_TCP_M = 10.0
-PHYSICAL_TOOL = tool(TOOL_LENGTH_M)
-INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
-"""Payload in the controller's installation: that of the hand."""
+        """Subtract a reading from all later ones."""
+        self._zero = six(map(add, self._zero, wrench))
 
 
 class Robot:
@@ -97,34 +92,24 @@ class Robot:
         self.hand = GuidingHand()
         self._world = world
         self._wrench: Vector6 = STILL
-        self._runtime = Runtime()
-        self._slide(1.0)
+        self.runtime = Runtime()
+        self._set_slider(1.0)
         self.load(INSTALLED_KG, INSTALLED_COG_M)
         self._publish_pose()
 
     # Functions of the control program
 
+    def solution(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
+        """Return the inverse kinematics within the joints' range, None for a pose out of reach."""
+        joints = self.body.reach(base_T_tcp, near)
+        return joints if joints is not None and all(abs(q) <= JOINT_LIMIT_RAD for q in joints) else None
+
     def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
         """Return the inverse kinematics. Raises `ProgramError` for a pose out of reach."""
-        joints = self.body.reach(base_T_tcp, near)
-        if joints is None or not self.within_limits(joints):
+        joints = self.solution(base_T_tcp, near)
+        if joints is None:
             raise ProgramError("no inverse kinematics solution")
         return joints
-
-    def allowed(self, joints: Vector6) -> Vector6:
-        """Return the joint angles unchanged. Raises `ProgramError` outside the joints' range."""
-        if not self.within_limits(joints):
-            raise ProgramError("joint target is out of range")
-        return joints
-
-    def within_limits(self, joints: Vector6) -> bool:
-        """Whether the angles are in the joints' range."""
-        return all(abs(q) <= JOINT_LIMIT_RAD for q in joints)
-
-    def reachable(self, base_T_tcp: Frame) -> bool:  # noqa: N803
-        """Whether the TCP can reach a pose."""
-        joints = self.body.reach(base_T_tcp)
-        return joints is not None and self.within_limits(joints)
 
     def steady(self) -> bool:
         """Whether the arm has stood still for half a second."""
@@ -152,7 +137,7 @@ class Robot:
 
     def watch(self, register: str, least_hz: float) -> None:
         """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
-        self._runtime.watch(register, least_hz, self.time_ns)
+        self.runtime.watch(register, least_hz, self.time_ns)
 
     # Events
 
@@ -160,54 +145,32 @@ class Robot:
         """Store the values of a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
-            self._runtime.note_written(name, max(self.time_ns, self.heard_ns))
+            self.runtime.note_written(name, max(self.time_ns, self.heard_ns))
             if "_register" in name:
                 self.bank.set(name, value)
         if values.get("speed_slider_mask"):
-            self._slide(float(self.inputs["speed_slider_fraction"]))  # type: ignore[arg-type]
+            self._set_slider(float(self.inputs["speed_slider_fraction"]))  # type: ignore[arg-type]
 
-    def run(self, program: Program, characters: int = 0) -> bool:
+    def run(self, program: Thread, characters: int = 0) -> bool:
         """Replace the running program; return False if no program may run.
 
-        The new program starts once its text of `characters` characters has been read. Until then the other
-        one goes on.
+        The new program starts in the cycle after its text of `characters` characters has been read. Until
+        then the other one continues.
         """
         if not self.safety.may_move:
             return False
-        self._runtime.load(program, self.time_ns, characters)
-        if not characters:
-            self._runtime.start_read(self.time_ns)
-            self._brake(PROGRAM_BRAKE)
+        self.runtime.load(program, self.time_ns, characters)
         return True
 
     def end_program(self, reason: str) -> None:
         """End the program, also one that is still being read. The arm brakes."""
-        self._runtime.clear(reason)
+        self.runtime.clear(reason)
         self._brake(PROGRAM_BRAKE)
-
-    @property
-    def running(self) -> bool:
-        """Whether a program runs."""
-        return self._runtime.running
-
-    @property
-    def paused(self) -> bool:
-        """Whether the program is paused."""
-        return self._runtime.paused
-
-    @paused.setter
-    def paused(self, paused: bool) -> None:
-        self._runtime.paused = paused
-
-    @property
-    def last_error(self) -> str:
-        """Why the last program ended."""
-        return self._runtime.last_error
 
     @property
     def speed_scale(self) -> float:
         """Fraction of its speed at which a motion runs: that of the slider while a program runs."""
-        return 0.0 if self.paused else self._slider if self.running else 1.0
+        return self._slider if self.runtime.running else 1.0
 
     def protective_stop(self) -> None:
         """Begin a protective stop."""
@@ -215,24 +178,22 @@ class Robot:
 
     def cycle(self, time_ns: int) -> None:
         """Run one control cycle at its nominal time."""
-        before, tcp = self.body.flange, self.time_ns
+        before, before_ns = self.body.flange, self.time_ns
         self.time_ns = time_ns
         self.hand.pass_time(CYCLE_S)
-        self.safety.step(time_ns)
         if not self.safety.may_move:
             self._brake(SAFETY_BRAKE)
-            self._runtime.clear("safety stop")
-        if self._runtime.take_over(time_ns):
+            self.runtime.clear("safety stop")
+        if self.runtime.take_over(time_ns):
             self._brake(PROGRAM_BRAKE)
-        if self._runtime.step():
+        if self.runtime.step():
             self._brake(PROGRAM_BRAKE)
         if self._moved():
-            self._move_world(before, tcp)
+            self._move_world(before, before_ns)
             self._publish_pose()
         self._publish()
 
-    def _slide(self, fraction: float) -> None:
-        """Set the speed slider."""
+    def _set_slider(self, fraction: float) -> None:
         self._slider = max(0.0, min(1.0, fraction))
         self.bank.set("target_speed_fraction", self._slider)
 
@@ -244,7 +205,7 @@ class Robot:
         was_moving = not self.body.settled
         try:
             return self.body.step(CYCLE_S, self.speed_scale) or was_moving
-        except (OutOfReachError, ArithmeticError, ValueError):  # a motion that no arm can do
+        except (OutOfReachError, ArithmeticError, ValueError):  # the motion is beyond the arm
             self.protective_stop()
             self.body.mover = None
             return True
@@ -268,14 +229,14 @@ class Robot:
         self._wrench = self.force.sense(self.time_ns, self.body.tcp)
         put("timestamp", self.time_ns / NS_PER_S)
         put("actual_TCP_force", self._wrench)
-        put("tcp_force_scalar", magnitude(self._wrench))
+        put("tcp_force_scalar", math.hypot(*self._wrench[:3]))
         put("robot_mode", int(self.safety.robot_mode))
         put("safety_mode", int(self.safety.mode))
         put("safety_status", int(self.safety.mode))
         put("safety_status_bits", self.safety.bits)
-        put("robot_status_bits", (self.safety.robot_mode >= 5) | self.running << 1)
+        put("robot_status_bits", (self.safety.robot_mode >= RobotMode.IDLE) | self.runtime.running << 1)
         put("speed_scaling", self.speed_scale)
-        put("runtime_state", (PAUSED if self.paused else PLAYING) if self.running else STOPPED)
+        put("runtime_state", PLAYING if self.runtime.running else STOPPED)
 
 
 def _tilt(tool_frame: Frame) -> float:

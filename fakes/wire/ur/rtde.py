@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from enum import IntEnum
 
 from drivers.errors import InputError
-from fakes.wire.ur.variables import OutputBank, Value, Version, input_type, output_type, unpacked
+from fakes.wire.ur.variables import INPUTS, OUTPUTS, OutputBank, Value, Version, unpacked
 
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
@@ -38,9 +38,9 @@ def package(kind: int, payload: bytes = b"") -> bytes:
 
 
 def split_packages(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
-    """Take whole packages off the front of a buffer; what is incomplete stays there.
+    """Take the complete packages from the front of a buffer; an incomplete one stays there.
 
-    Raises `InputError` for a size that cannot be: the stream has no way back from it.
+    Raises `InputError` for an impossible size, after which the stream cannot be followed any more.
     """
     while len(buffer) >= HEADER.size:
         size, kind = HEADER.unpack_from(buffer)
@@ -56,10 +56,10 @@ def split_packages(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
 
 
 class RtdeSession:
-    """One client: its recipes, whether it is started, and what it asks for.
+    """The connection of one client: its recipes, whether it is started, and the answers to its requests.
 
-    write: takes the inputs of each data package. refused: the word to answer for a variable
-    ("IN_USE", "NOT_FOUND") or None; how a person at the controller would make it refuse.
+    write: receives the inputs of each data package. refused: the fault with which a variable is refused,
+    "IN_USE" or "NOT_FOUND", else None.
     """
 
     def __init__(
@@ -69,8 +69,7 @@ class RtdeSession:
         write: Callable[[dict[str, Value]], None],
         refused: Callable[[str], str | None] = lambda _: None,
     ) -> None:
-        self._bank, self._version = bank, version
-        self._write, self._refused = write, refused
+        self._bank, self._write, self._refused = bank, write, refused
         self._buffer = bytearray()
         self._inputs: dict[int, tuple[str, ...]] = {}
         self._outputs: tuple[str, ...] = ()
@@ -87,7 +86,7 @@ class RtdeSession:
         }
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes from the client, return the bytes to answer. Raises `InputError` on nonsense."""
+        """Take bytes from the client, return the bytes to answer. Raises `InputError` for invalid ones."""
         self._buffer += data
         return b"".join(self._answer(kind, payload) for kind, payload in split_packages(self._buffer))
 
@@ -96,7 +95,7 @@ class RtdeSession:
         return self.started and cycle % self._every == 0
 
     def data(self) -> bytes:
-        """The data package of now."""
+        """Return the present data package."""
         return package(PackageType.DATA, b"\x01" + self._bank.packed(self._outputs))
 
     def _answer(self, kind: int, payload: bytes) -> bytes:
@@ -124,14 +123,13 @@ class RtdeSession:
         return bytes([found]) + ",".join(kinds).encode()
 
     def _output_kind(self, name: str) -> str:
-        """An output may be unknown; only an input can be in somebody's use."""
-        missing = self._refused(name) == "NOT_FOUND"
-        return "NOT_FOUND" if missing else output_type(name, self._version) or "NOT_FOUND"
+        """Return the type of an output. Unlike an input, it is never in use by another client."""
+        return "NOT_FOUND" if self._refused(name) == "NOT_FOUND" else OUTPUTS.get(name, "NOT_FOUND")
 
     def _setup_inputs(self, payload: bytes) -> bytes:
-        """Recipes are numbered from 1 in the order of the requests; a refused one has no number."""
+        """Set up a recipe. Recipes are numbered from 1 in the order of the requests; 0 if it is refused."""
         names = _names(payload)
-        kinds = [self._refused(name) or input_type(name, self._version) or "NOT_FOUND" for name in names]
+        kinds = [self._refused(name) or INPUTS.get(name, "NOT_FOUND") for name in names]
         number = len(self._inputs) + 1
         if not names or {"NOT_FOUND", "IN_USE"} & set(kinds) or number > MAX_RECIPES:
             number = 0
@@ -156,13 +154,13 @@ class RtdeSession:
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
-    """Comma-separated names; ur-rtde leaves a comma at the end."""
+    """Split comma-separated names; ur-rtde leaves a comma at the end."""
     text = payload.decode("ascii", errors="replace")
     return tuple(name for name in text.split(",") if name)
 
 
 def _cycles(rate_hz: float) -> int:
-    """Control cycles between two packages: what a rate from 1 to 500 Hz leaves of 500; all without one."""
+    """Return the control cycles between two packages at a rate, limited to 1 to 500 Hz; 1 without a rate."""
     if not rate_hz > 0.0:
         return 1
     return math.floor(CONTROL_HZ / min(max(rate_hz, LEAST_HZ), CONTROL_HZ))

@@ -1,37 +1,25 @@
 """Programs on the script ports: where they end, and what runs if they are not ur-rtde's control program.
 
-That one is recognised here and emulated in `control_loop.py`. Any other program is another user of the arm,
-which the driver must notice and not disturb: of its lines, only `movel(p[...])` and `sleep(...)` run.
+That one is recognised here and emulated in `control_loop.py`. Any other program belongs to another user of
+the arm, which the driver must notice and not disturb: of its lines, only `movel(p[...])` and `sleep(...)`
+run.
 """
 
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 from drivers.errors import InputError
 from fakes.wire.ur.body import LinearMove, Thread, move_until_done
-from fakes.wire.ur.frames import from_ur
+from fakes.wire.ur.geometry import from_ur
 from fakes.wire.ur.robot import CYCLE_S, Robot
 from fakes.wire.ur.runtime import ProgramError
 
 LONGEST_PROGRAM = 1_000_000
+LONGEST_SLEEP_S = 3600.0
 _OPENING = re.compile(r"(def|thread|sec|if|while|for)\b.*:\s*(#.*)?$")
 _OFFSET = re.compile(r"reg_offset_float\s*=\s*#[^\n]*\n\s*(\d+)")
-
-
-@dataclass(frozen=True, slots=True)
-class ControlProgram:
-    """The control program of ur-rtde. offset: the first register that it uses."""
-
-    offset: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class OtherProgram:
-    """Any other program: its lines, stripped, without comments and empty lines."""
-
-    lines: tuple[str, ...]
+_MOVE = re.compile(r"movel\(p\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,)]+)\)$")
+_SLEEP = re.compile(r"sleep\(([^)]*)\)$")
 
 
 class ProgramReader:
@@ -74,49 +62,31 @@ class ProgramReader:
         return program
 
 
-def recognise(text: str) -> ControlProgram | OtherProgram:
-    """Distinguish ur-rtde's control program from any other program."""
+def register_offset(text: str) -> int | None:
+    """Return the first register that ur-rtde's control program uses, None for any other program."""
     offset = _OFFSET.search(text)
-    if offset is not None:
-        return ControlProgram(int(offset[1]))
-    lines = (line.split("#")[0].strip() for line in text.split("\n"))
-    return OtherProgram(tuple(line for line in lines if line))
+    return None if offset is None else int(offset[1])
 
 
-LONGEST_SLEEP_S = 3600.0
-_MOVE = re.compile(r"movel\(p\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,)]+)\)$")
-_SLEEP = re.compile(r"sleep\(([^)]*)\)$")
+def run_other(robot: Robot, text: str) -> Thread:
+    """Run the lines `movel(p[x, y, z, rx, ry, rz], a=..., v=...)` and `sleep(s)` of any other program."""
+    for line in (line.split("#")[0].strip() for line in text.split("\n")):
+        try:
+            yield from _run_line(robot, line)
+        except (ValueError, ArithmeticError) as error:
+            raise ProgramError(f"'{line}': {error}") from error
 
 
-class OtherProgramRun:
-    """One run. Lines `movel(p[x, y, z, rx, ry, rz], a=..., v=...)` and `sleep(s)` run in turn."""
-
-    def __init__(self, robot: Robot, program: OtherProgram) -> None:
-        self._robot, self._program = robot, program
-        self._steps = self._run()
-
-    def step(self) -> bool:
-        """Run one control cycle; return whether the program goes on. Raises `ProgramError`."""
-        return next(self._steps, False)
-
-    def _run(self) -> Iterator[bool]:
-        for line in self._program.lines:
-            try:
-                for _ in self._carry_out(line):
-                    yield True
-            except (ValueError, ArithmeticError) as error:
-                raise ProgramError(f"'{line}': {error}") from error
-
-    def _carry_out(self, line: str) -> Thread:
-        if match := _MOVE.match(line):
-            pose, acceleration, speed = _numbers(match[1], 6), float(match[2]), float(match[3])
-            target, body = from_ur(pose), self._robot.body
-            self._robot.solved(target)
-            yield from move_until_done(body, LinearMove(body.tcp, target, speed, acceleration))
-        elif match := _SLEEP.match(line):
-            (duration_s,) = _numbers(match[1], 1)
-            for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
-                yield
+def _run_line(robot: Robot, line: str) -> Thread:
+    if match := _MOVE.match(line):
+        pose, acceleration, speed = _numbers(match[1], 6), float(match[2]), float(match[3])
+        target = from_ur(pose)
+        robot.solved(target)
+        yield from move_until_done(robot.body, LinearMove(robot.body.tcp, target, speed, acceleration))
+    elif match := _SLEEP.match(line):
+        (duration_s,) = _numbers(match[1], 1)
+        for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
+            yield
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:

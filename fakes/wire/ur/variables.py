@@ -1,7 +1,8 @@
-"""The variables of the real-time data exchange: names, types, and the version that introduced them.
+"""The variables of the real-time data exchange: names and types.
 
 Universal Robots, "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs. Outputs
-that the simulated controller does not model read zero.
+that the simulated controller does not model read zero. Every version of the controller has all variables,
+also those that the guide introduces later.
 """
 
 import struct
@@ -60,25 +61,6 @@ _INPUTS = {
     "standard_analog_output_mask standard_analog_output_type",
     "VECTOR6D": "external_force_torque",
 }
-_SINCE: dict[tuple[int, ...], str] = {
-    (5, 4): "safety_status",
-    (5, 5, 1): "payload payload_cog tcp_offset",
-    (5, 9): "ft_raw_wrench script_control_line",
-    (5, 11): "payload_inertia",
-    (5, 15): "collision_detection_ratio",
-    (5, 17): "time_scale_source",
-    (5, 23): "actual_current_as_torque actual_TCP_acceleration target_TCP_acceleration "
-    "target_execution_time actual_robot_energy_consumed actual_robot_braking_energy_dissipated "
-    "wrench_calc_from_currents",
-    (5, 26): "target_gravity target_base_acceleration control_step target_base_wrench",
-}
-"""The guide's "introduced in version"; variables without one are as old as the e-Series.
-
-Sources of versions missing in the guide: UR's driver, which requires 5.5.1 for tcp_offset, and for those of
-5.23 the first guide that lists them.
-"""
-_UPPER_SINCE = (5, 3)
-"""Integer and floating-point registers from 24 on, and single bits."""
 
 
 def _table(groups: dict[str, str], direction: str) -> dict[str, str]:
@@ -90,30 +72,6 @@ def _table(groups: dict[str, str], direction: str) -> dict[str, str]:
 
 INPUTS = _table(_INPUTS, "input")
 OUTPUTS = _table(_OUTPUTS, "output") | {name: kind for name, kind in INPUTS.items() if "_register" in name}
-
-
-def _first_versions() -> dict[str, tuple[int, ...]]:
-    """Return the version that introduced each variable, except for those as old as the e-Series."""
-    first: dict[str, tuple[int, ...]] = {}
-    for version, names in _SINCE.items():
-        first |= dict.fromkeys(names.split(), version)
-    for kind, numbers in (("int", range(24, 48)), ("double", range(24, 48)), ("bit", range(64, 128))):
-        for direction in ("input", "output"):
-            first |= {f"{direction}_{kind}_register_{i}": _UPPER_SINCE for i in numbers}
-    return first
-
-
-_FIRST_VERSION = _first_versions()
-
-
-def output_type(name: str, version: Version) -> str | None:
-    """Return the type of an output variable, None if a controller of this version does not have it."""
-    return OUTPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
-
-
-def input_type(name: str, version: Version) -> str | None:
-    """Return the type of an input variable, None if a controller of this version does not have it."""
-    return INPUTS.get(name) if version >= _FIRST_VERSION.get(name, ()) else None
 
 
 class OutputBank:

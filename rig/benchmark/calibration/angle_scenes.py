@@ -14,7 +14,7 @@ from calibration.markers.planar import PlaneReference, fit_plane, wrapped_deg
 from calibration.markers.tracker import MarkerTracker, Refine
 from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corners, refine_edges
 from drivers.types import Image
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.harness import column
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12
@@ -83,9 +83,9 @@ class AngleRow:
     """All methods in one scene."""
 
     scene: str = column("two-marker angle, SIMULATED")
-    corners: AngleScore = column("corners", str, "corners refined in a window around each")
-    by_size: AngleScore = column("by size", str, "edges for the plane and for small markers, else corners")
-    ours: AngleScore = column("ours", str)
+    corners: AngleScore = column("corners", doc="corners refined in a window around each")
+    by_size: AngleScore = column("by size", doc="edges for the plane and for small markers, else corners")
+    ours: AngleScore = column("ours")
 
 
 def angle_rows(seed: int) -> list[AngleRow]:

@@ -23,7 +23,7 @@ from calibration.targets.aruco import (
 )
 from drivers.images import read_image
 from drivers.types import Image
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.angle_scenes import AngleRow, true_camera
 from rig.benchmark.measured import Measured, at_least, at_most, informative, not_there
 

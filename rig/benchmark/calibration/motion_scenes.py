@@ -1,13 +1,135 @@
-"""Simulated streams and poses with known answers: wiggles seen by two clocks, a tip on a point."""
+"""Simulated motion with a known answer: hand-eye samples, a tool tip on a point, one motion on two clocks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calibration.camera.model import CameraModel
+from calibration.hand_eye.samples import HandEyeSample, Setup
+from calibration.targets.boards import Marker, View
 from calibration.time_offset import TimedSignal, make_stream
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
+
+CAMERA = CameraModel(
+    (1280, 720), np.array([[980.0, 0.0, 639.5], [0.0, 980.0, 359.5], [0.0, 0.0, 1.0]]), np.zeros(5)
+)
+MARKER = Marker(0.060, "DICT_4X4_50", 0)
+_BORDER_PX = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """One sigma per coordinate: of corners (px), of robot positions (m) and orientations (deg)."""
+
+    corner_px: float = 0.2
+    robot_m: float = 1e-4
+    robot_deg: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The transforms a solver should find: X and Z of A Z = X B."""
+
+    setup: Setup
+    x: Pose
+    z: Pose
+
+    def error(self, found: Pose) -> tuple[float, float]:
+        """Distance in mm and turn in degrees between an answer and the truth."""
+        vector = self.error_vector(found)
+        return 1e3 * float(np.linalg.norm(vector[3:])), float(np.degrees(np.linalg.norm(vector[:3])))
+
+    def error_vector(self, found: Pose) -> Array:
+        """(6,): turn about X's own axes (rad) and move (m)."""
+        turn = (self.x.rotation.inv() * found.rotation).as_rotvec()
+        return np.concatenate([turn, np.subtract(found.position_m, self.x.position_m)])
+
+
+def draw_truth(rng: np.random.Generator, setup: Setup = Setup.EYE_TO_HAND) -> Truth:
+    """A camera about 0.8 m from the robot's workspace (or on its tool), a target held at any angle."""
+    look = Rotation.from_euler("x", -100, degrees=True) * Rotation.from_rotvec(rng.normal(0, 0.2, 3))
+    if setup is Setup.EYE_TO_HAND:
+        x = Pose.from_rotation(rng.normal((0.5, -0.7, 0.3), 0.05), look)
+    else:
+        x = Pose.from_rotation(
+            rng.normal((0.0, 0.06, 0.05), 0.01), Rotation.from_rotvec(rng.normal(0, 0.3, 3))
+        )
+    return Truth(
+        setup, x, Pose.from_rotation(rng.normal(0, 0.03, 3), Rotation.from_rotvec(rng.normal(0, 1, 3)))
+    )
+
+
+def general_scene(
+    rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
+    noise: Noise | None = None, places_m: Array = MARKER.places_m,
+) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
+    """Views turned by 10 to 45 degrees about any axis at 0.5 to 0.9 m; the first `flipped` are wrong.
+
+    A flipped view shows the target turned by another 20 to 40 degrees, as a wrong detection would.
+    """
+    truth = draw_truth(rng, setup)
+    samples: list[HandEyeSample] = []
+    while len(samples) < count:
+        camera_T_target = _any_view(rng)  # noqa: N806
+        if _outside(camera_T_target, places_m):
+            continue
+        shown = camera_T_target
+        if len(samples) < flipped:
+            shown = _turned(camera_T_target, rng, 20.0, 40.0)
+        samples.append(_sample(len(samples), truth, camera_T_target, shown, rng, noise or Noise(), places_m))
+    return truth, samples
+
+
+def motion_scene(
+    rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array, noise: Noise | None = None
+) -> tuple[Truth, list[HandEyeSample]]:
+    """Views whose turns (rotation vectors) and moves (m), from one pose 0.7 m ahead, are given."""
+    truth = draw_truth(rng)
+    first = Pose.from_rotation((0.0, 0.0, 0.7), Rotation.from_rotvec([0.3, 0.2, 0.1]))
+    samples = []
+    for i, (turn, move) in enumerate(zip(turns, moves, strict=True)):
+        place = np.add(first.position_m, move)
+        view = Pose.from_rotation(place, Rotation.from_rotvec(turn) * first.rotation)
+        samples.append(_sample(i, truth, view, view, rng, noise or Noise(), MARKER.places_m))
+    return truth, samples
+
+
+def _sample(
+    number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise,
+    places_m: Array,
+) -> HandEyeSample:  # fmt: skip
+    robot = truth.x @ true_view @ truth.z.inverse()
+    if truth.setup is Setup.EYE_IN_HAND:
+        robot = robot.inverse()
+    said = Pose.from_rotation(
+        rng.normal(robot.position_m, noise.robot_m),
+        robot.rotation * Rotation.from_rotvec(rng.normal(0, np.radians(noise.robot_deg), 3)),
+    )
+    seen = CAMERA.project(shown.rotation.apply(places_m) + np.asarray(shown.position_m))
+    name = f"{number:02d}"
+    pixels = rng.normal(seen, noise.corner_px)
+    return HandEyeSample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
+
+
+def _any_view(rng: np.random.Generator) -> Pose:
+    place = rng.uniform((-0.15, -0.12, 0.5), (0.15, 0.12, 0.9))
+    return _turned(Pose.from_rotation(place, Rotation.identity()), rng, 10.0, 45.0)
+
+
+def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: float) -> Pose:
+    axis = rng.normal(0, 1, 3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(low_deg, high_deg)))
+    return Pose.from_rotation(pose.position_m, pose.rotation * turn)
+
+
+def _outside(camera_T_target: Pose, places_m: Array) -> bool:  # noqa: N803
+    seen = CAMERA.project(camera_T_target.rotation.apply(places_m) + np.asarray(camera_T_target.position_m))
+    return bool((seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any())
 
 
 def wiggle_scene(

@@ -6,20 +6,11 @@ from typing import Annotated
 import cv2
 import typer
 
-from rig.benchmark.calibration import (
-    degenerate_gel,
-    degenerate_hand_eye,
-    degenerate_images,
-    degenerate_streams,
-    degenerate_views,
-)
 from rig.benchmark.calibration.angle_scenes import AngleRow, angle_rows
-from rig.benchmark.calibration.camera import camera_limits
-from rig.benchmark.calibration.degenerate import run_cases
-from rig.benchmark.calibration.gel import gel_limits
-from rig.benchmark.calibration.hand_eye import hand_eye_limits, sync_limits
+from rig.benchmark.calibration.bad_data import BadDataRow, bad_data_rows
+from rig.benchmark.calibration.limits import camera_limits, gel_limits, hand_eye_limits, sync_limits
 from rig.benchmark.calibration.markers import marker_limits
-from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.harness import Report, Run, Study, table_of
 from rig.benchmark.measured import at_most, data_folder
 
 
@@ -28,22 +19,6 @@ class CalibrationOptions:
     """Options of `rig benchmark calibration`."""
 
     trials: Annotated[int, typer.Option("--trials", min=20, help="Hand-eye trials.")] = 200
-
-
-def _count(number: int) -> str:
-    return str(number) if number else ""
-
-
-@dataclass(frozen=True, slots=True)
-class BadDataRow:
-    """A case of bad data: how many of its draws were refused, answered right, or answered wrong."""
-
-    group: str = column("bad data")
-    case: str = column("case")
-    refused: int = column("refused", _count)
-    right: int = column("right", _count)
-    wrong: int = column("wrong", _count)
-    said: str = column("said", lambda said: said[:70], "an example of the refusals or answers")
 
 
 def measure(options: CalibrationOptions, run: Run) -> Report:
@@ -71,15 +46,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
     # one after the other: some of them measure time
     limits = [row for rows in run.each(lambda part: parts[part](), list(parts), workers=1) for row in rows]
     run.say("measuring: bad data")
-    cases = [
-        *degenerate_hand_eye.cases(),
-        *degenerate_images.cases(),
-        *degenerate_views.cases(),
-        *degenerate_streams.cases(),
-        *degenerate_gel.cases(),
-    ]
-    found = run_cases(cases, seed)
-    bad = [BadDataRow(of.case.group, of.case.name, of.refused, of.right, of.wrong, of.said) for of in found]
+    bad = bad_data_rows(seed)
     refused, right, wrong = (sum(getattr(row, kind) for row in bad) for kind in ("refused", "right", "wrong"))
     title = "rms error, worst, deg (mean at rest); answered unless all; ms of processor time per picture"
     return Report(

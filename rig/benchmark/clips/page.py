@@ -1,7 +1,6 @@
 """The page of `rig benchmark clips`: each clip's curve, sigma band, labels and frames, worst first."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,10 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from drivers.types import Image
-from rig.benchmark.clips.labelled import LabelledClip
-from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
+from rig.benchmark.clips.runs import ClipRun
+from rig.benchmark.clips.scores import JudgedLabel
 from rig.benchmark.harness import Table, machine
-from rig.frames.estimates import Estimate
 from rig.pages.figure import Floats, band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
@@ -26,27 +24,6 @@ STILL_WIDTH_PX, JPEG_QUALITY = 160, 80
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
 _BEFORE, _AFTER = 10, 5
 """Frames shown before the reference and after the last label."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ClipRun:
-    """One estimator on one clip.
-
-    estimate: its answers from the clip's reference. frame_ms: (N,) of each frame. contacts: for each frame of
-    a contact span, whether it is in contact and whether it was reported as contact.
-    """
-
-    clip: LabelledClip
-    estimate: Estimate
-    labels: tuple[JudgedLabel, ...]
-    frame_ms: tuple[float, ...]
-    has_sigma: bool
-    contacts: tuple[tuple[bool, bool], ...] = ()
-
-    @property
-    def score(self) -> ClipScore:
-        """Figures of the one clip."""
-        return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
 
 
 def page(title: str, runs: Mapping[str, Sequence[ClipRun]], verdict: str, tables: Sequence[Table]) -> str:

@@ -104,9 +104,7 @@ class ClipScore:
     two_sigma: float | None = column("within 2 sigma", ".0%")
     confidently_wrong: float | None = column("confidently wrong", ".0%")
     false_rest: float | None = column("false rest", ".0%")
-    frame_ms: tuple[float, float] = column(
-        "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.2f}, {ms[1]:.2f}"
-    )
+    frame_ms: tuple[float, float] = column("ms per frame: median, 99 %", ".2f")
     empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
     held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)
 

@@ -4,9 +4,9 @@
 equally hard for an earlier estimator. Constants are tuned on the half `development` only.
 """
 
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,9 +14,10 @@ import cv2
 import typer
 
 from drivers.errors import InputError, counted, unknown_name
-from rig.benchmark.clips.labelled import LabelledClip, read_clips
-from rig.benchmark.clips.page import ClipRun, page
-from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
+from rig.benchmark.clips.labelled import read_clips
+from rig.benchmark.clips.page import page
+from rig.benchmark.clips.runs import ALL, ClipRun, EstimatorRuns, run_clip, summed
+from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.harness import (
     Report,
     Run,
@@ -29,16 +30,12 @@ from rig.benchmark.harness import (
     table_of,
 )
 from rig.benchmark.measured import Measured, at_least, at_most
-from rig.frames.estimates import Answer, Estimate, zeroed
-from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.foreign import faults_of
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.estimators import choose_estimator
 
 ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
 """Compared by default."""
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88, "p99_ms": 8.0}
 """The project's limits for its own clips, by option."""
-ALL = "all"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,15 +116,6 @@ class ClipsOptions:
     ] = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EstimatorRuns:
-    """One estimator on all clips. groups: its figures by group, in the order of names; `ALL` first."""
-
-    name: str
-    runs: tuple[ClipRun, ...]
-    groups: Mapping[str, ClipScore]
-
-
 @dataclass(frozen=True, slots=True)
 class GroupRow:
     """The clips of one group for one estimator: a row of the first table."""
@@ -172,25 +160,14 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
     # Times per frame are measured: one clip after the other.
-    runs = run.each(lambda clip: [run_clip(clip, choice) for choice in choices], clips, _name_of, workers=1)
-    estimators = [_summed(choice, of) for choice, of in zip(choices, zip(*runs, strict=True), strict=True)]
+    runs = run.each(
+        lambda clip: [run_clip(clip, choice) for choice in choices], clips, attrgetter("name"), workers=1
+    )
+    estimators = [
+        summed(choice.name, of) for choice, of in zip(choices, zip(*runs, strict=True), strict=True)
+    ]
     limits = judge(estimators[0].groups[options.group or ALL], options)
     return _report(options, estimators, limits)
-
-
-def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
-    """Let one estimator answer one clip."""
-    answers, frame_ms = _timed(clip, choice.make(clip.background))
-    estimate = zeroed(answers, answers[clip.reference_frame].time)
-    has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
-    return ClipRun(
-        clip,
-        estimate,
-        tuple(_judged(clip, estimate)),
-        tuple(frame_ms),
-        has_sigma,
-        tuple(_reported(clip, answers)),
-    )
 
 
 def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
@@ -243,10 +220,6 @@ def _report(
     shown = [limit_table(limits, limits_of)] if limits else []
     by_name = {of.name: of.runs for of in estimators}
     section = _section(first, overall, limits)
-    samples = {
-        name: [answer.sample for run in of for answer in run.estimate.answers] for name, of in by_name.items()
-    }
-    faults = {name: faults_of(of) for name, of in samples.items()}
     return Report(
         tables=(by_clip, overall),
         limits=limits,
@@ -257,7 +230,7 @@ def _report(
             "index.html": page(options.folder.name, by_name, verdict(limits), [*shown, overall, by_clip]),
             "table.md": section + "\n",
         },
-        faults={name: fault for name, fault in faults.items() if fault},
+        faults={of.name: faults for of in estimators if (faults := of.faults)},
     )
 
 
@@ -268,47 +241,6 @@ def _section(first: EstimatorRuns, table: Table, limits: Sequence[Measured]) -> 
         f"{of['cores']} cores, one thread. Errors in degrees."
     )
     return "\n".join([head, "", table.markdown(), "", verdict(limits)]).rstrip()
-
-
-def _timed(clip: LabelledClip, estimator: TactileEstimator) -> tuple[list[Answer], list[float]]:
-    answers: list[Answer] = []
-    frame_ms: list[float] = []
-    for frame in clip.series:
-        sample = SlipSample(frame.time.time_ns, State.LOST)
-        if frame.image is not None:
-            began = time.perf_counter()
-            sample = estimator.update(frame.image, frame.time.time_ns)
-            frame_ms.append(1e3 * (time.perf_counter() - began))
-        answers.append(Answer(frame.time, sample))
-    return answers, frame_ms
-
-
-def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:
-    angles, sigmas = estimate.angles_deg, estimate.sigmas_deg
-    for label in clip.labels:
-        before = reversed(angles[clip.reference_frame : label.frame + 1])
-        held = next((angle for angle in before if angle is not None), 0.0)
-        yield JudgedLabel(clip.name, label, angles[label.frame], sigmas[label.frame], held)
-
-
-def _reported(clip: LabelledClip, answers: Sequence[Answer]) -> Iterator[tuple[bool, bool]]:
-    """Yield, for each frame of a contact span, whether it is in contact and whether it was reported so."""
-    for span in clip.contacts:
-        for answer in answers[span.first : span.last + 1]:
-            yield span.contact, answer.sample.state is not State.NO_CONTACT
-
-
-def _summed(choice: EstimatorChoice, runs: Sequence[ClipRun]) -> EstimatorRuns:
-    names = sorted({run.clip.group for run in runs})
-    groups = {name: _together([run for run in runs if run.clip.group == name]) for name in names}
-    return EstimatorRuns(choice.name, tuple(runs), {ALL: _together(runs), **groups})
-
-
-def _together(runs: Sequence[ClipRun]) -> ClipScore:
-    labels = [label for run in runs for label in run.labels]
-    frame_ms = [ms for run in runs for ms in run.frame_ms]
-    contacts = [contact for run in runs for contact in run.contacts]
-    return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
 
 
 def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
@@ -323,21 +255,17 @@ def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
 def _clip_json(run: ClipRun) -> dict[str, Any]:
     labels = [
         {
-            "frame": judged.label.frame,
-            "label_deg": judged.label.angle_deg,
-            "label_sigma_deg": judged.label.sigma_deg,
-            "angle_deg": judged.angle_deg,
-            "sigma_deg": judged.sigma_deg,
-            "error_deg": judged.error_deg,
+            "frame": of.label.frame,
+            "label_deg": of.label.angle_deg,
+            "label_sigma_deg": of.label.sigma_deg,
+            "angle_deg": of.angle_deg,
+            "sigma_deg": of.sigma_deg,
+            "error_deg": of.error_deg,
         }
-        for judged in run.labels
+        for of in run.labels
     ]
     zero = run.estimate.zero_note
     return {"group": run.clip.group, "zero": zero, **asdict(run.score), "by_label": labels}
-
-
-def _name_of(clip: LabelledClip) -> str:
-    return clip.name
 
 
 STUDY = Study(

@@ -57,7 +57,7 @@ def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[Slip
 
 
 def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
-    """Return what the script's filter makes of a sample; without a contact nothing is told."""
+    """Return a sample after the script's filter; without a contact it is unchanged."""
     if sample.state is State.LOST:
         return sample
     angle_deg = script.update(sample.angle_deg)
@@ -65,7 +65,7 @@ def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
 
 
 class SharedContact(ContactFinder):
-    """A contact finder that several estimators ask about the same frame."""
+    """A contact finder that several estimators share: it searches each frame once."""
 
     def __init__(self, background: Image) -> None:
         super().__init__(background)
@@ -73,7 +73,7 @@ class SharedContact(ContactFinder):
         self._found: Contact | None = None
 
     def find(self, image: Image) -> Contact:
-        """Return the contact in a frame; the same array again is not looked at again."""
+        """Return the contact in a frame; the same array is not searched twice in a row."""
         if self._found is None or image is not self._of:
             self._of, self._found = image, super().find(image)
         return self._found
@@ -87,7 +87,7 @@ class ScriptPass(TactileEstimator):
     angle: ScriptAngle
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Return the script's angle as it is, None without contact; state `lost` where it raises."""
+        """Return the script's angle as it is, None without contact; state `lost` if it raises."""
         contact = self.finder.find(image)
         if contact.mask is None:
             return SlipSample(time_ns, State.NO_CONTACT)

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import to_ns
-from drivers.images import encode_jpeg
+from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Image
 from fakes.studio.clips import Clip
-from rig.sessions.images import decoded
 
 Disturbance = Callable[[Clip, np.random.Generator], Clip]
 Filter = Callable[[Image], Image]
@@ -140,7 +139,7 @@ def _blurred(sigma_px: float, image: Image) -> Image:
 
 
 def _recoded(quality: int, image: Image) -> Image:
-    return decoded(encode_jpeg(image, quality))
+    return decode_stored(encode_jpeg(image, quality))
 
 
 def _resized(size: tuple[int, int], image: Image) -> Image:

@@ -1,6 +1,5 @@
 """Every contender on the stored frames of a session's lifts, scored as a trial scores its own."""
 
-import heapq
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,12 +15,12 @@ from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, WINDOWS, filtered, unfiltered
 from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.config.models import TactileConfig
-from rig.experiments.replay import session_settings
-from rig.lift.fusion import FusedSample, fuse
+from rig.experiments.stored_trial import stored_trial
+from rig.lift.fusion import FusedSample
 from rig.lift.marker_truth import interpolate
+from rig.lift.object_angle import object_angle
 from rig.lift.onset import OnsetAlarm, estimated_onset_ns
 from rig.lift.recorded_truth import recorded_truth
-from rig.lift.tip_track import TipTrack
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
@@ -74,7 +73,7 @@ class LiftScores:
 
 def session_lifts(folder: Path) -> tuple[Tips, list[FinishedLift]]:
     """Return the fingertips and the rows of a session's accepted lifts. Raises `SessionError`."""
-    bench = session_settings(folder, None, None).bench
+    bench = stored_trial(folder).settings.bench
     rows = read_finished_lifts(folder)
     aspects = bench.pixel_aspects()
     return {t.serial: t.model_copy(update={"pixel_aspect": aspects[t.serial]}) for t in bench.tactile}, rows
@@ -154,24 +153,7 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 
 def _fused(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> list[FusedSample]:
     signs = {serial: tip.sign for serial, tip in lift.tips.items()}
-    return fused_from(lift.phases[Phase.LIFT], signs, samples)
-
-
-def fused_from(
-    lift_ns: int, signs: Mapping[str, int], samples: Mapping[str, list[SlipSample]]
-) -> list[FusedSample]:
-    """Fuse the fingertips in the order of capture, from the lift on. signs, samples: by serial."""
-    tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
-    for serial, tip in tips.items():
-        tip.set_zero(samples[serial], lift_ns)
-    merged = heapq.merge(*([(s.time_ns, serial, s) for s in samples[serial]] for serial in tips))
-    fused = []
-    for time_ns, serial, sample in merged:
-        tips[serial].samples.append(sample)
-        if time_ns >= lift_ns:
-            others = [t.newest() for k, t in tips.items() if k != serial and t.samples]
-            fused.append(fuse(tips[serial].newest(), others))
-    return fused
+    return object_angle(signs, samples, lift.phases[Phase.LIFT]).fused
 
 
 def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:

@@ -1,4 +1,4 @@
-"""The limits that the estimator has to keep, and whether a run of the benchmark kept them."""
+"""The limits of the default estimator, and whether a run of the benchmark kept them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,7 +17,7 @@ TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
 MEDIAN_MS, P99_MS = 1.0, 3.0
 SKIP_GAP_DEG = 0.02
 WANDER_DEG, GROWN_MB = 0.1, 5.0
-"""Flat memory: what an allocator comes and goes by."""
+"""Memory may grow by what an allocator needs."""
 FRAME_SIZE_PX = (240, 320)
 """The limits on time are for this size."""
 
@@ -32,7 +32,7 @@ def judge(
     stress: Sequence[StressRow],
     endurance: Endurance | None = None,
 ) -> list[Measured]:
-    """Return all limits in the order of the table; the hour's only where it was run."""
+    """Return all limits in the order of the table. endurance: measured in a long run only."""
     ours = scores[DEFAULT_ESTIMATOR, 1]
     return [
         *_accuracy(ours, scores),
@@ -45,11 +45,11 @@ def judge(
 
 
 PAPER_BEST = ("skeleton", 2)
-"""The method and window that the paper finds best (1.85 degrees), here with the script's faults mended."""
+"""The method and window that the paper finds best (1.85 degrees), here without the script's faults."""
 
 
 def closest_of_paper(scores: Scores) -> tuple[str, int] | None:
-    """Return the one of the paper's methods and windows (2 to 10) that is best on these very lifts."""
+    """Return the paper's method and window (2 to 10) that are best on these lifts."""
     known = {
         key: score.mare.mean_deg
         for key, score in scores.items()

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from drivers.errors import counted
-from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import NO_SKIP, PAPER, WINDOWS
+from rig.benchmark.estimators.tables import EstimatorsResult
 from rig.pages.figure import drawing, png, svg
 from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, TRUTH, WARNING
 from rig.pages.palette import PAPER as SHEET
@@ -29,7 +29,6 @@ _LOOKS = {
 }
 _OTHERS = (INK.light, "X")
 _LABEL_GAP = 0.062
-"""Least distance between two labels, as a share of the axes' height."""
 _DPI = 130
 WIDTH_PX, HEIGHT_PX = 1000, 480
 _USUAL_WINDOW = 2
@@ -54,7 +53,7 @@ class Point:
         return self.mare_deg[self.window]
 
 
-def draw(result: BenchmarkResult) -> tuple[bytes, Markup]:
+def draw(result: EstimatorsResult) -> tuple[bytes, Markup]:
     """Return the picture as PNG, and as SVG in a page's colours.
 
     Left the front of run time and error, right the error by window.
@@ -64,7 +63,7 @@ def draw(result: BenchmarkResult) -> tuple[bytes, Markup]:
         left, right = figure.subplots(1, 2)
         simulated = "SIMULATED: " if result.simulated else ""
         figure.suptitle(
-            f"{simulated}rotational error over {counted(result.lifts, 'lift')}, both fingertips fused"
+            f"{simulated}rotational error over {counted(len(result.lifts), 'lift')}, both fingertips fused"
         )
         _front(left, result, points)
         _by_window(right, points)
@@ -97,14 +96,14 @@ def spread_labels(places: Sequence[float], gap: float) -> list[float]:
     return result
 
 
-def _point(result: BenchmarkResult, name: str) -> Point | None:
+def _point(result: EstimatorsResult, name: str) -> Point | None:
     scores = {w: result.scores.get((name, w)) for w in WINDOWS}
     mare = {w: score.mare.mean_deg for w, score in scores.items() if score and score.mare}
     point = Point(name, result.timing.contenders[name].contact.p50_ms, mare)
     return point if mare and point.window in mare else None
 
 
-def _front(axes: Axes, result: BenchmarkResult, points: Sequence[Point]) -> None:
+def _front(axes: Axes, result: EstimatorsResult, points: Sequence[Point]) -> None:
     front = pareto(points)
     axes.plot(
         [p.time_ms for p in front], [p.usual_deg for p in front],
@@ -129,7 +128,7 @@ def _front(axes: Axes, result: BenchmarkResult, points: Sequence[Point]) -> None
             rotation=90, ha="center", va="center", transform=axes.get_xaxis_transform(), zorder=5,
             bbox={"facecolor": SHEET.light, "edgecolor": "none", "pad": 2.0},
         )  # fmt: skip
-    _finish(axes, points, [(p.time_ms, p.usual_deg) for p in points])
+    _finish(axes, [(p.name, p.time_ms, p.usual_deg) for p in points])
 
 
 def _by_window(axes: Axes, points: Sequence[Point]) -> None:
@@ -141,24 +140,37 @@ def _by_window(axes: Axes, points: Sequence[Point]) -> None:
         ylabel="MARE over phases B and C, degrees",
     )  # fmt: skip
     axes.set_title("Error by window", fontsize=11)
-    _finish(axes, shown, [(max(p.mare_deg), p.mare_deg[max(p.mare_deg)]) for p in shown])
+    _finish(axes, [(p.name, max(p.mare_deg), p.mare_deg[max(p.mare_deg)]) for p in shown])
 
 
-def _finish(axes: Axes, points: Sequence[Point], ends: Sequence[tuple[float, float]]) -> None:
-    """Plain ticks, a grid, and every label in the right margin with a line to its point."""
-    axes.grid(True, which="major", color=LINE.light)
-    axes.spines[["top", "right"]].set_visible(False)
+def _finish(axes: Axes, ends: Sequence[tuple[str, float, float]]) -> None:
+    points = [(*end, _style(end[0])["color"]) for end in ends]
+    label_points(axes, points, _LABEL_GAP, 1.04, {"linewidth": 0.8})
+
+
+def label_points(
+    axes: Axes,
+    points: Sequence[tuple[str, float, float, str]],
+    gap: float,
+    margin: float,
+    line: dict[str, Any],
+) -> None:
+    """Give logarithmic axes plain ticks, and put labels in the right margin with a line to each point.
+
+    points: label, x, y, and colour of the line. gap: least distance between two labels, as a share of the
+    axes' height. margin: place of the labels, as a share of the axes' width. line: style of the lines.
+    """
     for axis in (axes.yaxis, axes.xaxis) if axes.get_xscale() == "log" else (axes.yaxis,):
         axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_locator(NullLocator())
     low, high = np.log(axes.get_ylim())
-    places = spread_labels([float((np.log(y) - low) / (high - low)) for _, y in ends], _LABEL_GAP)
-    for point, end, place in zip(points, ends, places, strict=True):
+    places = spread_labels([float((np.log(y) - low) / (high - low)) for _, _, y, _ in points], gap)
+    for (label, x, y, colour), place in zip(points, places, strict=True):
         axes.annotate(
-            point.name, xy=end, xycoords="data", xytext=(1.04, place), textcoords="axes fraction",
+            label, xy=(x, y), xycoords="data", xytext=(margin, place), textcoords="axes fraction",
             va="center", fontsize=10.5, color=INK.light,
-            arrowprops={"arrowstyle": "-", "color": _style(point.name)["color"], "linewidth": 0.8},
+            arrowprops={"arrowstyle": "-", "color": colour, **line},
         )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Angles against truth: the figures of one lift or clip, and of many (contract, metrics)."""
+"""Errors of estimated angles: the figures of one lift or clip, and of many (contract, metrics)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
 """Objects whose contacts are long (contract, objects)."""
 ONSET_WITHIN_S = 0.05
 EARLY_S = 0.1
-"""An onset told earlier than this before the true one is a false alarm."""
+"""An onset that is reported earlier than this before the true one is a false alarm."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesScore:
-    """One lift, or one clip, of one contender: errors in degrees, None where nothing was answered.
+    """One lift, or one clip, of one contender: errors in degrees, None without an answer.
 
     re: over all frames (B and C), re_b over B, re_held with refused frames held, re_unsigned of the
     angle's size alone. answered: share of frames. sure: answered frames with a sigma; within: those
-    of them whose error is at most two sigma. Onsets in s since the lift began, None where there is
-    none: true, found afterwards, and told as it happened (by a contender that has rates).
+    of them whose error is at most two sigma. Onsets in s since the lift began, None without one:
+    true, found afterwards, and reported online (by a contender that has rates).
     """
 
     key: str
@@ -46,8 +46,8 @@ class OnsetScore:
     """Slip onsets over many lifts.
 
     true: lifts that have one. error_s: median of |estimated - true|. within: share of the true ones
-    told within 50 ms. missed: lifts whose onset was not told; false_alarms: lifts without one in
-    which one was told, or in which it was told over 100 ms early.
+    that were reported within 50 ms. missed: lifts whose onset was not reported; false_alarms: lifts
+    without an onset in which one was reported, or in which it was reported over 100 ms early.
     """
 
     true: int
@@ -61,9 +61,9 @@ class OnsetScore:
 class ContenderScore:
     """Many lifts or clips of one contender.
 
-    worst_deg: the largest mean error of one of them, which is `worst`. within_two_sigma: share of
-    answered frames, None without sigmas. onset: found afterwards; event: told as it happened, None
-    for a contender without rates.
+    worst_deg: the largest mean error of one of them, whose key is `worst`. within_two_sigma: share of
+    answered frames, None without sigmas. onset: found afterwards; event: reported online, None for a
+    contender without rates.
     """
 
     mare: Mare | None
@@ -78,6 +78,11 @@ class ContenderScore:
     onset: OnsetScore
     event: OnsetScore | None
 
+    @property
+    def worst_text(self) -> str:
+        """The largest mean error, and whose it is."""
+        return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
+
 
 def score_series(
     key: str,
@@ -88,11 +93,10 @@ def score_series(
     onsets_s: tuple[float | None, float | None, float | None] = (None, None, None),
     has_rates: bool = False,
 ) -> SeriesScore:
-    """Score angles (N), None where refused, against the truth (N), None where unknown, in degrees."""
+    """Score angles (N), None if refused, against the truth (N), None if unknown, in degrees."""
     angles, truth, sigmas = _floats(angles_deg), _floats(true_deg), _floats(sigmas_deg)
     errors = np.abs(angles - truth)
-    told = np.isfinite(errors)
-    sure = told & np.isfinite(sigmas)
+    sure = np.isfinite(errors) & np.isfinite(sigmas)
     return SeriesScore(
         key=key,
         re=_summary(errors),
@@ -111,7 +115,7 @@ def score_series(
 
 
 def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
-    """Put lifts or clips together; a lift's key begins with its object, as "t1/3"."""
+    """Combine lifts or clips; a lift's key begins with its object, as "t1/3"."""
     means = [(s.re.mean_deg, s.key) for s in series if s.re]
     worst_deg, worst = max(means, default=(None, ""))
     long = [s for s in series if s.key.split("/")[0] in ELONGATED]
@@ -134,10 +138,11 @@ def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
     )
 
 
-def _onsets(told: Sequence[tuple[float | None, float | None]]) -> OnsetScore:
-    errors = [e - t for t, e in told if t is not None and e is not None]
-    true = sum(t is not None for t, _ in told)
-    unfounded = sum(t is None and e is not None for t, e in told)
+def _onsets(onsets_s: Sequence[tuple[float | None, float | None]]) -> OnsetScore:
+    """Score pairs of a true and an estimated onset."""
+    errors = [e - t for t, e in onsets_s if t is not None and e is not None]
+    true = sum(t is not None for t, _ in onsets_s)
+    unfounded = sum(t is None and e is not None for t, e in onsets_s)
     return OnsetScore(
         true=true,
         error_s=float(np.median(np.abs(errors))) if errors else None,

@@ -1,6 +1,5 @@
 """Stress sets: clips with known angles under one disturbance at a time, for every estimator compared."""
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,8 +26,8 @@ NAMES = ("slip", "ecc", "polar", "skeleton", "ellipse", "pca")
 class Condition:
     """One stress: how the standard scene differs, and what happens to its images.
 
-    contacts: instead of the standard ones. full: only in the long run. refused: whether the right
-    answer is none.
+    contacts: instead of the standard ones. full: only in the long run. refused: whether frames should be
+    refused. both_signs: also with the turn in the other direction.
     """
 
     group: str
@@ -51,15 +50,17 @@ class StressTask:
     full: bool
     names: tuple[str, ...] = NAMES
 
+    def __str__(self) -> str:
+        return f"stress: {self.group}, {self.contact}, seed {self.seed}"
+
 
 @dataclass(frozen=True, slots=True)
 class StressedClip:
-    """One clip of one estimator under one condition; median_ms: of a frame, while others run beside it."""
+    """One clip of one estimator under one condition."""
 
     condition: str
     estimator: str
     score: SeriesScore
-    median_ms: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,6 @@ class StressRow:
     refused: bool
     clips: int
     score: ContenderScore
-    median_ms: float
 
 
 def conditions(full: bool = False) -> list[Condition]:
@@ -108,31 +108,25 @@ def run_stress(task: StressTask) -> list[StressedClip]:
 
 
 def stress_rows(scores: Sequence[StressedClip], full: bool = False) -> list[StressRow]:
-    """Put clips together, condition by condition in the order of the table."""
+    """Combine clips by condition, in the order of the table."""
     rows, names = [], dict.fromkeys(score.estimator for score in scores)
     for condition in conditions(full):
         for name in names:
             of = [s for s in scores if s.condition == condition.name and s.estimator == name]
             if of:
                 score = score_all([s.score for s in of])
-                cost = float(np.median([s.median_ms for s in of]))
                 rows.append(
-                    StressRow(condition.group, condition.name, name, condition.refused, len(of), score, cost)
+                    StressRow(condition.group, condition.name, name, condition.refused, len(of), score)
                 )
     return rows
 
 
 def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> StressedClip:
     estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
-    samples, costs = [], []
-    for frame, time_ns in zip(clip.frames, clip.time_ns, strict=True):
-        began = time.perf_counter()
-        samples.append(estimator.update(frame, time_ns))
-        costs.append(time.perf_counter() - began)
+    pairs = zip(clip.frames, clip.time_ns, strict=True)
+    samples = [estimator.update(frame, time_ns) for frame, time_ns in pairs]
     key = f"{task.contact.partition(':')[0]}/{task.contact} {scene.angle_deg:+.0f} deg"
-    return StressedClip(
-        condition.name, name, _series_score(key, samples, clip), 1e3 * float(np.median(costs))
-    )
+    return StressedClip(condition.name, name, _series_score(key, samples, clip))
 
 
 def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> SeriesScore:

@@ -1,64 +1,138 @@
-"""The benchmark's tables as rows of text: for the terminal, the page and the README."""
+"""What `rig benchmark estimators` measured, as tables, notes and a section of a document."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from drivers.errors import counted
-from rig.benchmark.estimators.benchmark import BenchmarkResult
 from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
+from rig.benchmark.estimators.lifts import LiftScores
+from rig.benchmark.estimators.limits import closest_of_paper
+from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.stress import NAMES, StressRow
-from rig.benchmark.estimators.timing import Spread
-from rig.benchmark.harness import Table, machine
-from rig.results.metrics import HEADING, mare_text
+from rig.benchmark.estimators.timing import Spread, TimingReport
+from rig.benchmark.harness import NONE, Table, column, columns_of, machine, table_of
+from rig.benchmark.measured import Measured
+from rig.results.metrics import HEADING, Mare, mare_text
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
-NAME = "estimators"
-"""Of its section in a README."""
-ESTIMATOR_COLUMNS = (
-    "estimator", "window", "ms per frame: median, 99 %", "MARE, B and C", "MARE, B", "refused held",
-    "elongated", "worst lift", "answered", "within 2 sigma", "onset error, ms", "event within 50 ms",
-    "false events",
-)  # fmt: skip
-README_COLUMNS = ESTIMATOR_COLUMNS[:10]
-TIME_COLUMNS = ("estimator", "stage", "median, ms", "90 %", "95 %", "99 %", "frames")
-NONE = "-"
+README_COLUMNS = 10
+"""Number of columns of the estimators' table that the section of a document has."""
 
 
-def estimator_table(result: BenchmarkResult, windows: bool = False) -> Table:
-    """One row per estimator with its usual window and the paper's best, or with every window."""
+@dataclass(frozen=True, slots=True)
+class EstimatorsResult:
+    """Everything measured.
+
+    session: the folder of the lifts. more: estimators beside those that are always compared. scores: by
+    estimator and window, over all lifts.
+    """
+
+    session: Path
+    simulated: bool
+    seed: int
+    more: tuple[str, ...]
+    lifts: Sequence[LiftScores]
+    scores: dict[tuple[str, int], ContenderScore]
+    timing: TimingReport
+    stress: Sequence[StressRow]
+
+    @property
+    def mark(self) -> str:
+        """What titles begin with: whether the lifts are simulated."""
+        return "SIMULATED " if self.simulated else ""
+
+    @property
+    def closest_of_paper(self) -> tuple[str, int] | None:
+        """The paper's method and window that are best on these lifts."""
+        return closest_of_paper(self.scores)
+
+    @property
+    def skip_gap_deg(self) -> float:
+        """Largest difference of the angles with and without --no-skip, degrees."""
+        return max(lift.skip_gap_deg for lift in self.lifts)
+
+    @property
+    def skip_apart(self) -> int:
+        """Number of frames that are answered either with or without --no-skip only."""
+        return sum(lift.skip_apart for lift in self.lifts)
+
+    @property
+    def skipped(self) -> dict[str, float]:
+        """Share of the frames in which each stage was skipped."""
+        frames = sum(lift.frames for lift in self.lifts)
+        stages = dict.fromkeys(stage for lift in self.lifts for stage in lift.skipped)
+        return {stage: sum(lift.skipped.get(stage, 0) for lift in self.lifts) / frames for stage in stages}
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorRow:
+    """One estimator with one window on all lifts; errors in degrees."""
+
+    estimator: str = column("estimator")
+    window: int = column("window", lambda n: NONE if n == 1 else str(n), "1: no filter")
+    ms: tuple[float, float] = column("ms per frame: median, 99 %", ".2f")
+    mare: Mare | None = column("MARE, B and C", mare_text)
+    mare_b: Mare | None = column("MARE, B", mare_text)
+    held_deg: float | None = column("refused held", ".2f", "MARE, with refused frames held")
+    elongated_deg: float | None = column("elongated", ".2f", "MARE of elongated objects")
+    worst: str = column("worst lift", doc="largest mean error of a lift, and the lift")
+    answered: float = column("answered", ".1%", "share of the frames")
+    within_two_sigma: float | None = column("within 2 sigma", ".1%", "share of the answers")
+    onset_ms: float | None = column("onset error, ms", ".0f", "median")
+    event_within: float | None = column("event within 50 ms", ".1%", "share of the true onsets")
+    false_events: int | None = column("false events")
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRow:
+    """Run time of one stage, on frames with contact."""
+
+    estimator: str = column("estimator")
+    stage: str = column("stage")
+    spread: Spread = columns_of(Spread)
+
+
+def estimator_table(result: EstimatorsResult, windows: bool = False) -> Table:
+    """Return a row per estimator with its usual window, and the paper's best; or a row per window."""
+    lifts = counted(len(result.lifts), "lift")
+    title = f"{result.mark}rotational error in degrees over {lifts}, and run time"
     keys = list(result.scores) if windows else _usual(result)
-    title = (
-        f"{_simulated(result)}rotational error in degrees over {counted(result.lifts, 'lift')}, and run time"
-    )
-    return Table(title, ESTIMATOR_COLUMNS, [_estimator_row(result, *key) for key in keys])
+    rows = [_estimator_row(result, *key) for key in keys]
+    return table_of("Every window" if windows else title, EstimatorRow, rows)
 
 
-def time_table(result: BenchmarkResult) -> Table:
-    """Percentiles of run time per stage, on frames with contact, and of the published second stage."""
+def time_table(result: EstimatorsResult) -> Table:
+    """Return percentiles of run time per stage, and of the published second stage."""
     rows = []
     for name, timing in result.timing.contenders.items():
-        rows.append((name, "frame in to angle out", *_times(timing.contact)))
-        rows += [("", stage, *_times(spread)) for stage, spread in timing.stages.items()]
+        rows.append(TimeRow(name, "frame in to angle out", timing.contact))
+        rows += [TimeRow("", stage, spread) for stage, spread in timing.stages.items()]
     published = result.timing.published
-    rows.append(("published second stage", "mask to angle, full picture", *_times(published.stage)))
-    rows.append(("", "thinning of the 256 x 320 picture", *_times(published.thinning)))
-    rows.append(("", "mask to angle, cropped picture", *_times(published.cropped)))
+    rows.append(TimeRow("published second stage", "mask to angle, full picture", published.stage))
+    rows.append(TimeRow("", "thinning of the 256 x 320 picture", published.thinning))
+    rows.append(TimeRow("", "mask to angle, cropped picture", published.cropped))
     width, height = result.timing.size_px
-    return Table(f"Run time, one thread, {width} x {height} px, frames with contact", TIME_COLUMNS, rows)
+    title = f"Run time, one thread, {width} x {height} px, frames with contact"
+    return table_of(title, TimeRow, rows, left=2)
 
 
-def stress_table(result: BenchmarkResult) -> Table:
-    """MARE per condition and estimator; a share in brackets where not every frame was answered."""
+def stress_table(result: EstimatorsResult) -> Table:
+    """Return the MARE per condition and estimator; a share in brackets if not every frame was answered."""
     by = {(row.condition, row.estimator): row for row in result.stress}
     conditions = dict.fromkeys((row.group, row.condition) for row in result.stress)
     names = tuple(dict.fromkeys((*NAMES, *(row.estimator for row in result.stress))))
-    rows = [
-        (group, condition, *(_stress_cell(by.get((condition, name))) for name in names),
-         _share(_within(by.get((condition, DEFAULT_ESTIMATOR)))))
-        for group, condition in conditions
-    ]  # fmt: skip
+    rows = []
+    for group, condition in conditions:
+        ours = by.get((condition, DEFAULT_ESTIMATOR))
+        cells = [_stress_cell(by.get((condition, name))) for name in names]
+        rows.append((group, condition, *cells, _share(ours.score.within_two_sigma if ours else None)))
     title = "SIMULATED clips with known angles: mean error in degrees (share of frames answered, if not all)"
-    return Table(title, ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma"), rows)
+    columns = ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma")
+    return Table(title, columns, rows, left=2, records=tuple(result.stress))
 
 
-def notes(result: BenchmarkResult) -> list[str]:
+def notes(result: EstimatorsResult) -> list[str]:
     """Return what else was measured, a sentence each."""
     threads, saved = result.timing.threads, result.timing.skip_saves
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
@@ -76,56 +150,53 @@ def notes(result: BenchmarkResult) -> list[str]:
     ]
 
 
-def readme_section(result: BenchmarkResult) -> str:
-    """Return the README's section in Markdown, without its markers."""
-    rows = [
-        _estimator_row(result, *key)[: len(README_COLUMNS)] for key in _usual(result) if key[0] != NO_SKIP
-    ]
-    missed = [limit.name for limit in result.limits if not limit.met]
+def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
+    """Return the section of a document in Markdown, without its markers."""
+    table, missed = estimator_table(result), [limit.name for limit in limits if not limit.met]
+    rows = [row[:README_COLUMNS] for row in table.rows if row[0] != NO_SKIP]
     of = machine()
     return "\n".join(
         [
-            f"{_simulated(result)}{counted(result.lifts, 'lift')}, seed {result.settings.seed}, "
+            f"{result.mark}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
             f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}.",
             "",
-            Table("", README_COLUMNS, rows).markdown(),
+            Table("", table.columns[:README_COLUMNS], rows).markdown(),
             "",
             f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept.",
         ]
     )
 
 
-def _usual(result: BenchmarkResult) -> list[tuple[str, int]]:
-    """The usual window of each estimator, and the paper's best method where that is another."""
+def _usual(result: EstimatorsResult) -> list[tuple[str, int]]:
+    """Return each estimator with its usual window, and the paper's best method if that is another."""
     keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), *((name, 1) for name in ALIGNMENTS)]
     keys += [(name, PAPER_WINDOW) for name in PAPER]
-    keys += [(name, 1) for name in result.settings.more if (name, 1) not in keys]
+    keys += [(name, 1) for name in result.more if (name, 1) not in keys]
     best = result.closest_of_paper
     return keys + ([best] if best and best not in keys else [])
 
 
-def _estimator_row(result: BenchmarkResult, name: str, window: int) -> tuple[str, ...]:
+def _estimator_row(result: EstimatorsResult, name: str, window: int) -> EstimatorRow:
     score, cost = result.scores[name, window], result.timing.contenders[name].contact
-    onset, event = score.onset, score.event
-    return (
-        name,
-        NONE if window == 1 else str(window),
-        f"{cost.p50_ms:.2f}, {cost.p99_ms:.2f}",
-        mare_text(score.mare),
-        mare_text(score.mare_b),
-        _number(score.mare_held.mean_deg if score.mare_held else None),
-        _number(score.mare_elongated.mean_deg if score.mare_elongated else None),
-        NONE if score.worst_deg is None else f"{score.worst_deg:.2f} ({score.worst})",
-        f"{score.answered:.1%}",
-        _share(score.within_two_sigma),
-        NONE if onset.error_s is None else f"{1e3 * onset.error_s:.0f}",
-        _share(event.within if event else None),
-        NONE if event is None else str(event.false_alarms),
+    return EstimatorRow(
+        estimator=name,
+        window=window,
+        ms=(cost.p50_ms, cost.p99_ms),
+        mare=score.mare,
+        mare_b=score.mare_b,
+        held_deg=score.mare_held and score.mare_held.mean_deg,
+        elongated_deg=score.mare_elongated and score.mare_elongated.mean_deg,
+        worst=score.worst_text,
+        answered=score.answered,
+        within_two_sigma=score.within_two_sigma,
+        onset_ms=None if score.onset.error_s is None else 1e3 * score.onset.error_s,
+        event_within=score.event and score.event.within,
+        false_events=score.event and score.event.false_alarms,
     )
 
 
-def _against_paper(result: BenchmarkResult) -> str:
-    """Compare with whichever of the paper's methods does best here, not only with the one it prefers."""
+def _against_paper(result: EstimatorsResult) -> str:
+    """Compare with the paper's method that does best here, not only with the one that it prefers."""
     best, ours = result.closest_of_paper, result.scores[DEFAULT_ESTIMATOR, 1].mare
     theirs = result.scores[best].mare if best else None
     if best is None or ours is None or theirs is None:
@@ -136,14 +207,13 @@ def _against_paper(result: BenchmarkResult) -> str:
     )
 
 
-def _onset_note(result: BenchmarkResult, key: tuple[str, int]) -> str:
+def _onset_note(result: EstimatorsResult, key: tuple[str, int]) -> str:
     onset = result.scores[key].onset
     return f"{key[0]} {_share(onset.within)} of {onset.true} within 50 ms, {onset.missed} missed"
 
 
-def _unsigned(result: BenchmarkResult, key: tuple[str, int]) -> str:
-    mare = result.scores[key].mare_unsigned
-    return f"{key[0]} {_number(mare.mean_deg if mare else None)}"
+def _unsigned(result: EstimatorsResult, key: tuple[str, int]) -> str:
+    return f"{key[0]} {_mean(result.scores[key].mare_unsigned)}"
 
 
 def _stress_cell(row: StressRow | None) -> str:
@@ -151,26 +221,13 @@ def _stress_cell(row: StressRow | None) -> str:
         return NONE
     if row.refused:
         return f"refused {1.0 - row.score.answered:.0%}"
-    mean = _number(row.score.mare.mean_deg if row.score.mare else None)
+    mean = _mean(row.score.mare)
     return mean if row.score.answered >= 0.995 else f"{mean} ({row.score.answered:.0%})"
 
 
-def _within(row: StressRow | None) -> float | None:
-    return row.score.within_two_sigma if row else None
-
-
-def _times(spread: Spread) -> tuple[str, ...]:
-    values = (spread.p50_ms, spread.p90_ms, spread.p95_ms, spread.p99_ms)
-    return (*(f"{value:.2f}" for value in values), str(spread.count))
-
-
-def _number(value: float | None) -> str:
-    return NONE if value is None else f"{value:.2f}"
+def _mean(mare: Mare | None) -> str:
+    return NONE if mare is None else f"{mare.mean_deg:.2f}"
 
 
 def _share(value: float | None) -> str:
     return NONE if value is None else f"{value:.1%}"
-
-
-def _simulated(result: BenchmarkResult) -> str:
-    return "SIMULATED " if result.simulated else ""

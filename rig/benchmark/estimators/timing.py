@@ -1,7 +1,6 @@
 """Run time per frame and stage: every contender on the same frames, one after the other, one thread."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
@@ -13,6 +12,7 @@ import numpy as np
 from drivers.types import Image
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, complete
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift
+from rig.benchmark.harness import column
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
@@ -24,33 +24,32 @@ PERCENTILES = (50, 90, 95, 99)
 FRAMES_PER_LIFT = 600
 """Of a fingertip, from the grasp on: 10 s."""
 TURN_FRAMES = 8
-"""What a contender does at a stretch; of the published second stage, which takes long, one frame of them."""
+"""Frames that a contender gets in a row; the published second stage, which is slow, gets one of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
     """Percentiles of a duration in ms, over `count` frames."""
 
-    p50_ms: float
-    p90_ms: float
-    p95_ms: float
-    p99_ms: float
     max_ms: float
-    count: int
+    p50_ms: float = column("median, ms", ".2f")
+    p90_ms: float = column("90 %", ".2f")
+    p95_ms: float = column("95 %", ".2f")
+    p99_ms: float = column("99 %", ".2f")
+    count: int = column("frames")
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """One contender: frame in to angle out on frames with contact, its stages, and all frames' sum.
+    """One contender: frame in to angle out on frames with contact, its stages, and the sum of all frames.
 
-    total_s: over all frames, those without contact too. skipped: stages left out, by name.
+    total_s: over all frames, also those without contact.
     """
 
     contact: Spread
     stages: dict[str, Spread]
     frames: int
     total_s: float
-    skipped: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +94,8 @@ def time_lifts(
 ) -> TimingReport:
     """Time every contender on one fingertip's frames of some lifts, in this process, single-threaded.
 
-    The contenders take a few frames in turn, in an order that moves on by one from turn to turn: a rig
-    runs one of them, so what the others leave in the processor's caches is no cost of it.
+    The contenders get a few frames in turn, in an order that moves on by one from turn to turn: a rig runs
+    one of them, so that the cost of caches that the others have filled does not count.
     """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -119,10 +118,10 @@ def time_lifts(
 
 
 def spread(durations_s: Sequence[float]) -> Spread:
-    """Return percentiles of durations in s, as ms; zeros where there are none."""
+    """Return percentiles of durations in s, as ms; zeros without any."""
     values = np.asarray(durations_s if len(durations_s) else [0.0], float) * 1e3
     p50, p90, p95, p99 = (float(p) for p in np.percentile(values, PERCENTILES))
-    return Spread(p50, p90, p95, p99, float(values.max()), len(durations_s))
+    return Spread(float(values.max()), p50, p90, p95, p99, len(durations_s))
 
 
 def _time_tip(
@@ -181,7 +180,6 @@ def _timing(timed: Sequence[tuple[SlipSample, float]]) -> Timing:
         stages={n: spread([s.stage_s[n] for s, _ in touching if n in s.stage_s]) for n in names},
         frames=len(timed),
         total_s=sum(cost for _, cost in timed),
-        skipped=dict(Counter(stage for s, _ in timed for stage in s.skipped)),
     )
 
 

@@ -12,7 +12,8 @@ from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.lift.slip_watch import CAUGHT_DEG
 from rig.sessions.records import FinishedLift, LiftOutcome
 

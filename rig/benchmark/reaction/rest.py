@@ -14,14 +14,14 @@ from scipy.stats import poisson
 
 from drivers.clock import NS_PER_S, to_ns
 from drivers.types import Pose
-from protocols.observer import Phase
+from protocols.observer import Phase, ReactionStep
 from protocols.pump import Pump
-from protocols.reaction import ReactionStep
 from protocols.slip_trial import GRASP_S, REFERENCE_S
 from protocols.steps import approach, close_to_contact, start_watching, tighten
 from rig.bench.source import FreshBenches
 from rig.benchmark.measured import Measured, at_most
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, derived_seed, new_measurement, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
+from rig.experiments.seeds import derived_seed
 from rig.lift.fusion import TipAnswer
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.tactile.sample import SlipSample, State

@@ -18,9 +18,9 @@ from rig.benchmark.reaction.lifts import ReactedLift, as_late_as_real, lift_both
 from rig.benchmark.reaction.rest import at_rest, watch_at_rest
 from rig.benchmark.reaction.wire import times_over_wire
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import IN_REACTION, FaultResult, run_faults
+from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultRow, run_faults
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, all_tasks
+from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks
 from rig.experiments.reactions import require_reaction
 from rig.experiments.trial import resolve_objects
 from rig.lift.slip_watch import SlipSettings
@@ -65,10 +65,6 @@ class ReactionOptions:
     ] = False
 
 
-def _two(values: tuple[float, float]) -> str:
-    return f"{values[0]:.0f}, {values[1]:.0f}"
-
-
 @dataclass(frozen=True, slots=True)
 class ReactionRow:
     """The lifts of one object, or all lifts."""
@@ -81,8 +77,8 @@ class ReactionRow:
     turn_without_deg: float | None = column("median end turn without", ".1f", "degrees")
     turn_with_deg: float | None = column("with", ".1f", "degrees")
     reactions: int = column("reactions")
-    counts_added: tuple[float, int] = column("counts added, middle, most", _two)
-    fallen: tuple[int, int] = column("fallen without, with", _two)
+    counts_added: tuple[float, int] = column("counts added, middle, most", ".0f")
+    fallen: tuple[int, int] = column("fallen without, with", ".0f")
     damaged: int = column("damaged", doc="with a reaction")
 
 
@@ -210,22 +206,20 @@ def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
     ]
 
 
-def _run_faults(settings: TrialSettings, run: Run) -> list[FaultResult]:
+def _run_faults(settings: TrialSettings, run: Run) -> list[FaultRow]:
     """Inject every fault of `rig benchmark faults`, each while a reaction closes the fingers."""
-    done: list[FaultResult] = []
 
-    def note(result: FaultResult) -> None:
-        done.append(result)
-        run.progress(len(done), len(CASES), result.case.name)
+    def show(row: FaultRow) -> None:
+        run.progress(row.number, len(CASES), row.fault)
 
     with tempfile.TemporaryDirectory() as folder:
         cases = [(case, IN_REACTION) for case in CASES]
-        return run_faults(Path(folder) / "faults", cases, note, react=settings.react)
+        return run_faults(Path(folder) / "faults", cases, show, react=settings.react)
 
 
-def judge_faults(faults: Sequence[FaultResult]) -> Measured:
+def judge_faults(faults: Sequence[FaultRow]) -> Measured:
     """Apply the limits of `rig benchmark faults` to faults in a reaction."""
-    otherwise = [fault.case.name for fault in faults if not fault.passed]
+    otherwise = [row.fault for row in faults if not row.passed]
     named = f" ({', '.join(otherwise)})" if otherwise else ""
     return at_most(
         f"of {len(faults)} faults in a reaction, end otherwise than without{named}", len(otherwise), 0

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from protocols.reaction import ReactionKind, ReactionStep
+from protocols.observer import ReactionStep
+from protocols.reaction import ReactionKind
 from rig.bench.fakes_process import started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.measured import Measured, at_most, informative
 from rig.config import load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.sessions.reading import recorded_reactions
 from rig.sessions.records import LiftRow

@@ -12,13 +12,13 @@ import typer
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.benchmark.estimators.lifts import fused_from
 from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
 from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
 from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.benchmark.wrong_answers import is_confidently_wrong
+from rig.lift.object_angle import object_angle
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.foreign import EstimatorFaults, faults_of, together
@@ -75,9 +75,7 @@ class FaceRow:
     answered: float = column("answered", ".0%", "share of the frames with an angle")
     within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
     confidently_wrong: int | None = column("confidently wrong", doc="lifts with such an answer")
-    ms: tuple[float, float] = column(
-        "ms per frame: median, 99 %", lambda ms: f"{ms[0]:.1f}, {ms[1]:.1f}", "time per frame, ms"
-    )
+    ms: tuple[float, float] = column("ms per frame: median, 99 %", ".1f")
 
 
 def measure(options: RendererOptions, run: Run) -> Report:
@@ -153,7 +151,7 @@ def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
 
 
 def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
-    fused = fused_from(LIFT_NS, TIPS, samples)
+    fused = object_angle(TIPS, samples, LIFT_NS).fused
     course = draw_course(lift)
     times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
     truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]

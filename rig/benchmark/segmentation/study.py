@@ -13,10 +13,10 @@ import typer
 from drivers.errors import InputError
 from drivers.images import encode_png
 from drivers.types import Image
-from fakes.studio.hard_frames import hard_frames
+from fakes.studio.training_frames import hard_frames
 from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not_there
-from rig.benchmark.segmentation.panels import Panels, panels_picture, read_panels
+from rig.benchmark.segmentation.panels import panels_picture, read_panels
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.labels.scores import agreement
@@ -36,6 +36,7 @@ MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
 HARD, REAL = "SIMULATED, hard lifts", "nine real frames"
+PICTURE = "real_frames.png"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,8 @@ class MethodScore:
     method: str = column("method")
     data: str = column("data")
     frames: int = column("frames")
-    dice: MeanStd = column("Dice", str)
-    iou: MeanStd = column("IoU", str)
+    dice: MeanStd = column("Dice")
+    iou: MeanStd = column("IoU")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,7 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
         ),
         limits=(*_limits(scores, times), _threads_agree(models[OURS], sets[RANDOMISED])),
         limits_of="the shipped networks",
-        files=_picture(panels, masks),
+        files={} if panels is None else {PICTURE: encode_png(panels_picture(panels, masks))},
     )
 
 
@@ -234,10 +235,6 @@ def _threads_agree(model: str, examples: Examples) -> Measured:
         one, two = (_mask(make(background), frame) for make in makers)
         differing += int(np.count_nonzero(one != two))
     return at_most("ours, pixels in which 1 and 2 threads differ, 30 frames", differing, 0)
-
-
-def _picture(panels: Panels | None, masks: dict[str, list[Image]]) -> dict[str, bytes]:
-    return {} if panels is None else {"real_frames.png": encode_png(panels_picture(panels, masks))}
 
 
 STUDY = Study(

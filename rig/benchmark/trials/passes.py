@@ -18,7 +18,7 @@ from rig.benchmark.estimators.contenders import filtered
 from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
 from rig.benchmark.estimators.scores import SeriesScore, score_series
 from rig.config.models import TactileConfig
-from rig.lift.tip_track import ZERO_S, TipTrack
+from rig.lift.object_angle import ZERO_S, object_angle
 from rig.sessions.reading import recorded_arm_states
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import Contact
@@ -192,8 +192,8 @@ def _scored(
     lift: RecordedLift, sign: int, samples: Sequence[SlipSample], truth: Mapping[int, float | None]
 ) -> SeriesScore:
     """Score one fingertip's signed angle since the end of phase A."""
-    tip, lift_ns = TipTrack(sign), lift.phases[Phase.LIFT]
-    tip.set_zero(samples, lift_ns)
+    lift_ns = lift.phases[Phase.LIFT]
+    tip = object_angle({"": sign}, {"": samples}, lift_ns).tips[""]
     answers = [tip.answer(s) for s in samples if s.time_ns >= lift_ns]
     return score_series(
         f"{lift.row.object}/{lift.row.lift}",

@@ -1,16 +1,14 @@
 """The picture of `rig benchmark trials`: run time against error, a point per system."""
 
-import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from rig.benchmark.estimators.picture import spread_labels
+from rig.benchmark.estimators.picture import label_points
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
 from rig.benchmark.trials.paper_tables import TrialsResult, head, systems, usual_window
 from rig.benchmark.trials.passes import STILL, combination, title
 from rig.pages.figure import drawing, png, svg
-from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, WARNING
+from rig.pages.palette import ESTIMATE, FIRST, MUTED, WARNING
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import METHODS
 
@@ -42,7 +40,9 @@ def _draw(axes: Axes, result: TrialsResult) -> None:
         xscale="log", yscale="log", xlabel="frame in to angle out, median, ms (one thread)",
         ylabel="MARE over phase B, degrees", title=head(result),
     )  # fmt: skip
-    _finish(axes, shown)
+    axes.margins(x=0.05, y=0.06)
+    points = [(title(name), ms, error, _look(name)[0]) for name, ms, error in shown]
+    label_points(axes, points, _LABEL_GAP, 1.03, {"linewidth": 0.7, "alpha": 0.6, "relpos": (0.0, 0.5)})
 
 
 def _look(name: str) -> tuple[str, str]:
@@ -60,26 +60,4 @@ def _still(axes: Axes, result: TrialsResult) -> None:
         axes.text(
             0.01, still.mean_deg, title(STILL), transform=axes.get_yaxis_transform(), va="bottom",
             fontsize=10.5, color=MUTED.light,
-        )  # fmt: skip
-
-
-def _finish(axes: Axes, shown: list[tuple[str, float, float]]) -> None:
-    """Add ticks, a grid, and every label in the right margin with a line to its point."""
-    axes.margins(x=0.05, y=0.06)
-    axes.grid(True, which="major", color=LINE.light)
-    axes.spines[["top", "right"]].set_visible(False)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_locator(NullLocator())
-    low, high = np.log(axes.get_ylim())
-    at = [float((np.log(error) - low) / (high - low)) for *_, error in shown]
-    for (name, ms, error), place in zip(shown, spread_labels(at, _LABEL_GAP), strict=True):
-        axes.annotate(
-            title(name), xy=(ms, error), xytext=(1.03, place), textcoords="axes fraction", va="center",
-            fontsize=10.5, color=INK.light,
-            arrowprops={
-                "arrowstyle": "-", "color": _look(name)[0], "linewidth": 0.7, "alpha": 0.6,
-                "relpos": (0.0, 0.5),
-            },
         )  # fmt: skip

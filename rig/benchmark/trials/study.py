@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from rig.benchmark.estimators.lifts import session_lifts
+from rig.benchmark.estimators.study import record
 from rig.benchmark.harness import Report, Run, Study, machine
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
 from rig.benchmark.segmentation.study import parse_models
@@ -18,11 +19,9 @@ from rig.benchmark.trials.passes import ANGLENET_ON_TEST, PEER_FILES, PLAIN, Tri
 from rig.benchmark.trials.picture import draw
 from rig.config import load_bench
 from rig.config.models import BenchConfig
-from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.trial import resolve_objects, run_trial
+from rig.experiments.trial import resolve_objects
 from rig.pages.page import render
-from rig.sessions.manifest import is_session
-from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.records import FinishedLift
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
 
 PICTURE, PAGE = "trials.png", "index.html"
@@ -72,8 +71,9 @@ def measure(options: TrialsOptions, run: Run) -> Report:
     peers = {name: file for name, file in models.items() if name in PEER_FILES}
     systems = (*PLAIN, *((ANGLENET_ON_TEST,) if ANGLENET_ON_TEST in models else ()))
     bench = load_bench("fake")
-    plain = record(options, run, bench, DEFAULT_ESTIMATOR, PLAIN_SESSION)
-    marked = record(options, run, with_markers(bench), KOLAMURI, MARKED_SESSION)
+    what = resolve_objects(options.objects), options.lifts
+    plain = record(run, PLAIN_SESSION, bench, choose_estimator(DEFAULT_ESTIMATOR), *what)
+    marked = record(run, MARKED_SESSION, with_markers(bench), choose_estimator(KOLAMURI), *what)
 
     def passes(folder: Path, networks: dict[str, str], systems: Sequence[str]) -> list[TrialPass]:
         tips, rows = session_lifts(folder)
@@ -109,22 +109,6 @@ def with_markers(bench: BenchConfig) -> BenchConfig:
     """Return the bench with markers printed on its gels and no other difference."""
     tactile = tuple(t.model_copy(update={"markers": True}) for t in bench.tactile)
     return bench.model_copy(update={"tactile": tactile})
-
-
-def record(options: TrialsOptions, run: Run, bench: BenchConfig, estimator: str, name: str) -> Path:
-    """Carry out the lifts that are missing in a session; return its folder.
-
-    Raises what `run_trial` raises.
-    """
-    folder = (run.folder or Path()) / name
-    trial = TrialSettings(bench, run.seed, choose_estimator(estimator))
-
-    def show(done: int, total: int, row: LiftRow) -> None:
-        run.progress(done, total, f"{name}: {row.object}/{row.lift} {row.outcome}")
-
-    objects = resolve_objects(options.objects)
-    run_trial(folder, trial, objects, options.lifts, run.workers, is_session(folder), progress=show)
-    return folder
 
 
 def _name(row: FinishedLift) -> str:

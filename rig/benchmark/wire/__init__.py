@@ -1,4 +1,4 @@
-"""The real drivers on the bench behind wires: a lift in real time, and faults in mid-lift.
+"""The real drivers over the wire protocols, in real time: a lift, faults, events at any moment, endurance.
 
 Imports experiments and the bench; knows no table of the other benchmarks.
 """

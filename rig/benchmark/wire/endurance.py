@@ -7,32 +7,33 @@ per minute.
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
+from numpy.typing import NDArray
 
-from drivers.bench import Bench
 from drivers.clock import NS_PER_S, Clock
 from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, GripperState, Image, Pose
 from protocols.observer import LiftObserver, Phase
-from protocols.pump import Pump
 from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
-from protocols.slip_trial import REFERENCE_S, SETTLE_S, LiftPlan
+from protocols.slip_trial import REFERENCE_S, SETTLE_S
 from protocols.steps import approach, close_to_contact, open_and_rise, start_watching, tighten
 from rig.bench.fakes_process import started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
+from rig.benchmark.harness import Report, Run, Study
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.sessions.background_file import BackgroundFile
-from rig.sessions.images import stored
 from rig.sessions.recorder import LiftRecorder
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.touch import TouchDebounce
@@ -47,18 +48,21 @@ CHILDREN = b"drivers."
 
 
 @dataclass(frozen=True, slots=True)
+class EnduranceOptions:
+    """Options of `rig benchmark endurance`."""
+
+    hours: Annotated[float, typer.Option("--hours", min=0.01, max=100, help="Duration, in real time.")] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class Minute:
     """Measurements of one minute.
 
-    Attributes:
-        frames, dropped: counts over both fingertips and the camera.
-        jumped: tactile frames at which an estimator detected a jump of the frame times.
-        p50_ms, p99_ms: percentiles of the time from capture to angle, of the slower fingertip.
-        wander_deg: largest difference of an angle from the mean of the first minute.
-        answered: share of tactile frames with an angle.
-        recorded_mb: size of the minute's recording.
-        memory_mb, threads, files: of this program and of the drivers' processes, at the end of the minute.
-
+    frames, dropped: counts over both fingertips and the camera. jumped: tactile frames at which an estimator
+    detected a jump of the frame times. p50_ms, p99_ms: percentiles of the time from capture to angle, of the
+    slower fingertip. wander_deg: largest difference of an angle from the mean of the first minute. answered:
+    share of tactile frames with an angle. recorded_mb: size of the minute's recording. memory_mb, threads,
+    files: of this program and of the drivers' processes, at the end of the minute.
     """
 
     frames: int
@@ -73,20 +77,92 @@ class Minute:
     threads: int
     files: int
 
+    def __str__(self) -> str:
+        return (
+            f"{self.frames} frames, {self.dropped} dropped; angle after {self.p50_ms:.1f} ms, 99 % "
+            f"{self.p99_ms:.1f} ms; at most {self.wander_deg:.2f} deg off; "
+            f"{self.recorded_mb:.0f} MB recorded; {self.memory_mb:.0f} MB, "
+            f"{self.threads} threads, {self.files} files"
+        )
 
-@dataclass(slots=True)
-class _Tip:
-    """A fingertip: its frames before the contact, then its estimator and the angles of this minute."""
 
-    sign: int
-    aspect: float | None
-    reference: list[Image] = field(default_factory=list)
-    estimator: TactileEstimator | None = None
-    touch: TouchDebounce = field(default_factory=TouchDebounce)
-    angles_deg: list[float] = field(default_factory=list)
-    late_ns: list[int] = field(default_factory=list)
-    jumped: int = 0
-    zero_deg: float | None = None
+def measure(options: EnduranceOptions, run: Run) -> Report:
+    """Hold an object still over the wire protocols, in real time, and print the measurements per minute.
+
+    All frames are recorded as in a lift, into a file per minute of about 0.3 GB in the folder for temporary
+    files (TMPDIR), which is then deleted. Exit code 4 if a frame was dropped or its time jumped, if in any
+    minute the 99th percentile of the time from capture to angle exceeded one frame period, if the angle
+    changed by more than 0.3 degrees, or if memory, threads or open files grew.
+
+    Examples:
+      rig benchmark endurance
+
+      rig benchmark endurance --hours 0.05 --json
+
+    """
+    bench, count = load_bench("wire"), max(1, round(60.0 * options.hours))
+    minutes = measure_endurance(count, lambda number, of: run.progress(number, count, str(of)), bench)
+    limits = judge_endurance(minutes, 1e3 / max(tactile.rate_hz for tactile in bench.tactile))
+    return Report((), limits, "the contact at rest", figures={"minutes": [asdict(of) for of in minutes]})
+
+
+def judge_endurance(minutes: Sequence[Minute], period_ms: float) -> tuple[Measured, ...]:
+    """Compare with the limits. period_ms: time between two frames of a fingertip, the largest latency."""
+    first, last = minutes[0], minutes[-1]
+    wander_deg = [minute.wander_deg for minute in minutes]
+    return (
+        at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
+        at_most("frames whose time jumped", sum(minute.jumped for minute in minutes), 0),
+        at_most("capture to angle, 99th percentile, ms", max(of.p99_ms for of in minutes), period_ms),
+        at_most(
+            "farthest angle from the first minute, deg",
+            max(wander_deg) if np.isfinite(wander_deg).all() else None,
+            WANDER_DEG,
+        ),
+        at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
+        at_most("growth of memory since the first minute, MB", last.memory_mb - first.memory_mb, GROWN_MB),
+        at_most("threads more than in the first minute", last.threads - first.threads, 0),
+        at_most("open files more than in the first minute", last.files - first.files, 0),
+    )
+
+
+def measure_endurance(
+    minutes: int,
+    progress: Callable[[int, Minute], None],
+    wanted: BenchConfig,
+    minute_s: float = MINUTE_S,
+) -> list[Minute]:
+    """Grasp an object that stands on its support, as a lift does, and return the measurements of each minute.
+
+    progress: called after each minute with its number, from 1, and its measurements. wanted: the bench whose
+    fakes are reached over the wire protocols. minute_s: length of a "minute" in s; shorter in tests. Raises
+    the device's error if a device fails, `RecordingError` if a recording cannot be written.
+    """
+    measured = []
+    with (
+        tempfile.TemporaryDirectory(prefix="endurance-") as folder,
+        closing(MinuteRecordings(Path(folder))) as recordings,
+        started_fakes(wanted) as config,
+        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
+        benches.for_lift(0, "endurance") as (bench, operator),
+    ):
+        make_ready(bench, operator)
+        settings = TrialSettings(config, 0, choose_estimator())
+        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
+        operator.place(plan.object_id, plan.object_name)
+        observer = StillContact(config, bench.clock, recordings)
+        with safe_end(bench):
+            approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
+            pump = start_watching(bench, observer, REFERENCE_S)
+            tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
+            pump.run_for(SETTLE_S)
+            observer.begin_minute()
+            for number in range(1, minutes + 1):
+                pump.run_for(minute_s)
+                measured.append(observer.minute())
+                progress(number, measured[-1])
+            open_and_rise(bench, plan.base_T_grasp, plan.width_m, pump)
+    return measured
 
 
 class MinuteRecordings:
@@ -132,6 +208,28 @@ def _flush_and_delete(file: BackgroundFile) -> None:
     file.path.unlink()
 
 
+@dataclass(slots=True)
+class _Tip:
+    """A fingertip: its frames before the contact, then its estimator and the angles of this minute."""
+
+    sign: int
+    aspect: float | None
+    reference: list[Image] = field(default_factory=list)
+    estimator: TactileEstimator | None = None
+    touch: TouchDebounce = field(default_factory=TouchDebounce)
+    angles_deg: list[float] = field(default_factory=list)
+    late_ns: list[int] = field(default_factory=list)
+    jumped: int = 0
+    zero_deg: float | None = None
+
+    def off_deg(self) -> NDArray[np.float64]:
+        """Return the distances of this minute's angles from the mean of the first minute with an angle."""
+        angles = np.array(self.angles_deg, float)
+        if self.zero_deg is None and np.isfinite(angles).any():
+            self.zero_deg = float(np.nanmean(angles))
+        return np.abs(angles - (np.nan if self.zero_deg is None else self.zero_deg))
+
+
 class StillContact(LiftObserver):
     """Estimates and records both fingertips as in a lift, and keeps the angles of the current minute only."""
 
@@ -153,8 +251,7 @@ class StillContact(LiftObserver):
 
     def frame(self, frame: Frame) -> None:
         """Record a frame and estimate its angle."""
-        frame, jpeg = stored(frame)
-        self._recordings.recorder.image(frame, jpeg)
+        self._recordings.recorder.frame(frame)
         self._tallies[frame.serial].add(frame)
         tip = self._tips.get(frame.serial)
         if tip is None:
@@ -188,118 +285,36 @@ class StillContact(LiftObserver):
         """
         for tip in self._tips.values():
             tip.angles_deg, tip.late_ns, tip.jumped = [], [], 0
-        self._counted = self._count()
+        tallies = self._tallies.values()
+        self._counted = sum(tally.frames for tally in tallies), sum(tally.dropped for tally in tallies)
         return self._recordings.next_file()
 
     def minute(self) -> Minute:
         """Return the measurements since `begin_minute`, and begin the next minute."""
-        tips = list(self._tips.values())
+        tips, before, resources = self._tips.values(), self._counted, _resources()
         late_ms = [np.percentile(tip.late_ns, (50, 99)) * 1e3 / NS_PER_S for tip in tips]
-        angles = [np.array(tip.angles_deg) for tip in tips]
-        for tip, told in zip(tips, angles, strict=True):
-            if tip.zero_deg is None and np.isfinite(told).any():
-                tip.zero_deg = float(np.nanmean(told))
-        both = zip(tips, angles, strict=True)
-        off = [np.abs(told - tip.zero_deg) for tip, told in both if tip.zero_deg is not None]
-        before, jumped, resources = self._counted, sum(tip.jumped for tip in tips), _resources()
+        off_deg = np.concatenate([tip.off_deg() for tip in tips])
+        answered = np.isfinite([angle for tip in tips for angle in tip.angles_deg]).mean()
+        jumped = sum(tip.jumped for tip in tips)
         recorded = self.begin_minute()
         return Minute(
             self._counted[0] - before[0],
             self._counted[1] - before[1],
             jumped,
             *(float(max(values)) for values in zip(*late_ms, strict=True)),
-            wander_deg=float(np.nanmax(np.concatenate(off))) if off else float("nan"),
-            answered=float(np.isfinite(np.concatenate(angles)).mean()),
+            wander_deg=float(np.nanmax(off_deg)) if np.isfinite(off_deg).any() else float("nan"),
+            answered=float(answered),
             recorded_mb=recorded / 1e6,
             **resources,
         )
 
-    def _count(self) -> tuple[int, int]:
-        """Return how many frames arrived and how many were dropped until now."""
-        tallies = self._tallies.values()
-        return sum(tally.frames for tally in tallies), sum(tally.dropped for tally in tallies)
-
-
-def measure_endurance(
-    minutes: int,
-    progress: Callable[[int, Minute], None] = lambda number, minute: None,
-    bench: BenchConfig | None = None,
-    minute_s: float = MINUTE_S,
-) -> list[Minute]:
-    """Hold an object that stands on its support, and return the measurements of each minute.
-
-    Args:
-        minutes: how many.
-        progress: called after each minute with its number, from 1, and its measurements.
-        bench: a bench whose fakes are reached over the wire protocols, by default `wire`.
-        minute_s: length of a "minute" in s; shorter in tests.
-
-    Raises the device's error if a device fails, `RecordingError` if a recording cannot be written.
-
-    """
-    told = []
-    with _grasping(bench or load_bench("wire")) as (pump, observer):
-        observer.begin_minute()
-        for number in range(1, minutes + 1):
-            pump.run_for(minute_s)
-            told.append(observer.minute())
-            progress(number, told[-1])
-    return told
-
-
-@contextmanager
-def _grasping(wanted: BenchConfig) -> Iterator[tuple[Pump, StillContact]]:
-    """Grasp an object as a lift does, and release it at the end."""
-    with (
-        tempfile.TemporaryDirectory(prefix="endurance-") as folder,
-        closing(MinuteRecordings(Path(folder))) as recordings,
-        started_fakes(wanted) as config,
-        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
-        benches.for_lift(0, "endurance") as (bench, operator),
-    ):
-        make_ready(bench, operator)
-        settings = TrialSettings(config, 0, choose_estimator())
-        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
-        operator.place(plan.object_id, plan.object_name)
-        observer = StillContact(config, bench.clock, recordings)
-        with safe_end(bench):
-            pump = _grasped(bench, plan, observer)
-            yield pump, observer
-            open_and_rise(bench, plan.base_T_grasp, plan.width_m, pump)
-
-
-def _grasped(bench: Bench, plan: LiftPlan, observer: StillContact) -> Pump:
-    approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
-    pump = start_watching(bench, observer, REFERENCE_S)
-    tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
-    pump.run_for(SETTLE_S)
-    return pump
-
-
-def judge_endurance(minutes: list[Minute], period_ms: float) -> list[Measured]:
-    """Compare with the limits. period_ms: time between two frames of a fingertip, the largest latency."""
-    first, last = minutes[0], minutes[-1]
-    late_ms = max(minute.p99_ms for minute in minutes)
-    return [
-        at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
-        at_most("frames whose time jumped", sum(minute.jumped for minute in minutes), 0),
-        at_most("capture to angle, 99th percentile, ms", late_ms, period_ms),
-        at_most("farthest angle from the first minute, deg", _wander(minutes), WANDER_DEG),
-        at_least("share of frames answered, worst minute", min(m.answered for m in minutes), ANSWERED),
-        at_most("growth of memory since the first minute, MB", last.memory_mb - first.memory_mb, GROWN_MB),
-        at_most("threads more than in the first minute", last.threads - first.threads, 0),
-        at_most("open files more than in the first minute", last.files - first.files, 0),
-    ]
-
-
-def _wander(minutes: list[Minute]) -> float | None:
-    values = [minute.wander_deg for minute in minutes]
-    return float(np.max(values)) if np.isfinite(values).all() else None
-
 
 def _resources() -> dict[str, float | int]:
     """Return memory, threads and open files of this program and of its drivers' processes."""
-    processes = [Path(f"/proc/{os.getpid()}"), *_children()]
+    processes = [Path("/proc/self")]
+    for children in Path("/proc/self/task").glob("*/children"):
+        all_children = [Path("/proc") / pid for pid in children.read_text().split()]
+        processes += [child for child in all_children if CHILDREN in (child / "cmdline").read_bytes()]
     page_mb = os.sysconf("SC_PAGE_SIZE") / 2**20
     return {
         "memory_mb": sum(int((p / "statm").read_text().split()[1]) for p in processes) * page_mb,
@@ -308,9 +323,4 @@ def _resources() -> dict[str, float | int]:
     }
 
 
-def _children() -> Iterator[Path]:
-    for children in Path("/proc/self/task").glob("*/children"):
-        for pid in children.read_text().split():
-            process = Path(f"/proc/{pid}")
-            if CHILDREN in (process / "cmdline").read_bytes():
-                yield process
+STUDY = Study("endurance", EnduranceOptions, measure, "minutes", shared=())

@@ -1,4 +1,4 @@
-"""What goes wrong in `rig benchmark faults`, device by device."""
+"""The faults of `rig benchmark faults`, device by device."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class FaultCase:
-    """What goes wrong. injected: (device, kind, arguments) in order.
+    """A fault, or several at once. injected: (device, kind, arguments) in order.
 
-    named: words of which the outcome has to contain one. mended_after: how many attempts fail before somebody
-    looks after it (a cable, a switch); a protective stop is left for the rig to recover from. faults: so many
-    come at once.
+    named: words of which the outcome has to contain one. mended_after: number of attempts that fail before a
+    person mends it (a cable, a switch); a protective stop is left for the rig to recover from. faults: number
+    of faults at once.
     """
 
     name: str
@@ -65,7 +65,7 @@ CASES = (
 
 
 def both(one: FaultCase, other: FaultCase) -> FaultCase:
-    """Two at once; the outcome has to name one of them."""
+    """Return two faults at once; the outcome has to name one of them."""
     mended_after = max(one.mended_after, other.mended_after)
     name = f"{one.name} + {other.name}"
     faults = one.faults + other.faults

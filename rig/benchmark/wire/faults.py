@@ -1,248 +1,159 @@
-"""Faults in mid-lift, one after the other, on the bench behind wires: seen, made safe, recovered from.
+"""`rig benchmark faults`: devices fail during lifts over the wire protocols, and the rig has to recover."""
 
-A trial in which the first attempt at each lift meets a fault while the object hangs in the
-fingers, and the next attempt has to succeed after what a person at the bench would do. What the
-rig claims is held against the simulated world: where its tool truly moved, and when.
-"""
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
-from functools import partial
-from pathlib import Path
+import numpy as np
+import typer
 
-from drivers.bench import Bench
-from drivers.clock import NS_PER_S
-from drivers.errors import DeviceError
-from drivers.interfaces import Arm, Motion
-from drivers.types import ArmLimits, ArmState, Pose
-from protocols.operator import Operator
-from protocols.reaction import ReactionKind
-from rig.bench.fakes_process import fakes_control, started_fakes
-from rig.bench.operators import ConsoleOperator
-from rig.bench.source import StandingBench
-from rig.benchmark.wire.fault_cases import CASES, FaultCase
-from rig.benchmark.wire.moments import Moment, Stage, wait_for
-from rig.benchmark.wire.true_track import dropped, read_track, standstill
+from drivers.errors import InputError, counted
+from rig.benchmark.harness import Report, Run, Study, Table, table_of
+from rig.benchmark.measured import Measured, at_most
+from rig.benchmark.wire.campaign import count_faults, plan_campaign, run_campaign, worst
+from rig.benchmark.wire.fault_cases import CASES
+from rig.benchmark.wire.fault_lifts import MID_LIFT, FaultRow, run_faults
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import TrialSettings
-from rig.experiments.trial import run_trial
-from rig.sessions.records import FinishedLift, LiftRow
-from rig.sessions.rows import read_usable_lifts
-from rig.tactile.estimators import choose_estimator
-
-SAFE_WITHIN_S = 1.0
-LEAST_ATTEMPTS = 2
-"""So often the next lift is tried once its case is mended, before it is given up."""
-MID_LIFT = Moment(Stage.LIFT, 0.4)
-IN_REACTION = Moment(Stage.HOLD, 0.03)
-"""In a lift that reacts the arm first stands when it was stopped; the fingers are closing then."""
-LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
-"""From here on a lift may be over before a device is missed."""
 
 
-@dataclass(slots=True)
-class FaultResult:
-    """What came of a case.
+@dataclass(frozen=True, slots=True)
+class FaultsOptions:
+    """Options of `rig benchmark faults`."""
 
-    Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop
-    after it, when the simulated tool then stood still. stage: of the lift at the fault. dropped: whether
-    the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run although its
-    case was mended. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long enough to
-    miss any device.
+    cases: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="Only cases whose name contains this; repeat for more."),
+    ] = None
+    full: Annotated[
+        bool, typer.Option("--full", help="Every fault, also two at once, at random moments: hours.")
+    ] = False
+    count: Annotated[
+        int,
+        typer.Option("--count", min=1, max=100_000, help="How many faults with --full, two at once as two."),
+    ] = 1000
+    bench: Annotated[
+        str,
+        typer.Option("--bench", help="wire, or the path of a bench file whose \\[fakes] are started for it."),
+    ] = "wire"
+    jobs: Annotated[
+        int,
+        typer.Option("--jobs", min=1, max=64, help="Benches side by side with --full; about a core each."),
+    ] = 1
+
+
+def measure(options: FaultsOptions, run: Run) -> Report:
+    """Let each device fail in mid-lift over the wire protocols; print how the rig recovers.
+
+    Runs in real time, about 25 s a lift. The lifts are stored as a session in the folder of the results. With
+    --full they are deleted, the worst case is filmed, into worst.avi, and --readme takes the table. Exit code
+    4 if a fault was not seen, not named or not made safe within a second, if an object was dropped, or if the
+    next lift did not run.
+
+    Examples:
+      rig benchmark faults
+
+      rig benchmark faults --case arm --case "gripper: silent" --json
+
+      rig benchmark faults --full --out campaign --resume --readme docs/wire.md
+
+      rig benchmark faults --full --count 200 --jobs 8
+
+      rig benchmark faults --full --bench slow.toml
+
     """
-
-    case: FaultCase
-    moment: Moment = MID_LIFT
-    stage: Stage | None = None
-    dropped: bool = False
-    injected_ns: int = 0
-    detected_ns: int = 0
-    still_ns: int = 0
-    faults: list[str] = field(default_factory=list)
-    given_up: bool = False
-    recovered: bool = False
-    reacts: bool = False
-
-    @property
-    def detected_s(self) -> float | None:
-        """From the fault until the rig stopped the arm; None when it never did."""
-        return (self.detected_ns - self.injected_ns) / NS_PER_S if self.detected_ns else None
-
-    @property
-    def safe_s(self) -> float | None:
-        """From the rig's stop until the tool stood still."""
-        return max(0, self.still_ns - self.detected_ns) / NS_PER_S if self.detected_ns else None
-
-    @property
-    def passed(self) -> bool:
-        """Whether the fault was seen, named, made safe in time, and recovered from, and nothing fell."""
-        if self.dropped or not self.recovered:
-            return False
-        if not self.faults:
-            return self.stage in LATE and not self.reacts
-        named = any(word.lower() in fault.lower() for fault in self.faults for word in self.case.named)
-        return named and self.safe_s is not None and self.safe_s <= SAFE_WITHIN_S
+    bench = load_bench(options.bench)
+    if bench.fakes is None or bench.fakes.control is not None:
+        raise InputError(
+            f"bench '{bench.name}': faults are injected into fakes that the benchmark starts itself; give a "
+            "bench of real drivers with an empty [fakes] table, as wire"
+        )
+    return _campaign(bench, options, run) if options.full else _each_once(bench, options, run)
 
 
-class TimedArm(Arm):
-    """An arm that notes when it was first told to stop."""
+def _each_once(bench: BenchConfig, options: FaultsOptions, run: Run) -> Report:
+    wanted = [c for c in CASES if not options.cases or any(text.lower() in c.name for text in options.cases)]
+    if not wanted:
+        names = ", ".join(case.name for case in CASES)
+        raise InputError(f"no case contains {' or '.join(options.cases or [])}; cases are: {names}")
+    if run.resume:
+        raise InputError("--resume continues a campaign: give --full as well")
 
-    def __init__(self, arm: Arm, stopped: Callable[[int], None]) -> None:
-        self._arm = arm
-        self._stopped = stopped
+    def show(row: FaultRow) -> None:
+        text = "; then: ".join(row.outcomes) or "no fault was noticed"
+        run.progress(row.number, len(wanted), f"{row.fault}: {text}")
 
-    @property
-    def limits(self) -> ArmLimits:
-        """Those of the arm."""
-        return self._arm.limits
-
-    def connect(self) -> None:
-        """Connect the arm."""
-        self._arm.connect()
-
-    def disconnect(self) -> None:
-        """Disconnect the arm."""
-        self._arm.disconnect()
-
-    def state(self) -> ArmState:
-        """State of the arm."""
-        return self._arm.state()
-
-    def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
-        """Move the arm."""
-        return self._arm.move_linear(base_T_tcp, speed_m_s, acceleration_m_s2)
-
-    def stop(self) -> None:
-        """Stop the arm, and note when."""
-        self._stopped(time.monotonic_ns())
-        self._arm.stop()
-
-    def recover(self, confirm: Callable[[str], None]) -> None:
-        """Recover the arm."""
-        self._arm.recover(confirm)
+    rows = run_faults(run.results_folder, [(case, MID_LIFT) for case in wanted], show, bench)
+    title = f"SIMULATED bench '{bench.name}': from the fault to the rig's stop, from there to standstill"
+    return Report((table_of(title, FaultRow, rows, left=6),), judge_faults(rows), "the rig")
 
 
-class FaultyBench(StandingBench):
-    """The bench behind wires, with a fault in the first attempt at each lift that comes to mid-lift.
-
-    Lift n meets the n-th case. Between attempts somebody mends what the rig cannot.
-    """
-
-    def __init__(self, config: BenchConfig, results: list[FaultResult]) -> None:
-        super().__init__(config, ConsoleOperator(lambda _: True), "")
-        self._control = fakes_control(config)
-        self._grasp_m = config.table.position_m[2]
-        self._results = results
-
-    def begin(self) -> None:
-        """Mend what is left of the last case, as a person does before a trial goes on, then begin."""
-        self._control.call("fault", device="all", kind="clear")
-        super().begin()
-
-    @contextmanager
-    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Give the bench, mended where the time has come, with the fault on its way."""
-        result = self._results[int(lift.rpartition("/")[2]) - 1]
-        if attempt == 0 or len(result.faults) >= result.case.mended_after:
-            self._control.call("fault", device="all", kind="clear")
-        with super().for_lift(seed, lift, attempt) as (bench, operator):
-            if result.injected_ns:
-                yield bench, operator
-                return
-            over = threading.Event()
-            timed = replace(bench, arm=TimedArm(bench.arm, lambda now_ns: _note_stop(result, over, now_ns)))
-            injector = threading.Thread(target=self._inject, args=(result, over), daemon=True)
-            injector.start()
-            try:
-                yield timed, operator
-            finally:
-                over.set()
-                injector.join()
-                self._judge(result)
-
-    def _inject(self, result: FaultResult, over: threading.Event) -> None:
-        """Wait for the moment, then let it go wrong."""
-        stage = wait_for(result.moment, self._grasp_m, lambda: self._control.call("world"), over.is_set)
-        if stage is not None:
-            result.stage, result.injected_ns = stage, time.monotonic_ns()
-            for device, kind, arguments in result.case.injected:
-                self._control.call("fault", device=device, kind=kind, **arguments)
-
-    def _judge(self, result: FaultResult) -> None:
-        """See by the simulated world when the tool stood still after the rig's stop, and what fell."""
-        if result.injected_ns:
-            track = read_track(self._control.call, result.injected_ns)
-            result.still_ns = standstill(track, result.detected_ns or result.injected_ns).time_ns
-            result.dropped = result.dropped or dropped(track, self._grasp_m)
+def _campaign(bench: BenchConfig, options: FaultsOptions, run: Run) -> Report:
+    plan = plan_campaign(run.seed, options.count)
+    planned = f"{counted(count_faults(plan), 'fault')} in {counted(len(plan), 'lift')}"
+    head = f"SIMULATED, {planned} at random moments, seed {run.seed}"
+    run.say(f"{head}; bench '{bench.name}'")
+    rows = run_campaign(replace(run, jobs=options.jobs), plan, bench)
+    table, limits, last = campaign_table(bench.name, rows), judge_faults(rows), worst(rows)
+    return Report(
+        tables=(table,),
+        limits=limits,
+        limits_of="the rig",
+        notes=(f"longest until standstill: {last.line}",) if last else (),
+        section="\n".join([f"{head}.", "", table.markdown(), "", *(limit.line for limit in limits)]),
+    )
 
 
-def _note_stop(result: FaultResult, over: threading.Event, now_ns: int) -> None:
-    """Note the first stop after the fault; after one before it, the fault waits for the next attempt.
-
-    A lift that reacts stops the arm and goes on.
-    """
-    if not result.injected_ns:
-        if not result.reacts:
-            over.set()
-    elif not result.detected_ns:
-        result.detected_ns = now_ns
+def judge_faults(rows: Sequence[FaultRow]) -> tuple[Measured, ...]:
+    """Return the limits. Whether finished lifts are whole on disk was checked by `run_faults`."""
+    return (
+        at_most("objects dropped", sum(row.dropped for row in rows), 0),
+        at_most("lifts after a fault that did not run", sum(not row.recovered for row in rows), 0),
+        at_most("faults not seen, not named or not made safe", sum(not row.passed for row in rows), 0),
+    )
 
 
-def run_faults(
-    folder: Path,
-    cases: Sequence[tuple[FaultCase, Moment]] = tuple((case, MID_LIFT) for case in CASES),
-    progress: Callable[[FaultResult], None] = lambda result: None,
-    bench: BenchConfig | None = None,
-    react: ReactionKind = ReactionKind.NONE,
-) -> list[FaultResult]:
-    """Run cases, each at its moment, as a trial of as many lifts, kept in `folder`; return what came of each.
-
-    bench: the bench behind wires, by default `wire`. react: what the lifts do about slip.
-    Raises `DeviceError` unless each case's lift is whole on disk in the end.
-    """
-    reacts = react is not ReactionKind.NONE
-    results = [FaultResult(case, moment, reacts=reacts) for case, moment in cases]
-    attempts: list[FaultResult] = []
-
-    def note(done: int, total: int, row: LiftRow) -> None:
-        result = results[row.lift - 1]
-        attempts.append(result)
-        if isinstance(row, FinishedLift):
-            result.recovered = bool(result.injected_ns) and not result.given_up
-            progress(result)
-        elif result.injected_ns:
-            result.faults.append(row.fault)
-
-    with (
-        started_fakes(bench or load_bench("wire")) as config,
-        closing(FaultyBench(config, results)) as benches,
-    ):
-        settings = TrialSettings(config, 0, choose_estimator(), react=react)
-        run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
-        _run_to_the_end(run, attempts)
-    kept = read_usable_lifts(folder, checked=True).lifts
-    if len(kept) != len(cases):
-        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are whole on disk in {folder}")
-    return results
+CAMPAIGN_COLUMNS = (
+    "fault", "lifts", "with another", "seen, s: median", "longest", "stood, s: longest", "not missed",
+    "dropped", "next lift", "passed",
+)  # fmt: skip
 
 
-def _run_to_the_end(run: Callable[..., object], attempts: list[FaultResult]) -> None:
-    """Run the trial; where it ends after three faults in a row, resume it, as a person would.
+def campaign_table(bench: str, rows: Sequence[FaultRow]) -> Table:
+    """Return a row for each fault; two at once count under the first one's name."""
+    title = f"SIMULATED bench '{bench}': faults at random moments of every stage"
+    firsts = {case.name: [row for row in rows if row.fault.split(" + ")[0] == case.name] for case in CASES}
+    cells = [_cells(name, of) for name, of in firsts.items()]
+    return Table(title, CAMPAIGN_COLUMNS, cells, records=tuple(rows))
 
-    A case has failed where the attempts after its mending have. attempts: the cases of the attempts so far.
-    Raises `DeviceError` where a lift fails again after that, and where none is tried.
-    """
-    while True:
-        before = len(attempts)
-        try:
-            run(resume=bool(attempts))
-            return
-        except DeviceError:
-            if len(attempts) == before or attempts[-1].given_up:
-                raise
-            case = attempts[-1]
-            tried = sum(attempt is case for attempt in attempts) - case.case.mended_after
-            case.given_up = tried >= LEAST_ATTEMPTS
+
+def _cells(name: str, rows: Sequence[FaultRow]) -> tuple[str, ...]:
+    seen = [row.seen_s for row in rows if row.seen_s is not None]
+    return (
+        name,
+        str(len(rows)),
+        str(sum(" + " in row.fault for row in rows)),
+        f"{np.median(seen):.2f}" if seen else "-",
+        f"{max(seen):.2f}" if seen else "-",
+        f"{max((row.still_s for row in rows), default=0.0):.2f}",
+        str(sum(not row.outcomes for row in rows)),
+        str(sum(row.dropped for row in rows)),
+        f"{sum(row.recovered for row in rows)} of {len(rows)}",
+        f"{sum(row.passed for row in rows)} of {len(rows)}",
+    )
+
+
+def _section(options: FaultsOptions) -> str:
+    if not options.full:
+        raise InputError("--readme takes the table of a campaign: give --full as well")
+    return "faults"
+
+
+STUDY = Study(
+    name="faults",
+    options=FaultsOptions,
+    measure=measure,
+    cases="faults",
+    shared=("out", "resume", "readme", "seed"),
+    section=_section,
+    keeps_results=True,
+)

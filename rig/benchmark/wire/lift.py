@@ -1,65 +1,87 @@
-"""A whole lift on the bench behind wires, in real time: frames lost, rates, and agreement.
+"""`rig benchmark wire`: a whole lift with the real drivers over the wire protocols, in real time.
 
-What the fakes say that they served is held against what the recording holds, and the lift's
-result against lifts of the same object on the simulated bench in this process, over several seeds.
+The frames that the simulated devices served are compared with the recording, and the lift's result with lifts
+of the same object on the simulated bench in this process, over several seeds.
 """
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
+from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
+from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import NOBODY, LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live.feed import LiveFeed
+from rig.live.feed import NOBODY, LiveFeed
 from rig.live.phases import begin_phase
+from rig.live.session import viewer_feed
 from rig.sessions.layout import TIMING
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import FinishedLift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows
-from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes
+from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
 
+LEAST_STATE_HZ, MOST_CONTROLLER_CORE = 490.0, 0.25
 TRUTHS_APART_DEG = 1.5
-"""How far the same seed's true turns may be apart: creep and slip depend on when exactly things happen."""
+"""Largest difference of the same seed's true turns: creep and slip depend on the exact times of motions."""
 SPREADS = 2.0
-"""An error agrees when it is this many standard deviations from the mean over seeds, or nearer."""
+"""Largest difference of the error from its mean over the seeds, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
-class StreamCount:
-    """Frames of one source between the first and the last that was recorded."""
+class WireOptions:
+    """Options of `rig benchmark wire`."""
 
-    serial: str
-    served: int
-    recorded: int
-    missing: int
+    object_name: Annotated[str, typer.Option("--object", help="Object id or name.")] = "wrench"
+    seeds: Annotated[
+        int, typer.Option("--seeds", min=20, max=100, help="Lifts in this process whose spread is printed.")
+    ] = 20
+    live_to: Annotated[
+        Path | None, typer.Option("--live-to", help="Record what the live view shows into FILE.rrd.")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
-class WireReport:
-    """What a lift behind wires came to.
+class StreamRow:
+    """Frames of one source between the first and the last recorded one."""
 
-    state_hz: states a second that the arm's driver received; controller_core: share of a core that
-    the fake controller used. latency: by serial, percentiles of the time from a frame's capture to its
-    logged angle. row: the lift's. seeds: rows of the same lift in this process.
+    serial: str = column("source")
+    served: int = column("served")
+    recorded: int = column("recorded")
+    missing: int = column("missing", doc="served, but not in the recording")
+    median_ms: float = column("capture to log, ms: median", ".1f", "over phases B and C")
+    p99_ms: float = column("99 %", ".1f", "percentile of the same")
+
+
+@dataclass(frozen=True, slots=True)
+class WireLift:
+    """A lift over the wire protocols.
+
+    state_hz: rate at which the arm's driver received states. controller_core: share of a core that the
+    simulated controller used. period_ms: between two frames of a fingertip. row: the lift's. seeds: rows of
+    the same lift in this process.
     """
 
-    streams: tuple[StreamCount, ...]
+    streams: tuple[StreamRow, ...]
     state_hz: float
     controller_core: float
     wall_s: float
-    latency: dict[str, LatencyTimes]
     period_ms: float
     row: FinishedLift
     seeds: tuple[FinishedLift, ...]
@@ -70,34 +92,77 @@ class WireReport:
         return [row.re_b.mean_deg for row in self.seeds if row.re_b]
 
     @property
-    def agrees(self) -> bool:
-        """Whether the object did what it does in this process, and the error is within the seeds' spread.
-
-        The first seed's lift is the same lift: its outcome has to be the same, its true turn nearly so.
-        """
-        same, own = self.seeds[0], self.row
-        if own.outcome is not same.outcome or own.re_b is None or not self.errors_deg:
-            return False
-        if own.final_truth_deg is None or same.final_truth_deg is None:
-            return False
-        mean, spread = self.spread_deg
-        near = abs(own.final_truth_deg - same.final_truth_deg) <= TRUTHS_APART_DEG
-        return near and abs(own.re_b.mean_deg - mean) <= SPREADS * spread
-
-    @property
     def spread_deg(self) -> tuple[float, float]:
-        """Mean and standard deviation over the seeds of the mean error over phase B."""
+        """Mean and standard deviation of `errors_deg`."""
         return float(np.mean(self.errors_deg)), float(np.std(self.errors_deg, ddof=1))
 
-    @property
-    def latest_ms(self) -> float:
-        """The worse fingertip's 99th percentile from capture to logged angle, ms."""
-        return max((self.latency[serial].p99_ms for serial in self.row.contact_area_px), default=np.inf)
 
-    @property
-    def complete(self) -> bool:
-        """Whether every frame that was served is in the recording."""
-        return not any(stream.missing for stream in self.streams)
+def measure(options: WireOptions, run: Run) -> Report:
+    """Do one lift over the wire protocols, in real time: frames lost, rates, agreement.
+
+    The lift is stored as a session in the folder of the results. Exit code 4 if a frame that was served is
+    not in the recording, if the arm's driver received fewer than 490 of its 500 states a second, if the
+    simulated controller used more than a quarter of a core, if a fingertip's angle came later than one frame
+    period after its frame's capture (99th percentile), or if the result differs from that of the same lift in
+    this process by more than the spread over seeds.
+
+    Examples:
+      rig benchmark wire
+
+      rig benchmark wire --object spam --json
+
+      rig benchmark wire --live-to lift.rrd
+
+    """
+    object_id = find_grasp_file(options.object_name).id
+    with viewer_feed(options.live_to) as feed:
+        lift = measure_wire(run.results_folder, object_id, options.seeds, feed)
+    return Report(
+        tables=(table_of("SIMULATED bench 'wire': frames of one lift", StreamRow, lift.streams),),
+        limits=judge_wire(lift),
+        limits_of="the lift",
+        notes=_notes(lift),
+        figures={
+            "outcome": lift.row.outcome,
+            "re_b_deg": lift.row.re_b and lift.row.re_b.mean_deg,
+            "final_truth_deg": lift.row.final_truth_deg,
+            "seeds_re_b_deg": lift.errors_deg,
+            "seeds_outcomes": [row.outcome for row in lift.seeds],
+        },
+    )
+
+
+def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
+    """Return the limits. The first seed's lift in this process is the same lift."""
+    row, same, (mean_deg, spread_deg) = lift.row, lift.seeds[0], lift.spread_deg
+    turns = row.final_truth_deg, same.final_truth_deg
+    turn_deg = None if turns[0] is None or turns[1] is None else abs(turns[0] - turns[1])
+    error_deg = None if row.re_b is None else abs(row.re_b.mean_deg - mean_deg)
+    late_ms = max((each.p99_ms for each in lift.streams if each.serial in row.contact_area_px), default=None)
+    return (
+        at_most("frames served that are not in the recording", sum(of.missing for of in lift.streams), 0),
+        at_least("states a second that the arm's driver received", lift.state_hz, LEAST_STATE_HZ),
+        at_most(
+            "share of a core used by the simulated controller", lift.controller_core, MOST_CONTROLLER_CORE
+        ),
+        at_most("capture to angle, 99th percentile, ms", late_ms, lift.period_ms),
+        at_most("outcomes other than that in this process", row.outcome is not same.outcome, 0),
+        at_most("difference of the true turn from that in this process, deg", turn_deg, TRUTHS_APART_DEG),
+        at_most("difference of the error from its mean over seeds, deg", error_deg, SPREADS * spread_deg),
+    )
+
+
+def _notes(lift: WireLift) -> tuple[str, ...]:
+    row, same, (mean, spread) = lift.row, lift.seeds[0], lift.spread_deg
+    error = f"{row.re_b.mean_deg:.2f} deg" if row.re_b else "none"
+    return (
+        f"arm states {lift.state_hz:.1f}/s of 500, fake controller {lift.controller_core:.2f} core, "
+        f"{lift.wall_s:.1f} s",
+        f"{row.outcome}, true turn {row.final_truth_deg or 0.0:.1f} deg; in this process {same.outcome}, "
+        f"{same.final_truth_deg or 0.0:.1f} deg",
+        f"mean error over phase B {error}; in this process {mean:.2f} ± {spread:.2f} deg over "
+        f"{len(lift.errors_deg)} seeds",
+    )
 
 
 def measure_wire(
@@ -106,41 +171,37 @@ def measure_wire(
     seeds: int = 20,
     live: LiveFeed = NOBODY,
     bench: BenchConfig | None = None,
-) -> WireReport:
-    """Do one lift behind wires, kept as a session in `folder`, and the seeds' lifts in this process.
+) -> WireLift:
+    """Do one lift over the wire protocols, and the lifts of the seeds in this process.
 
-    live: who looks on at the lift behind wires. bench: that bench, by default `wire`.
+    folder: of the first lift's session. live: feed of the live view. bench: whose fakes are started, by
+    default `wire`.
     """
     choice = choose_estimator()
-    with started_fakes(bench or load_bench("wire")) as config:
-        benches = _Counted(config)
+    with started_fakes(bench or load_bench("wire")) as config, closing(_CountedBench(config)) as benches:
         began = time.perf_counter()
-        try:
-            settings = TrialSettings(config, 0, choice)
-            begin_phase("lifting over the wire in real time")
-            run_trial(folder, settings, [object_id], 1, benches=benches, live=live)
-        finally:
-            benches.close()
+        begin_phase("lifting over the wire in real time")
+        run_trial(folder, TrialSettings(config, 0, choice), [object_id], 1, benches=benches, live=live)
         wall_s = time.perf_counter() - began
         status = fakes_control(config).call("status")
     row = read_finished_lifts(folder)[0]
-    recording = folder / row.recording
-    timing = next(t for t in read_rows(folder / TIMING, LIFT_TIMINGS) if t.number == row.number)
-    streams = tuple(
-        _counted(recording, serial, status["devices"][serial]["ranges"]) for serial in _serials(config)
-    )
-    controller_core = status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S)
-    task = LiftTask(1, row.object, row.lift, row.attempt)
-    fake = load_bench("fake")
     begin_phase(f"lifting with {seeds} seeds in this process")
-    again = finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
-    period_ms = 1e3 / max(tactile.rate_hz for tactile in config.tactile)
-    late = timing.capture_to_angle or {}
-    return WireReport(streams, benches.state_hz, controller_core, wall_s, late, period_ms, row, tuple(again))
+    fake, task = load_bench("fake"), LiftTask(1, row.object, row.lift, row.attempt)
+    return WireLift(
+        streams=_streams(folder, row, config, status["devices"]),
+        state_hz=benches.state_hz,
+        controller_core=status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S),
+        wall_s=wall_s,
+        period_ms=1e3 / max(tactile.rate_hz for tactile in config.tactile),
+        row=row,
+        seeds=tuple(
+            finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))
+        ),
+    )
 
 
-class _Counted(StandingBench):
-    """The bench behind wires, with the arm's states counted over each lift."""
+class _CountedBench(StandingBench):
+    """A bench that counts the states of its arm over each lift."""
 
     def __init__(self, config: BenchConfig) -> None:
         super().__init__(config, ConsoleOperator(lambda _: True), "")
@@ -149,21 +210,35 @@ class _Counted(StandingBench):
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         with super().for_lift(seed, lift, attempt) as (bench, operator):
-            before, began = _samples(bench), time.monotonic()
+            before, began = bench.arm.counters().get("samples", 0), time.monotonic()
             yield bench, operator
-            self.state_hz = (_samples(bench) - before) / (time.monotonic() - began)
+            after = bench.arm.counters().get("samples", 0)
+            self.state_hz = (after - before) / (time.monotonic() - began)
 
 
-def _samples(bench: Bench) -> int:
-    return bench.arm.counters().get("samples", 0)
+def _streams(
+    folder: Path, row: FinishedLift, config: BenchConfig, devices: Mapping[str, Any]
+) -> tuple[StreamRow, ...]:
+    """Compare the recorded frames of each source with the ranges of frame numbers that its device served."""
+    timing = next(of for of in read_rows(folder / TIMING, LIFT_TIMINGS) if of.number == row.number)
+    rows = []
+    for serial in (*(tactile.serial for tactile in config.tactile), config.camera.serial):
+        recorded = [frame.sequence for frame in recorded_frames(folder / row.recording, serial)]
+        first, last = min(recorded), max(recorded)
+        ranges = devices[serial]["ranges"]
+        served = {n for low, high in ranges for n in range(max(low, first), min(high, last) + 1)}
+        late = (timing.capture_to_angle or {})[serial]
+        missing = len(served - set(recorded))
+        rows.append(StreamRow(serial, len(served), len(recorded), missing, late.p50_ms, late.p99_ms))
+    return tuple(rows)
 
 
-def _serials(config: BenchConfig) -> list[str]:
-    return [*(tactile.serial for tactile in config.tactile), config.camera.serial]
-
-
-def _counted(recording: Path, serial: str, ranges: list[list[int]]) -> StreamCount:
-    recorded = [frame.sequence for frame in recorded_frames(recording, serial)]
-    first, last = min(recorded), max(recorded)
-    served = {n for low, high in ranges for n in range(max(low, first), min(high, last) + 1)}
-    return StreamCount(serial, len(served), len(recorded), len(served - set(recorded)))
+STUDY = Study(
+    name="wire",
+    options=WireOptions,
+    measure=measure,
+    cases="lifts",
+    shared=("out",),
+    keeps_results=True,
+    written=("live_to",),
+)

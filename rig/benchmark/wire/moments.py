@@ -1,19 +1,24 @@
-"""Random moments of every phase of a lift, found by what the simulated world shows."""
+"""Random moments of every stage of a lift, found in what the simulated world reports, in real time."""
 
 import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
+
+from drivers.errors import DeviceError
 
 POLL_S = 0.004
 LEVEL_M = 0.0015
 """A tool this near the grasp's height is at the grasp."""
+TRIES = 3
+
+Result = TypeVar("Result")
 
 
 class Stage(StrEnum):
-    """What the arm and the hand are about, as somebody sees it who looks at them."""
+    """Stages of a lift, as an observer sees them in the motions of arm and hand."""
 
     APPROACH = "approach"
     GRASP = "grasp"
@@ -31,12 +36,12 @@ LASTS_S = {
     Stage.LOWER: 0.35,
     Stage.RELEASE: 0.6,
 }
-"""About how long each takes at least."""
+"""Shortest duration of each stage, approximately."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """So long after a stage has begun, s."""
+    """A time after the beginning of a stage, s."""
 
     stage: Stage
     after_s: float
@@ -55,25 +60,21 @@ class StageWatch:
         self.stage: Stage | None = None
 
     def see(self, world: Mapping[str, Any]) -> Stage | None:
-        """Take how the world is now; return the stage, None before the first motion."""
-        self.stage = self._next(world["tool_m"][2] - self._grasp_m, world["tool_moving"], world["held"])
-        return self.stage
-
-    def _next(self, above_m: float, moving: bool, held: bool) -> Stage | None:
-        low = above_m < LEVEL_M
+        """Return the stage of the lift in the world's current state, None before the first motion."""
+        low, moving = world["tool_m"][2] - self._grasp_m < LEVEL_M, world["tool_moving"]
         match self.stage:
-            case None:
-                return Stage.APPROACH if moving else None
+            case None if moving:
+                self.stage = Stage.APPROACH
             case Stage.APPROACH if low and not moving:
-                return Stage.GRASP
-            case Stage.GRASP if held and moving and not low:
-                return Stage.LIFT
+                self.stage = Stage.GRASP
+            case Stage.GRASP if world["held"] and moving and not low:
+                self.stage = Stage.LIFT
             case Stage.LIFT if not moving:
-                return Stage.HOLD
+                self.stage = Stage.HOLD
             case Stage.HOLD if moving:
-                return Stage.LOWER
+                self.stage = Stage.LOWER
             case Stage.LOWER if low:
-                return Stage.RELEASE
+                self.stage = Stage.RELEASE
         return self.stage
 
 
@@ -83,9 +84,9 @@ def wait_for(
     world: Callable[[], Mapping[str, Any]],
     over: Callable[[], bool],
 ) -> Stage | None:
-    """Wait for a moment of the next lift; return the stage that it then is, None where the lift was over.
+    """Wait for a moment of the next lift; return the stage at that time, None if the lift ended before it.
 
-    world: asks how the world is. over: whether nothing more will come.
+    world: returns the state of the simulated world. over: whether the lift has ended.
     """
     watch, began = StageWatch(grasp_m), 0.0
     while not over():
@@ -96,3 +97,18 @@ def wait_for(
             return stage
         time.sleep(POLL_S)
     return None
+
+
+def tried(do: Callable[[], Result], before_again: Callable[[], str] = lambda: "") -> Result:
+    """Return what `do` returns; repeat it if it raises `DeviceError`, as real-time runs do on a loaded host.
+
+    before_again: puts the bench in order; it returns the reason if that is impossible, and nothing is
+    repeated then. Raises the `DeviceError` of the last of three tries.
+    """
+    for _ in range(TRIES - 1):
+        try:
+            return do()
+        except DeviceError:
+            if before_again():
+                raise
+    return do()

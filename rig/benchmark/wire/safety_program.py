@@ -1,140 +1,99 @@
-"""The program to which something happens in `rig benchmark safety`, and what happens to it."""
+"""The program of `rig benchmark safety`, its bench, and the events that happen to it."""
 
 import os
 import resource
 import signal
 import socket
 import subprocess
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from drivers.children import python_command
 from drivers.errors import DeviceError
 from rig.benchmark.wire.safety_events import Event
+from rig.config import BenchConfig
 
-STATE = "XDG_STATE_HOME"
+TABLE_M = 0.02
 TWICE_S = 0.15
 """Between two signals: the first has begun to work."""
 DASHBOARD_PORT = 29999
 POWER_S = 6.0
-KEPT_LINES = 200
-READ_S = 2.0
-"""How long a pipe may stay open whose program has ended: its children go too."""
 
 
-class TrialProgram:
-    """A trial of two lifts that goes on with the second one, at a bench that counts as real."""
-
-    def __init__(self, bench: Path, session: Path, object_id: str) -> None:
-        command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
-        command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
-        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
-        self._process = subprocess.Popen(  # noqa: S603 - our own program, no shell
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,  # no file: a disk that is full keeps nobody from being told
-            text=True,
-            errors="replace",
-            start_new_session=True,  # a Ctrl-C at the benchmark's terminal is the benchmark's
-            preexec_fn=_hear_all,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    @property
-    def pid(self) -> int:
-        """Of the program."""
-        return self._process.pid
-
-    @property
-    def code(self) -> int:
-        """Its exit code, negative for a signal; it has ended."""
-        return self._process.wait()
-
-    def over(self) -> bool:
-        """Whether it has ended."""
-        return self._process.poll() is not None
-
-    def check(self) -> None:
-        """Raise `DeviceError` where it has ended."""
-        if self.over():
-            raise DeviceError(f"safety: the trial ended too early: {self.said()}")
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal; to one that has ended, none."""
-        self._process.send_signal(number)
-
-    def wait(self, limit_s: float) -> None:
-        """Wait for its end; where it does not come, end it, and have it said."""
-        try:
-            self._process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._reader.join(READ_S)
-            self._lines.append(f"did not end within {limit_s:.0f} s")
-
-    def said(self) -> str:
-        """Its last line on stderr, once it has ended; from where a traceback begins, if there is one."""
-        self._reader.join(READ_S)
-        lines = list(self._lines)
-        first = next((i for i, line in enumerate(lines) if "Traceback" in line), -1)
-        return "\n".join(lines[first:])
-
-    def _read(self) -> None:
-        self._lines.extend(line.rstrip() for line in self._process.stderr or () if line.strip())
-
-    def close(self) -> None:
-        """End it, if it has not."""
-        self._process.kill()
-        self._process.wait()
-        self._reader.join(READ_S)
-        if self._process.stderr is not None:
-            self._process.stderr.close()
+def as_real(bench: BenchConfig) -> BenchConfig:
+    """Return a bench without [fakes], which counts as real and so must have the height of its table."""
+    table = bench.table.model_copy(update={"top_m": TABLE_M})
+    return bench.model_copy(update={"fakes": None, "table": table})
 
 
-def strike(event: Event, program: TrialProgram, call: Callable[..., Mapping[str, Any]]) -> int:
-    """Let it happen; return when, the last of several, monotonic ns. call: the fakes' side channel's."""
+def start_trial(bench: Path, session: Path, object_id: str) -> subprocess.Popen[str]:
+    """Start a trial of two lifts that continues with the second one.
+
+    bench: file of a bench that counts as real.
+    """
+    command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
+    command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
+    return subprocess.Popen(  # noqa: S603 - our own program, no shell
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,  # no file: messages must arrive although the disk is full
+        text=True,
+        errors="replace",
+        start_new_session=True,  # a Ctrl-C at the benchmark's terminal is the benchmark's
+        preexec_fn=_reset_signals,
+    )
+
+
+def wait_for_end(program: subprocess.Popen[str], limit_s: float) -> str:
+    """Wait for the end of a program and its children; after the time limit kill them.
+
+    Return its last line on stderr, or everything from a traceback on; after the time limit, a line that says
+    so. Its few lines fit into the pipe.
+    """
+    try:
+        lines = program.communicate(timeout=limit_s)[1].splitlines()
+    except subprocess.TimeoutExpired:
+        with suppress(ProcessLookupError):
+            os.killpg(program.pid, signal.SIGKILL)
+        lines = [*program.communicate()[1].splitlines(), f"did not end within {limit_s:.0f} s"]
+    lines = [line.rstrip() for line in lines if line.strip()]
+    first = next((i for i, line in enumerate(lines) if "Traceback" in line), -1)
+    return "\n".join(lines[first:])
+
+
+def _reset_signals() -> None:
+    """Let the program receive every signal, also if this benchmark was started to outlive its terminal."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
+        with suppress(OSError):
+            signal.signal(number, signal.SIG_DFL)
+
+
+def strike(event: Event, program: subprocess.Popen[str], call: Callable[..., Mapping[str, Any]]) -> int:
+    """Let an event happen to a program; return the time of its last part, monotonic ns.
+
+    call: the fakes' side channel's. On a full disk the process cannot write another byte to any file.
+    """
     for number in event.signals[:-1]:
-        program.send(number)
+        program.send_signal(number)
         time.sleep(TWICE_S)
     event_ns = time.monotonic_ns()
     for number in event.signals[-1:]:
-        program.send(number)
+        program.send_signal(number)
     if event.fault is not None:
         device, kind = event.fault
         call("fault", device=device, kind=kind)
     if event.disk_full:
-        fill_disk(program.pid)
+        _, hard = resource.prlimit(program.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (0, hard))
     return event_ns
 
 
-def fill_disk(pid: int) -> None:
-    """Have every further byte that a process writes to a file refused, as on a full disk."""
-    _, hard = resource.prlimit(pid, resource.RLIMIT_FSIZE)
-    resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, hard))
-
-
-@contextmanager
-def own_state(folder: Path) -> Iterator[None]:
-    """Have hands remembered in this folder, by this process and its programs: it is another bench's hand."""
-    before = os.environ.get(STATE)
-    os.environ[STATE] = str(folder)
-    try:
-        yield
-    finally:
-        os.environ.pop(STATE, None)
-        if before is not None:
-            os.environ[STATE] = before
-
-
 def switch_on(host: str) -> None:
-    """Switch an arm on and release its brakes at the pendant, where an emergency stop took its power."""
+    """Switch an arm on and release its brakes at the pendant, if an emergency stop took its power."""
     if _dashboard(host, "robotmode").endswith("RUNNING"):
         return
     _dashboard(host, "brake release")
@@ -151,10 +110,3 @@ def _dashboard(host: str, request: str) -> str:
         lines.readline()  # its greeting
         connection.sendall(f"{request}\n".encode())
         return lines.readline().decode().strip()
-
-
-def _hear_all() -> None:
-    """Hear every signal, also where this benchmark was started to outlive its terminal."""
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
-        with suppress(OSError):
-            signal.signal(number, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""What truly happened at a bench behind wires, by the track that its world keeps."""
+"""True motion of a simulated bench behind the wire protocols, from the track that its world keeps."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,14 +11,14 @@ from drivers.types import Vector3
 
 STILL_M_S = 0.001
 REST_NS = to_ns(0.003)
-"""A tool that is slower than this for so long has come to a standstill: a safe end moves it on at once."""
+"""A tool slower than `STILL_M_S` for this time has come to a standstill: a safe end moves it on at once."""
 ABOVE_M = 0.003
-"""An object let go higher than this above its place falls."""
+"""An object released higher than this above its place falls."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """How things were at a time, monotonic ns: tool in the base in m, counts of the fingers, object held."""
+    """State at a time, monotonic ns: tool in the base frame in m, finger position in counts, object held."""
 
     time_ns: int
     tool_m: Vector3
@@ -28,7 +28,7 @@ class TrueState:
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """The first standstill after an event. after_s: 0 where the tool stood. way_m: from the event on."""
+    """The first standstill after an event. after_s: 0 if the tool stood. way_m: distance since the event."""
 
     time_ns: int
     after_s: float
@@ -36,9 +36,9 @@ class Standstill:
 
 
 def read_track(call: Callable[..., Mapping[str, Any]], since_ns: int) -> list[TrueState]:
-    """Ask running fakes how things were since a time, oldest first; each holds until the next.
+    """Read the states since a time from running fakes, oldest first; each holds until the next.
 
-    call: their side channel's (`rig.bench.fakes_process.fakes_control`).
+    call: of their side channel (`rig.bench.fakes_process.fakes_control`).
     """
     return [
         TrueState(time_ns, (x, y, z), counts, held)
@@ -47,7 +47,7 @@ def read_track(call: Callable[..., Mapping[str, Any]], since_ns: int) -> list[Tr
 
 
 def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
-    """Return when the tool first stood after an event, and how far it had gone."""
+    """Return when the tool first stood after an event, and how far it had moved."""
     there = at(track, event_ns)
     stood = there
     for before, after in pairwise(track):
@@ -62,12 +62,12 @@ def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
 
 
 def at(track: Sequence[TrueState], time_ns: int) -> TrueState:
-    """Return how things were at a time."""
+    """Return the state at a time."""
     return next((state for state in reversed(track) if state.time_ns <= time_ns), track[0])
 
 
 def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
-    """Whether the object was let go above its place, where the tool grasps it at a height of `grasp_m`."""
+    """Whether the object was released above its place, where the tool grasps it at a height of `grasp_m`."""
     return any(
         before.held and not after.held and before.tool_m[2] > grasp_m + ABOVE_M
         for before, after in pairwise(track)
@@ -75,9 +75,9 @@ def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
 
 
 def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) -> bool:
-    """Whether the tool rose with the object after it had set the object down where it grasps it.
+    """Whether the tool rose with the object after it had set the object down at the grasp's height.
 
-    set_down: whether it had done so when the track begins.
+    set_down: whether the object was set down when the track begins.
     """
     was_up = was_down = set_down
     for state in track:

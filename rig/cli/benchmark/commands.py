@@ -6,15 +6,14 @@ from typing import Any
 from typer.core import TyperCommand
 from typer.main import get_command
 
-from rig.cli.benchmark.endurance import endurance
-from rig.cli.benchmark.estimators import estimators
-from rig.cli.benchmark.faults import faults
-from rig.cli.benchmark.safety import safety
 from rig.cli.benchmark.studies import command_of
-from rig.cli.benchmark.wire import wire
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
+    "estimators": (
+        "rig.benchmark.estimators.study",
+        "Time and score every estimator by window on 45 lifts, then put them under stress.",
+    ),
     "clips": (
         "rig.benchmark.clips.study",
         "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
@@ -42,6 +41,22 @@ STUDIES = {
     "segmentation": (
         "rig.benchmark.segmentation.study",
         "Score the shipped networks on objects they never saw, and on nine real frames where they are.",
+    ),
+    "wire": (
+        "rig.benchmark.wire.lift",
+        "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
+    ),
+    "faults": (
+        "rig.benchmark.wire.faults",
+        "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
+    ),
+    "safety": (
+        "rig.benchmark.wire.safety",
+        "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
+    ),
+    "endurance": (
+        "rig.benchmark.wire.endurance",
+        "Hold an object still over the wire protocols, in real time, and print the measurements per minute.",
     ),
     "trials": (
         "rig.benchmark.trials.study",
@@ -80,8 +95,6 @@ benchmark = Commands(
 )
 
 
-benchmark.command("estimators")(estimators)
-benchmark.command("wire")(wire)
-benchmark.command("faults")(faults)
-benchmark.command("safety")(safety)
-benchmark.command("endurance")(endurance)
+@benchmark.callback()
+def _group() -> None:
+    """Make typer keep the group: its commands are not registered here but imported when they are used."""

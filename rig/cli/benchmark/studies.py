@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.benchmark.tables import ReadmeOption, say_faults
-from rig.cli.common import Exit, JobsOption, JsonOption, SeedOption, emit_json, say
+from rig.cli.common import Exit, JobsOption, JsonOption, SeedOption, emit_json, say, session_folder
 from rig.cli.declared import option_parameters, set_signature
-from rig.cli.places import folder_place
+from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.harness import Report, Study
@@ -59,14 +59,15 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions, json: b
     from rig.benchmark.harness import Run, as_json
     from rig.benchmark.readme import check_readme, write_section
     from rig.cli.printing import WorkProgress
-    from rig.sessions.session import default_folder
 
     began = time.perf_counter()
     section = study.name
+    for name in study.written:
+        file_place(getattr(options, name))
     if shared.readme is not None:
         section = study.section(options) if study.section else section
         check_readme(shared.readme, section)
-    folder = shared.out or (default_folder(study.name) if study.keeps_results else None)
+    folder = session_folder(shared.out, shared.resume, study.name) if study.keeps_results else shared.out
     say(_first_line(study, shared, folder))
     with WorkProgress(0, study.cases) as progress:
         run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say)

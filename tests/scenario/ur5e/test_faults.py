@@ -12,14 +12,14 @@ from drivers.errors import (
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.link import ArmLink
+from drivers.ur5e.setup import ToolSetting
 from drivers.ur5e.status import PLAYING
-from drivers.ur5e.tool import ToolSetting
 from fakes.wire.ur.controller import URController
 from support.ur5e import HOME, agree, first_error, make_arm, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.real_time(beside=True)
 
 
 def test_a_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:

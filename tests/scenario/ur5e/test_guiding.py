@@ -13,7 +13,7 @@ import pytest
 from drivers.errors import DeviceError
 from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
-from drivers.ur5e.limits import from_ur, to_ur
+from drivers.ur5e.motion import from_ur, to_ur
 from fakes.wire.ur.controller import URController
 from support.ur5e import HOME, make_arm, stands
 from support.waiting import until

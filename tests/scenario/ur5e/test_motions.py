@@ -19,16 +19,15 @@ from drivers.errors import (
 )
 from drivers.types import HandState, Holding, Pose
 from drivers.ur5e.arm import UR5e
-from drivers.ur5e.dashboard import Dashboard
 from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from fakes.wire.ur.frames import from_ur
+from fakes.wire.ur.geometry import from_ur
 from protocols.steps import move
 from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.real_time(beside=True)
 
 
 @pytest.mark.parametrize("version", ["5.11.0", "5.25.0"])
@@ -56,9 +55,9 @@ def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController,
 
 
 def test_a_program_that_stands_still_is_ended_before_ours_is_started(controller: URController) -> None:
-    with Dashboard(controller.host) as pendant:
-        pendant.ask("load wait.urp")
-        assert pendant.ask("play") == "Starting program"
+    with socket.create_connection((controller.host, 30003)) as scripts:
+        scripts.sendall(b"def wait():\n  sleep(60)\nend\n")
+        until(lambda: controller.snapshot()["program_running"])
     arm = make_arm(controller.host)
     arm.connect()
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)

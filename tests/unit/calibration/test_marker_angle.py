@@ -16,7 +16,7 @@ from calibration.targets.aruco import (
 )
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from fakes.studio.marker_pictures import MarkerPictures
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.markers import find_corners
 from support.markers import find_markers
 

@@ -14,7 +14,7 @@ from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import as_pose
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.hand_eye_scenes import Noise, Truth, general_scene
+from rig.benchmark.calibration.motion_scenes import Noise, Truth, general_scene
 
 ROBOT = (np.radians(0.03), 3e-4)
 TARGET = (np.radians(0.2), np.radians(0.05), 1e-3, 4e-3)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import OutOfLimitsError
-from drivers.keep_out import check_way, meets
+from drivers.motion import check_way, meets
 from drivers.types import ArmLimits, Box, Pose, Vector3
 
 BOX = Box("stand", (0.4, -0.1, 0.0), (0.6, 0.1, 0.2))

@@ -8,14 +8,14 @@ import pytest
 
 from drivers.bench import Bench, Hand
 from drivers.errors import DeviceError, OperatorStopError
-from drivers.types import ArmState, Frame, GripperState, HandState, Holding, Pose
+from drivers.types import HandState, Holding, Pose
 from fakes.clock import SimulatedClock
 from fakes.faults import FaultScript
-from protocols.observer import Phase
+from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.tactile.estimators import choose_estimator
 
 When = Callable[[], bool]
@@ -23,23 +23,14 @@ WATCHED_NS = 8_000_000
 
 
 @dataclass
-class Touching:
-    """An observer that feels what the simulated fingers truly press on."""
+class Touching(LiftObserver):
+    """An observer that reports contact from the force on the simulated fingers."""
 
     made: LearningBench
     phase_now: Phase | None = None
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         self.phase_now = phase
-
-    def frame(self, frame: Frame) -> None:
-        """Not looked at."""
-
-    def arm(self, state: ArmState) -> None:
-        """Not looked at."""
-
-    def gripper(self, state: GripperState) -> None:
-        """Not looked at."""
 
     def touching(self, serial: str) -> bool:
         return self.made.force_n(self.made.bench.clock.now_ns()) > 0.2

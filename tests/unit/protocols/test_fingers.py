@@ -161,7 +161,7 @@ def test_agreed_release_that_fails_moves_no_arm(lift_of: LiftOf, kind: str) -> N
     assert lift.bench.hand.state.holding is Holding.HELD
 
 
-def test_opening_within_tolerance_frees_the_object() -> None:
+def test_opening_tolerance_is_below_twice_the_margin() -> None:
     assert REACHED_M < 2 * MARGIN_M
 
 

@@ -113,7 +113,7 @@ def test_a_bench_is_ready_once_the_arm_is_home(watched: tuple[Bench, WatchedArm]
     assert arm.sent[-1].position_m == HOME
 
 
-def test_on_the_way_home_a_lost_arm_is_told_to_stop_and_stays(watched: tuple[Bench, WatchedArm]) -> None:
+def test_arm_lost_on_the_way_home_is_stopped(watched: tuple[Bench, WatchedArm]) -> None:
     bench, arm = watched
     stand_at(bench, arm, 0.50, 0.0, 0.16)
     arm.lost_after = 1

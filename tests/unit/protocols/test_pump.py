@@ -12,7 +12,7 @@ from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
-from fakes.devices.source import FakeSource, Shutter
+from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
 from protocols.observer import Phase
 from protocols.pump import Pump
@@ -111,7 +111,7 @@ def test_a_picture_of_the_camera_is_begun_in_the_end_where_a_frame_is_always_due
     assert len(seldom) >= len(often) - 1
 
 
-def test_a_camera_that_falls_silent_is_told_of_while_the_fingertips_go_on() -> None:
+def test_silent_camera_is_an_error_while_the_fingertips_continue() -> None:
     bench, _ = build_bench(BENCH)
     with bench.connected():
         bench.clock.sleep_until(to_ns(0.2))

@@ -8,13 +8,12 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.types import Holding
-from protocols.observer import Phase
+from protocols.observer import Phase, ReactionStep
 from protocols.reaction import (
     FIRST_STEP_COUNTS,
     MOST_REACTIONS,
     Reaction,
     ReactionKind,
-    ReactionStep,
 )
 from protocols.slip_trial import run_lift
 
@@ -46,7 +45,7 @@ class Script:
     def another_is_too_much(self) -> bool:
         return self.too_much
 
-    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
         self.steps.append((step, time_ns, counts))
         self.heights_m.append(self.lift.height_m)
         self.closed += step is STEP.CLOSED
@@ -59,6 +58,7 @@ class Script:
 
 
 def reacted(lift: Any, kind: ReactionKind, script: Script, largest: int = 40) -> Script:
+    lift.observer.reaction = script.reaction
     run_lift(lift.bench, lift.plan, lift.observer, Reaction(kind, script, largest))
     assert lift.bench.hand.state.holding is Holding.FREE
     return script
@@ -153,6 +153,7 @@ def test_a_fault_in_a_reaction_ends_as_any_other(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = Script(lift, [0.010])
     lift.interrupt(lambda: bool(script.counts(STEP.CLOSE)), DeviceError("arm: gone"))
+    lift.observer.reaction = script.reaction
     with pytest.raises(DeviceError, match="gone") as raised:
         run_lift(lift.bench, lift.plan, lift.observer, Reaction(ReactionKind.TIGHTEN, script, 40))
     assert "set down" in raised.value.__notes__[0]

@@ -40,14 +40,14 @@ def restarted(lift: Any, state: HandState) -> Any:
     return replace(lift.bench, hand=Hand(state, lift.kept.append))
 
 
-def test_a_free_hand_is_asked_about_by_nobody(lift_of: LiftOf) -> None:
+def test_free_hand_needs_no_question(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     make_ready(lift.bench, person)
     assert person.asked == []
     assert lift.bench.hand.state == HandState(Holding.FREE, finger_counts=lift.counts)
 
 
-def test_what_the_last_program_held_is_set_down_where_it_took_it_not_dropped(lift_of: LiftOf) -> None:
+def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person()
     bench = restarted(lift, lift.bench.hand.state)
     make_ready(bench, person)
@@ -61,7 +61,7 @@ def test_what_the_last_program_held_is_set_down_where_it_took_it_not_dropped(lif
     assert bench.hand.state.holding is Holding.FREE
 
 
-def test_without_an_answer_at_the_bench_it_goes_on_hanging_yes_or_not(lift_of: LiftOf) -> None:
+def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person(says=False)
     before = (lift.pose, lift.counts)
     with pytest.raises(OperatorStopError, match="nothing was moved"):
@@ -69,7 +69,7 @@ def test_without_an_answer_at_the_bench_it_goes_on_hanging_yes_or_not(lift_of: L
     assert (lift.pose, lift.counts, lift.held) == (*before, True)
 
 
-def test_fingers_that_are_closed_for_a_reason_nobody_knows_open_only_after_a_look(lift_of: LiftOf) -> None:
+def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_counts=20)):
         refusing = Person(says=False)
@@ -80,7 +80,7 @@ def test_fingers_that_are_closed_for_a_reason_nobody_knows_open_only_after_a_loo
         assert lift.held
 
 
-def test_fingers_that_stand_open_hold_nothing_whatever_was_known(lift_of: LiftOf) -> None:
+def test_open_fingers_hold_nothing_whatever_was_recorded(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     place = lift.plan.base_T_grasp
     for known in (
@@ -94,7 +94,7 @@ def test_fingers_that_stand_open_hold_nothing_whatever_was_known(lift_of: LiftOf
     assert person.asked == []
 
 
-def test_what_hangs_elsewhere_is_held_by_somebody_before_the_fingers_open(lift_of: LiftOf) -> None:
+def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person()
     elsewhere = replace(lift.bench.hand.state, base_T_grasp=lift.plan.base_T_grasp.translated(x_m=0.1))
     make_ready(restarted(lift, elsewhere), person)
@@ -102,7 +102,7 @@ def test_what_hangs_elsewhere_is_held_by_somebody_before_the_fingers_open(lift_o
     assert "Hold what may be between the fingers" in person.asked[0]
 
 
-def test_a_gripper_that_met_something_is_believed(lift_of: LiftOf) -> None:
+def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     lift.bench.arm.move_linear(lift.plan.base_T_grasp, 0.25, 1.0).wait(5.0)
     lift.bench.gripper.move_to(255).wait(10.0)  # closes until it stalls at 15 N
@@ -124,20 +124,20 @@ def test_low_counts_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: Lif
     assert look_at_hand(lift.bench) == known
 
 
-def test_an_arm_does_not_carry_something_off_unasked(lift_of: LiftOf) -> None:
+def test_arm_with_an_object_moves_only_after_a_question(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person(says=False)
     with pytest.raises(OperatorStopError):
         agree_to_carry(restarted(lift, lift.bench.hand.state), person)
     assert "The arm will move with it" in person.asked[0]
 
 
-def test_a_free_hand_carries_nothing_and_nobody_is_asked(lift_of: LiftOf) -> None:
+def test_free_hand_moves_without_a_question(lift_of: LiftOf) -> None:
     person = Person(says=False)
     agree_to_carry(lift_of().bench, person)
     assert person.asked == []
 
 
-def test_after_a_fault_somebody_looks_once(lift_of: LiftOf) -> None:
+def test_after_a_fault_one_question_is_asked(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person()
     make_ready(lift.bench, person, after_fault=True)
     assert len(person.asked) == 1

@@ -30,7 +30,7 @@ def test_a_lift_that_is_not_interrupted_leaves_a_free_hand(lift_of: LiftOf) -> N
     assert held == [Holding.FREE, Holding.AROUND, Holding.HELD, Holding.AROUND, Holding.FREE]
 
 
-def test_nothing_held_and_not_around_the_object_it_stops_and_stays(lift_of: LiftOf) -> None:
+def test_arm_stops_in_place_if_nothing_is_held_and_hand_is_clear(lift_of: LiftOf) -> None:
     lift = lift_of()
     lift.interrupt(lambda: 0.070 < lift.height_m < 0.083)
     note = lift.run()
@@ -61,7 +61,7 @@ def test_around_the_object_the_fingers_open_and_the_arm_rises_straight_up(lift_o
 
 
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
-def test_held_it_is_set_down_where_it_was_taken(lift_of: LiftOf, phase: Phase) -> None:
+def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.015)
     assert "set down" in lift.run()
@@ -94,7 +94,7 @@ def test_an_object_in_a_hand_that_is_not_above_its_place_stays_held(lift_of: Lif
     assert lift.held
 
 
-def test_a_gripper_that_is_lost_holds_on_and_the_arm_stays(lift_of: LiftOf) -> None:
+def test_lost_gripper_keeps_its_grip_and_the_arm_stays(lift_of: LiftOf) -> None:
     lift = lift_of()
 
     def lose() -> bool:

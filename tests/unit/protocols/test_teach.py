@@ -69,7 +69,7 @@ def test_the_arm_is_where_it_was_led_and_held_there(made: tuple[Bench, Operator]
         (None, 0.5, "nobody said within 0.5 s"),
     ],
 )
-def test_however_it_ends_the_arm_is_held(
+def test_arm_is_held_however_guiding_ends(
     made: tuple[Bench, Operator], raised: Exception | None, limit_s: float, said: str
 ) -> None:
     bench, _ = made

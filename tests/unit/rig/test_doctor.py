@@ -110,7 +110,7 @@ def test_cameras_on_one_usb_bus_are_named() -> None:
     assert alone.todo == ""
 
 
-def test_without_calibrations_that_is_said(tmp_path: Path) -> None:
+def test_missing_calibrations_are_a_note(tmp_path: Path) -> None:
     (finding,) = look_at_calibrations(tmp_path / "calibrations", set())
     assert finding.verdict is Severity.NOTE
     assert "none" in finding.seen

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from calibration.camera.files import read_camera
 from drivers.types import Image
-from protocols.observer import LiftObserver
+from protocols.observer import LiftEvents
 from rig.config import load_bench
 from rig.config.calibrations import find_calibrations
 from rig.config.load import parse_bench
@@ -38,8 +38,8 @@ JSON = (b"null", b"[]", b"{}", b"-1", b"1e999", b"9" * 25, b'"x"', b"true", b"..
         b"\xff", b"\\ud800", b"[" * 300, b"$\\frac", b"0", b"1e300")  # fmt: skip
 
 
-class Nobody(LiftObserver):
-    """Looks on and does nothing."""
+class Nobody(LiftEvents):
+    """Ignores all events."""
 
 
 NOBODY = Nobody()

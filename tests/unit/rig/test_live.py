@@ -52,7 +52,7 @@ def test_a_message_arrives_whole_and_pictures_only_where_they_are_wanted(tmp_pat
         end.close()
 
 
-def test_nobody_there_a_stopped_viewer_and_too_much_are_lost_without_waiting(tmp_path: Path) -> None:
+def test_messages_without_a_reader_are_lost_without_waiting(tmp_path: Path) -> None:
     import socket
 
     absent = Sender(LiveFeed((Listener(str(tmp_path / "nobody"), True),)))
@@ -88,7 +88,7 @@ def test_a_reader_that_does_not_come_finds_the_newest_messages(tmp_path: Path) -
     assert not Path(inbox.address).exists()
 
 
-def test_what_is_no_message_is_passed_over(tmp_path: Path) -> None:
+def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     import socket
 
     inbox = Inbox(str(tmp_path / "a"))
@@ -180,7 +180,7 @@ def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
     assert 100.0 < (left.seconds((0.15, 0.15)) or 0.0) < 180.0  # without the earlier pace 788 s
 
 
-def test_what_several_lifts_say_at_the_first_look_tells_no_time() -> None:
+def test_first_progress_of_several_lifts_gives_no_time_left() -> None:
     clock = SimulatedClock()
     left = TimeLeft(4, clock=clock)
     left.begin()
@@ -219,9 +219,7 @@ def test_away_from_a_terminal_there_are_plain_lines(
     inbox.close()
 
 
-def test_a_viewer_that_cannot_be_is_refused_beforehand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_impossible_viewer_is_rejected_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check_viewer(False, None)
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -39,7 +39,7 @@ def test_the_event_is_data_and_no_shell_sees_it(tmp_path: Path, monkeypatch: pyt
     ("command", "longest_s", "why"),
     [("sh -c 'exit 3'", 60.0, "it ended with 3"), ("sh -c 'sleep 600'", 0.5, "it took longer than 0.5 s")],
 )
-def test_one_that_fails_or_hangs_is_warned_of_once(command: str, longest_s: float, why: str) -> None:
+def test_failing_or_hanging_command_is_warned_of_once(command: str, longest_s: float, why: str) -> None:
     warnings: list[str] = []
     with Notifier(command, warnings.append, longest_s) as notifier:
         notifier.tell(Event("fault", "one"))
@@ -50,7 +50,7 @@ def test_one_that_fails_or_hangs_is_warned_of_once(command: str, longest_s: floa
     assert why in warnings[0]
 
 
-def test_more_than_it_can_take_is_dropped_and_said(tmp_path: Path) -> None:
+def test_events_beyond_the_queue_are_dropped_with_a_warning(tmp_path: Path) -> None:
     warnings: list[str] = []
     with Notifier("sh -c 'sleep 600'", warnings.append, longest_s=2.0) as notifier:
         for _ in range(100):
@@ -63,6 +63,6 @@ def test_more_than_it_can_take_is_dropped_and_said(tmp_path: Path) -> None:
     ("command", "why"),
     [("", "no such program"), ("no-such-command-here a", "no such program"), ('a "b', "quotes")],
 )
-def test_what_cannot_be_run_is_refused_beforehand(command: str, why: str) -> None:
+def test_invalid_command_is_rejected_first(command: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
         Notifier(command, print)

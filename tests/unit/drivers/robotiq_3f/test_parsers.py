@@ -21,7 +21,6 @@ from fakes.wire.gripper.modbus_frames import (
     tcp_requests,
 )
 from fakes.wire.gripper.model import GripperModel
-from fakes.wire.gripper.transport import RegisterMap
 from fakes.world.world import BenchLayout, World
 
 STATUS = bytes.fromhex("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00")
@@ -55,7 +54,7 @@ def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:
 @pytest.fixture(scope="module")
 def registers() -> Registers:
     world = World(BenchLayout(base_T_table=Pose((0, 0, 0)), home=Pose((0, 0, 0.3))), seed=0)
-    return RegisterMap(GripperModel(world, 0, ("B", "C"), activation_s=3.0), "tcp-2014")
+    return Registers(GripperModel(world, 0, ("B", "C"), activation_s=3.0), "tcp-2014")
 
 
 def test_any_bytes_may_reach_the_tcp_side(registers: Registers) -> None:

@@ -11,8 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.clock import SystemClock, to_ns
-from drivers.ur5e.heartbeat import BRAKE_M_S2, LONGEST_S, MOST_WAY_M, Heartbeat, silence_limit_s
-from drivers.ur5e.program import Program
+from drivers.ur5e.heartbeat import BRAKE_M_S2, LONGEST_S, MOST_WAY_M, Heartbeat, Program, silence_limit_s
 from drivers.ur5e.shared_state import SharedState
 from support.waiting import until
 

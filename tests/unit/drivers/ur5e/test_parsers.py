@@ -19,21 +19,18 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import Pose
-from drivers.ur5e import control_process
 from drivers.ur5e.channel import Channel, no_check
-from drivers.ur5e.control_client import ControlClient
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.control_process import answer
 from drivers.ur5e.dashboard import refuse_local_control, serial_number
-from drivers.ur5e.heartbeat import Heartbeat
+from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.probe import parse_version, read_package
-from drivers.ur5e.program import Program
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.dashboard import DashboardServer, LineReader
+from fakes.wire.ur.dashboard import LineReader, reply
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession, package
-from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
+from fakes.wire.ur.script import ProgramReader, run_other
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value
 from fakes.world.world import BenchLayout, World
 
@@ -90,11 +87,9 @@ def test_the_script_ports() -> None:
         text = "".join(rng.choices(WORDS, k=rng.randrange(1, 8))) + rng.choice(("\n", "\nend\n", ""))
         try:
             for whole in reader.feed(text.encode()):
-                program = recognise(whole)
-                if isinstance(program, OtherProgram):
-                    robot.run(OtherProgramRun(robot, program))
-                    robot.cycle(robot.time_ns + CYCLE_NS)
-                    ran += 1
+                robot.run(run_other(robot, whole))
+                robot.cycle(robot.time_ns + CYCLE_NS)
+                ran += 1
         except InputError:
             reader = ProgramReader()
     assert ran > 100, "some of it is a program"
@@ -103,31 +98,22 @@ def test_the_script_ports() -> None:
 
 def test_the_dashboard_and_the_drivers_view_of_it() -> None:
     rng, reader = random.Random(3), LineReader()
-    dashboard = DashboardServer(make_robot(), "1", lambda program: True)
-    requests = [
-        "running",
-        "load x.urp",
-        "play",
-        "pause",
-        "stop",
-        "unlock protective stop",
-        "power off",
-        "popup",
-    ]
+    robot = make_robot()
+    requests = ["running", "robotmode", "stop", "unlock protective stop", "power on", "popup"]
     for _ in range(CASES["line"]):
         known = rng.choice(requests).encode()
         data = rng.choice((known, known[: rng.randrange(9)], rng.randbytes(rng.randrange(40)))) + rng.choice(
             (b"\n", b"")
         )
         try:
-            replies = [dashboard.reply(line) for line in reader.feed(data)]
+            replies = [reply(robot, "1", line) for line in reader.feed(data)]
         except InputError:
             reader = LineReader()
             continue
-        for reply in replies:
-            assert "\n" not in reply
-            serial_number(reply)
-            _typed(lambda reply=reply: refuse_local_control(reply))
+        for answered in replies:
+            assert "\n" not in answered
+            serial_number(answered)
+            _typed(lambda answered=answered: refuse_local_control(answered))
 
 
 def _typed(call: Callable[[], object]) -> None:
@@ -164,8 +150,8 @@ def test_registers_full_of_nonsense() -> None:
     rng, robot = random.Random(5), make_robot()
     odd = (0.0, 1.0, -1.0, 1e308, -1e-308, float("nan"), float("inf"), 0.3, 3.14)
     for _ in range(CASES["command"]):
-        if not robot.running:
-            robot.run(ControlLoop(robot, ControlProgram()))
+        if not robot.runtime.running:
+            robot.run(ControlLoop(robot).run())
         values: dict[str, Value] = {
             f"input_double_register_{i}": rng.choice(odd) for i in rng.sample(range(24), 8)
         }
@@ -262,14 +248,6 @@ def test_the_answer_to_an_interrupted_call_is_no_answer_to_the_next() -> None:
     assert channel.call(ControlCommands.operation, 1.0, no_check) == [7, False]
     here.close()
     there.close()
-
-
-def test_every_call_of_the_client_is_a_command() -> None:
-    """What the parent can ask for and what the process can do are the same calls."""
-    ours = {"alive", "wait_ready", "end"}
-    assert {name for name in vars(ControlClient) if not name.startswith("_")} - ours == set(
-        control_process.COMMANDS
-    )
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])

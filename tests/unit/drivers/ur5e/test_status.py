@@ -7,8 +7,9 @@ import pytest
 
 from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
+from drivers.motion import check_motion
 from drivers.types import ArmLimits, ArmMode, Pose
-from drivers.ur5e.limits import JOINT_RANGE_RAD, check_joints, check_motion, from_ur, to_ur
+from drivers.ur5e.motion import JOINT_RANGE_RAD, check_joints, from_ur, to_ur
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.ur5e.state_process import ClockMap
 from drivers.ur5e.status import arm_mode, program_reason, refused, stop_reason

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.video.digit import Digit
-from drivers.video.udev import VideoNode, find_video_node, on_same_bus
+from drivers.video.v4l2 import VideoNode, find_video_node, on_same_bus
 
 TABLE = [
     VideoNode("/dev/video0", "D20001", "DIGIT", "0200", "usb1", "1-2"),
@@ -80,7 +80,7 @@ def test_udev_is_asked_for_nodes_that_capture(tmp_path: Path) -> None:
     ]
     machine.write_text("\n".join(parts))
     code = (
-        "from drivers.video.udev import list_video_nodes as nodes\n"
+        "from drivers.video.v4l2 import list_video_nodes as nodes\n"
         "for n in sorted(nodes(), key=lambda n: n.device):\n"
         "    print(n.device, n.serial, n.model, n.revision, n.usb_bus, n.usb_port)"
     )

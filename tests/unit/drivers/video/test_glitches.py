@@ -10,8 +10,8 @@ import pytest
 from drivers.errors import DeviceError
 from drivers.images import encode_jpeg
 from drivers.types import Pose
+from drivers.video.decode import decode
 from drivers.video.glitches import MAX_SHIFTED, GlitchCheck, is_green
-from drivers.video.jpeg import decode
 from fakes.gel.sensor import GelSensor
 from rig.bench.assembly import build_bench
 from rig.config import load_bench

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DamagedFrameError, DeviceError
-from drivers.video.jpeg import decode, turned_left, whole_jpeg
+from drivers.video.decode import decode, turned_left, whole_jpeg
 from drivers.video.multipart import MAX_PART, MultipartParser, Part, boundary_of
 
 CASES = 60_000

@@ -5,8 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.video.sequence import SequenceCounter
-from drivers.video.stream import CaptureTimes, RawFrame
+from drivers.video.stream import CaptureTimes, RawFrame, SequenceCounter
 
 PERIOD_NS = 16_666_667
 

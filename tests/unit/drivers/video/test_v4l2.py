@@ -13,10 +13,10 @@ import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.images import encode_jpeg
+from drivers.video.decode import decode
 from drivers.video.digit import Digit, light_value
 from drivers.video.external_camera import ExternalCamera
-from drivers.video.jpeg import decode
-from drivers.video.udev import VideoNode
+from drivers.video.v4l2 import VideoNode
 from fakes.gel.sensor import GelSensor
 
 GEL = GelSensor(8)

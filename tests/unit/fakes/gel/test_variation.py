@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation, draw_variation
-from fakes.objects.random_contact import random_contact
+from fakes.gel.variation import Variation, draw_variation
 from fakes.objects.surfaces import build_surface
-from fakes.studio.training_frames import RANDOM_SHAPE
+from fakes.studio.training_frames import RANDOM_SHAPE, random_contact
 from rig.training.simulated import simulated_examples
 
 
@@ -18,11 +17,6 @@ def rng(seed: int = 0) -> np.random.Generator:
 @pytest.fixture(scope="module")
 def pressed() -> Imprint:
     return Imprint(build_surface(random_contact(rng(3)), 1, 0), 10.0, (0.0, 0.0), 0.5)
-
-
-def test_a_unit_of_the_family_is_what_it_was_without_variation(pressed: Imprint) -> None:
-    plain, family = GelSensor(5), GelSensor(5, variation=FAMILY)
-    np.testing.assert_array_equal(plain.render(pressed, 1.0, rng()), family.render(pressed, 1.0, rng()))
 
 
 def test_varied_units_differ_and_are_the_same_again(pressed: Imprint) -> None:

@@ -3,25 +3,12 @@
 import pytest
 
 from drivers.errors import InputError
-from fakes.objects.catalogue import ObjectModel, find_object, load_catalogue, parse_catalogue
+from fakes.objects.catalogue import ObjectModel, find_object, load_catalogue
 
 RECORDING = [str(number) for number in range(1, 17)]
 TRIAL = [f"t{number}" for number in range(1, 8)]
 MOST_LIFTED_KG = 0.22
 """Two fingers of 1.8 N and friction 0.6 carry 2.16 N."""
-
-MINIMAL = """
-[9]
-name = "thing"
-mass_kg = 0.1
-friction = 0.8
-length_m = 0.2
-com_from_left_m = 0.1
-[[9.sites]]
-offset_m = 0.01
-width_m = 0.02
-parts = [{ shape = "ball", radius_mm = 10.0 }]
-"""
 
 
 def test_all_objects_of_the_paper_are_there() -> None:
@@ -69,29 +56,3 @@ def test_unknown_object_is_answered_with_the_closest_and_with_all() -> None:
     with pytest.raises(InputError, match="did you mean 'wrench'") as caught:
         find_object("wrensh")
     assert all(model.name in str(caught.value) for model in load_catalogue().values())
-
-
-def test_minimal_catalogue_is_read() -> None:
-    (model,) = parse_catalogue(MINIMAL).values()
-    assert (model.id, model.name, len(model.sites)) == ("9", "thing", 1)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("friction = 0.8", "friction = 0.8\ncolour = 1", "colour"),
-        ("offset_m = 0.01", "offset_m = 0.01\ndepth = 2", "depth"),
-        ("radius_mm = 10.0", "radius_mm = 10.0, radius_m = 1", "radius_m"),
-        ("mass_kg = 0.1\n", "", "mass_kg"),
-        (", radius_mm = 10.0", "", "radius_mm"),
-        ('"ball"', '"cube"', "cube"),
-        ("mass_kg = 0.1", 'mass_kg = "light"', "mass_kg"),
-        ("offset_m = 0.01", 'offset_m = 0.01\ntexture = "velvet"', "velvet"),
-        ("[[9.sites]]", "[9.sites]", "sites"),
-        ("friction = 0.8", "friction = ", "TOML"),
-    ],
-)
-def test_bad_catalogue_is_refused_by_name(old: str, new: str, said: str) -> None:
-    assert old in MINIMAL
-    with pytest.raises(InputError, match=said):
-        parse_catalogue(MINIMAL.replace(old, new))

@@ -1,13 +1,10 @@
 """Plain shapes: what the simulated bench lays down for an object that it has no twin of."""
 
-import json
-
 import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from fakes.objects.catalogue import find_object
-from fakes.objects.plain import PREFIX, short_id
+from fakes.objects.catalogue import PREFIX, find_object, short_id
 from fakes.objects.surfaces import build_surface
 from protocols.grasps import GraspFile
 from rig.bench.twins import laid_as, plain_notes, refuse_undrawn
@@ -81,7 +78,3 @@ def test_what_is_taken_for_true_of_it_is_said_on_simulated_benches_alone() -> No
 def test_a_text_that_describes_nothing_is_an_input_error(text: str) -> None:
     with pytest.raises(InputError, match="no plain object"):
         find_object(PREFIX + text)
-
-
-def test_the_text_is_plain_json() -> None:
-    assert json.loads(laid_as([own()], "box").removeprefix(PREFIX))["sites"][0]["surface"] == "edge"

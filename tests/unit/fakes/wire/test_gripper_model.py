@@ -16,14 +16,6 @@ def make_world() -> World:
     return World(BenchLayout(base_T_table=TABLE, home=HOME), seed=3)
 
 
-def test_a_status_right_after_a_write_still_tells_of_before() -> None:
-    model = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0)
-    model.written[0] = 1
-    assert model.image[0] == 0
-    model.tick(5_000_000)
-    assert model.image[0] == 0x11
-
-
 def run(model: GripperModel, written: str, start_ns: int, duration_s: float) -> int:
     """Write bytes into a model and let it run; return the time after."""
     data = bytes.fromhex(written)
@@ -112,17 +104,3 @@ def test_a_late_tick_stops_the_fingers_where_they_met_the_object() -> None:
     model.tick(now + 1_800_000_000)
     assert model.image[1] == 0b11_10_10_11
     assert FINGER_STIFFNESS_N_M * world.squeeze_at(now + 1_800_000_000) == pytest.approx(15.0, abs=1.0)
-
-
-def test_an_emergency_release_opens_slowly_and_wants_a_reset() -> None:
-    model, now = ready_model(make_world())
-    now = run(model, "09 00 00 40 FF FF", now, 3.0)
-    now = run(model, "19 00 00 40 FF FF", now, 0.2)
-    assert (model.image[0] >> 4 & 3, model.image[2]) == (0, 0x0B)
-    now = run(model, "19 00 00 40 FF FF", now, 5.0)
-    assert (model.image[2], model.image[4]) == (0x0F, 6)
-    now = run(model, "09 00 00 40 FF FF", now, 1.0)
-    assert (model.image[2], model.image[4]) == (0x0F, 6), "no motion before reset and activation"
-    now = run(model, "00", now, 0.1)
-    run(model, "01", now, 6.0)
-    assert model.image[:3] == b"\x31\0\0"

@@ -19,12 +19,9 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.wire.host.host import Addresses
-from fakes.wire.host.mirror import MirroredWorld, Track, snapshot_of
-from fakes.wire.net.background import VitalThread
-from fakes.wire.net.loopback import require_free, taken_ports
-from fakes.wire.net.side_channel import Control, ControlServer
-from fakes.world.motion import FingerPath, ToolPath
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.wire.net import Control, ControlServer, VitalThread, require_free, taken_ports
+from fakes.world.mirror import MirroredWorld, Track, snapshot_of
+from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import build_real_bench, simulated_bench_plan
 from rig.bench.fakes_process import addressed, fakes_control, hosted_fakes
@@ -125,13 +122,13 @@ RUBBISH: tuple[tuple[dict[str, Any], str], ...] = (
     ({"do": "place", "object": "t1", "seed": -1}, "whole number"),
     ({"do": "place", "object": "t1", "seed": 10**400}, "whole number"),
     ({"do": "place", "object": "t1", "seed": True}, "whole number"),
-    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": "x"}, "give 0 to"),
-    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": -1}, "give 0 to"),
+    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": "x"}, "number from 0"),
+    ({"do": "fault", "device": "arm", "kind": "silent", "duration_s": -1}, "number from 0"),
     ({"do": "fault", "device": ["arm"], "kind": "silent"}, "names"),
-    ({"do": "fault", "device": "gripper", "kind": "delay", "delay_s": float("inf")}, "not a number"),
-    ({"do": "fault", "device": "SIM-D0001", "kind": "freeze", "duration_s": 1e308}, "give 0 to"),
+    ({"do": "fault", "device": "gripper", "kind": "delay", "delay_s": float("inf")}, "number from 0"),
+    ({"do": "fault", "device": "SIM-D0001", "kind": "freeze", "duration_s": 1e308}, "number from 0"),
     ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "frames": "x"}, "whole number"),
-    ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "x": 1}, "unexpected"),
+    ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "x": 1}, "has no x"),
 )
 
 

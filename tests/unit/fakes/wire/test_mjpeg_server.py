@@ -1,8 +1,6 @@
 """The served sensor as anyone's MJPEG client sees it, and its side channel."""
 
 import json
-import shutil
-import subprocess
 import time
 import urllib.error
 import urllib.request
@@ -54,19 +52,6 @@ def test_opencv_reads_the_stream(server: MjpegServer) -> None:
     assert np.abs(raw - drawn(0).astype(int)).mean() < 4.0
 
 
-@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
-def test_curl_reads_the_stream(server: MjpegServer) -> None:
-    # curl ends with 28, its time being over: a live stream has no end
-    curl = subprocess.run(["curl", "-sN", "-m", "1", server.url], capture_output=True, check=False)
-    assert curl.returncode == 28
-    parts = curl.stdout.split(b"--frame\r\n")[1:-1]
-    assert len(parts) > 30
-    head, _, body = parts[0].partition(b"\r\n\r\n")
-    assert f"Content-Length: {len(body) - 2}".encode() in head
-    assert body.startswith(b"\xff\xd8")
-    assert body.endswith(b"\xff\xd9\r\n")
-
-
 @pytest.mark.real_time(beside=True)
 def test_image_numbers_advance_without_clients(server: MjpegServer) -> None:
     first = next(server.captures()).number
@@ -74,15 +59,6 @@ def test_image_numbers_advance_without_clients(server: MjpegServer) -> None:
     assert next(server.captures()).number >= first + 15
     assert server.snapshot()["served"] < 15
     assert server.snapshot()["missed"] == 0
-
-
-def test_two_clients_receive_the_same_bytes(server: MjpegServer) -> None:
-    one, two = {}, {}
-    for a, b, _ in zip(server.captures(), server.captures(), range(10), strict=False):
-        one[a.number], two[b.number] = a.jpeg, b.jpeg
-    shared = set(one) & set(two)
-    assert len(shared) > 3
-    assert all(one[number] == two[number] for number in shared)
 
 
 @pytest.mark.parametrize(
@@ -146,14 +122,3 @@ def test_late_images_are_counted_and_discarded() -> None:
     server.stop()
     assert numbers[-1] - numbers[0] == 19 + server.snapshot()["missed"]
     assert max(np.diff(numbers)) > 0.5 * 60.0  # one gap up to the present, not a trail of late images
-
-
-def test_stopping_ends_the_streams_and_frees_the_port() -> None:
-    server = MjpegServer("D1", drawn, 60.0, SystemClock())
-    server.start()
-    captures = server.captures()
-    next(captures)
-    server.stop()
-    assert len(list(captures)) <= 32
-    again = MjpegServer("D1", drawn, 60.0, SystemClock(), port=int(server.url.split(":")[2].split("/")[0]))
-    again.stop()

@@ -8,7 +8,6 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.world.motion import FingerPath
 from fakes.world.state import BenchLayout
-from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
 TABLE = Pose((0.45, 0.0, 0.06))
@@ -27,7 +26,7 @@ def gripped(what: str, force_n: float) -> World:
     width = site.width_m + world.variation.width_error_m
     closed_m = layout.max_opening_m - width + force_n / FINGER_STIFFNESS_N_M
     counts = layout.open_counts + closed_m / layout.opening_per_count_m
-    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(counts)
     assert world.state_at(HELD_NS).force_n == pytest.approx(force_n, rel=0.05)
     return world
 

@@ -6,13 +6,12 @@ import pytest
 from drivers.clock import to_ns
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
-from fakes.wire.ur.frames import from_pose
+from fakes.wire.ur.geometry import from_pose
 from fakes.wire.ur.robot import ForceSensor
 from fakes.world.force_torque import NOISE_N, NOTHING, STEP_N, STEP_NM, FlangeSensor, carried_wrench
-from fakes.world.motion import FingerPath, ToolPath
+from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.slip import GRAVITY
 from fakes.world.state import BenchLayout
-from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import World
 from rig.bench.assembly import TOOL_DOWN
 
@@ -30,7 +29,7 @@ def lifted(name: str, site: int, squeeze_m: float, height_m: float) -> World:
     world.tool = ToolPath.resting(low)
     wide = model.sites[site].width_m + world.variation.width_error_m - squeeze_m
     counts = (world.layout.max_opening_m - wide) / world.layout.opening_per_count_m + world.layout.open_counts
-    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(counts)
     world.state_at(to_ns(0.1))
     world.tool = ToolPath.between(
         low, low.translated(z_m=height_m), TrapezoidProfile(to_ns(0.1), height_m, height_m / 0.5, 10.0)

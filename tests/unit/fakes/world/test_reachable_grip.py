@@ -7,9 +7,8 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import to_ns
 from drivers.types import Pose
 from fakes.objects.catalogue import find_object
-from fakes.world.motion import FingerPath, ToolPath
+from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.state import BenchLayout
-from fakes.world.trapezoid import TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 TABLE = Pose((0.45, 0.0, 0.06))
@@ -32,7 +31,7 @@ def grip(world: World, force_n: float) -> None:
     width_m = world.model.sites[0].width_m + world.variation.width_error_m
     closed_m = layout.max_opening_m - width_m + force_n / FINGER_STIFFNESS_N_M
     counts = layout.open_counts + closed_m / layout.opening_per_count_m
-    world.fingers = FingerPath(counts, counts, TrapezoidProfile(0, 0.0, 1.0, 1.0))
+    world.fingers = FingerPath.resting(counts)
 
 
 def rise(world: World, since_s: float) -> None:

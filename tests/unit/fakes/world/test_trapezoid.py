@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import NS_PER_S
-from fakes.world.trapezoid import TrapezoidProfile
+from fakes.world.motion import TrapezoidProfile
 
 travels = st.builds(
     TrapezoidProfile,

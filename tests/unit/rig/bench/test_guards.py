@@ -18,8 +18,7 @@ from drivers.types import (
     Pose,
 )
 from fakes.clock import SimulatedClock
-from rig.bench.guard import Guard
-from rig.bench.guards import GuardedArm, GuardedGripper, GuardedSource
+from rig.bench.guards import Guard, GuardedArm, GuardedGripper, GuardedSource
 
 CLOCK = SimulatedClock()
 AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

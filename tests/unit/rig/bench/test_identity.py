@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import InputError
-from fakes.wire.net.side_channel import ControlServer
+from fakes.wire.net import ControlServer
 from rig.bench.fakes_process import simulated_operator
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator

@@ -14,10 +14,9 @@ from protocols.grasps import load_grasp_files
 from protocols.readiness import make_ready
 from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
-from rig.bench.reading import Reading
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import recording_plan
 from rig.experiments.trial import trial_plan
@@ -88,8 +87,8 @@ def test_without_agreement_nothing_is_connected_and_the_plan_says_where_the_slid
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
-    monkeypatch.setattr("rig.bench.reading._read_source", lambda source: Reading(source.serial, "a frame"))
-    monkeypatch.setattr("rig.bench.reading._read_gripper", lambda bench: Reading("gripper", "open"))
+    monkeypatch.setattr("rig.bench.reading._frame_of", lambda source: "a frame")
+    monkeypatch.setattr("rig.bench.reading._fingers_of", lambda gripper: "open")
     monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))

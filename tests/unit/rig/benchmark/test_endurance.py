@@ -11,6 +11,7 @@ import pytest
 
 from drivers.clock import NS_PER_S, SystemClock, to_ns
 from drivers.errors import RecordingError
+from drivers.images import with_jpeg
 from drivers.types import Frame, Image
 from protocols.observer import Phase
 from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
@@ -56,7 +57,8 @@ def test_minute_counts_its_own_frames_only(recordings: MinuteRecordings) -> None
     def show(numbers: list[int]) -> None:
         for number in numbers:
             for serial in (*serials, bench.camera.serial):
-                contact.frame(Frame(picture(120, rng), clock.now_ns() - to_ns(0.004), number, serial))
+                frame = Frame(picture(120, rng), clock.now_ns() - to_ns(0.004), number, serial)
+                contact.frame(with_jpeg(frame))
 
     show([1, 2, 3])
     contact.phase(Phase.GRASP, clock.now_ns())
@@ -78,7 +80,7 @@ def test_recordings_are_deleted_when_complete(tmp_path: Path) -> None:
     image = np.zeros((2, 2, 3), np.uint8)
     with closing(MinuteRecordings(tmp_path)) as recordings:
         for minute in range(3):
-            recordings.recorder.image(Frame(image, minute, minute, "T1"), b"jpeg")
+            recordings.recorder.frame(Frame(image, minute, minute, "T1", b"jpeg"))
             assert recordings.next_file() > 0
     assert list(tmp_path.iterdir()) == []
 
@@ -86,9 +88,9 @@ def test_recordings_are_deleted_when_complete(tmp_path: Path) -> None:
 def test_unwritable_recording_ends_the_measurement(tmp_path: Path) -> None:
     (tmp_path / "a_file").touch()
     recordings = MinuteRecordings(tmp_path / "a_file")
-    frame = Frame(np.zeros((2, 2, 3), np.uint8), 0, 0, "T1")
+    frame = Frame(np.zeros((2, 2, 3), np.uint8), 0, 0, "T1", b"x" * 200_000)
     with pytest.raises(RecordingError, match=r"000001\.mcap"):
-        recordings.recorder.image(frame, b"x" * 200_000)
+        recordings.recorder.frame(frame)
 
 
 def test_wander_is_measured_from_the_first_minute(recordings: MinuteRecordings) -> None:

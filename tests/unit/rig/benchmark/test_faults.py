@@ -12,31 +12,33 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
 from drivers.types import Frame
+from rig.benchmark.harness import Run
+from rig.benchmark.wire import campaign, faults
 from rig.benchmark.wire.campaign import (
-    FILE,
     PART,
-    FaultRow,
-    _parts_left,
     _pictures,
-    campaign_rows,
-    campaign_section,
     count_faults,
-    judge_campaign,
     plan_campaign,
-    row_of,
     run_campaign,
     worst,
 )
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import FaultResult, _note_stop, _run_to_the_end
+from rig.benchmark.wire.fault_lifts import (
+    FaultRow,
+    FaultyLift,
+    Planned,
+    _note_stop,
+    _run_to_the_end,
+    row_of,
+)
+from rig.benchmark.wire.faults import FaultsOptions, campaign_table, judge_faults, measure
 from rig.benchmark.wire.moments import Stage
-from rig.sessions.codec import json_line
-from rig.sessions.files import append_line
+from rig.config import load_bench
 
 
-def trial_that_fails(at: list[int], attempts: list[FaultResult]) -> Callable[[bool], None]:
+def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[bool], None]:
     """A trial of three lifts; each number in `at` is a lift at which it ends with an error, in turn."""
-    results = [FaultResult(case) for case in CASES[:3]]
+    results = [FaultyLift(case) for case in CASES[:3]]
 
     def run(resume: bool) -> None:
         assert resume == bool(attempts)
@@ -48,25 +50,25 @@ def trial_that_fails(at: list[int], attempts: list[FaultResult]) -> Callable[[bo
 
 
 def test_the_trial_goes_on_after_a_case_that_failed() -> None:
-    attempts: list[FaultResult] = []
+    attempts: list[FaultyLift] = []
     _run_to_the_end(trial_that_fails([0, 2], attempts), attempts)
     assert [result.case for result in attempts[::3]] == [CASES[0], CASES[2]]
-    assert all(result.given_up and not result.passed for result in attempts)
+    assert all(lift.given_up and not lift.passed for lift in attempts)
 
 
 def test_a_bench_on_which_nothing_works_ends_the_benchmark() -> None:
-    attempts: list[FaultResult] = []
+    attempts: list[FaultyLift] = []
     with pytest.raises(DeviceError, match="in a row"):
         _run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
     assert len(attempts) == 6
 
 
 def test_a_bench_that_cannot_be_reached_again_ends_the_benchmark() -> None:
-    attempts: list[FaultResult] = []
+    attempts: list[FaultyLift] = []
 
     def run(resume: bool) -> None:
         if not resume:
-            attempts.extend([FaultResult(next(case for case in CASES if case.mended_after == 2))] * 3)
+            attempts.extend([FaultyLift(next(case for case in CASES if case.mended_after == 2))] * 3)
         raise DeviceError("remote control is off")
 
     with pytest.raises(DeviceError, match="remote control is off"):
@@ -75,8 +77,8 @@ def test_a_bench_that_cannot_be_reached_again_ends_the_benchmark() -> None:
 
 
 def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more() -> None:
-    case = FaultResult(next(case for case in CASES if case.mended_after == 2))
-    attempts: list[FaultResult] = []
+    case = FaultyLift(next(case for case in CASES if case.mended_after == 2))
+    attempts: list[FaultyLift] = []
     over = iter([False, True])
 
     def run(resume: bool) -> None:
@@ -91,17 +93,17 @@ def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more
 @pytest.mark.parametrize("reacts", [False, True])
 def test_a_lift_that_is_stopped_before_its_fault_meets_it_in_the_next_attempt(reacts: bool) -> None:
     """A lift that reacts stops the arm and goes on."""
-    result, over = FaultResult(CASES[0], reacts=reacts), threading.Event()
+    result, over = FaultyLift(CASES[0], reacts=reacts), threading.Event()
     _note_stop(result, over, to_ns(1.0))
     assert over.is_set() is not reacts
     assert not result.detected_ns
 
 
 def test_the_first_stop_after_a_fault_is_when_it_was_seen() -> None:
-    result, over = FaultResult(CASES[0], injected_ns=to_ns(1.0)), threading.Event()
+    result, over = FaultyLift(CASES[0], injected_ns=to_ns(1.0)), threading.Event()
     for at_s in (1.2, 1.4):
         _note_stop(result, over, to_ns(at_s))
-    assert result.detected_s == pytest.approx(0.2)
+    assert row_of(1, result).seen_s == pytest.approx(0.2)
     assert not over.is_set()
 
 
@@ -128,7 +130,7 @@ def test_a_campaign_has_each_fault_in_each_stage_and_many_with_another() -> None
 
 
 def row(**changes: object) -> FaultRow:
-    found = FaultResult(CASES[0], stage=Stage.LIFT, faults=["arm: protective stop"], recovered=True)
+    found = FaultyLift(CASES[0], stage=Stage.LIFT, faults=["arm: protective stop"], recovered=True)
     found.injected_ns, found.detected_ns, found.still_ns = to_ns(1.0), to_ns(1.2), to_ns(1.3)
     for name, value in changes.items():
         setattr(found, name, value)
@@ -146,42 +148,84 @@ def test_a_fault_passes_only_when_it_is_seen_named_safe_and_recovered_from() -> 
     assert not row(**unseen).passed
     assert row(**unseen, stage=Stage.RELEASE).passed
     missed = {
-        limit.name for limit in judge_campaign([good, row(dropped=True, recovered=False)]) if not limit.met
+        limit.name for limit in judge_faults([good, row(dropped=True, recovered=False)]) if not limit.met
     }
     assert len(missed) == 3
-    assert all(limit.met for limit in judge_campaign([good]))
+    assert all(limit.met for limit in judge_faults([good]))
 
 
-def test_faults_that_were_kept_are_not_run_again(tmp_path: Path) -> None:
-    plan = plan_campaign(0, 1)
-    kept = replace(row(), fault=plan[0][0].name)
-    append_line(tmp_path / FILE, json_line(kept))
+class Parts:
+    """Stands for the lifts of a campaign: keeps what is run and what is filmed."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.run: list[str] = []
+        self.filmed: list[int] = []
+        monkeypatch.setattr(campaign, "run_faults", self._run)
+        monkeypatch.setattr(
+            campaign, "_film", lambda folder, part, row, bench: self.filmed.append(row.number)
+        )
+
+    def _run(self, folder: Path, cases: list[Planned], bench: object) -> list[FaultRow]:
+        folder.mkdir()
+        self.run.append(folder.name)
+        still_s = {"part_1": 0.5, "part_11": 0.3, "part_21": 0.7}[folder.name]
+        return [
+            replace(row(), number=i + 1, fault=case.name, still_s=still_s)
+            for i, (case, _) in enumerate(cases)
+        ]
+
+
+@pytest.fixture
+def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
+    return Parts(monkeypatch)
+
+
+PLAN, WIRE = plan_campaign(0, 100)[: 2 * PART + 5], load_bench("wire")
+
+
+def test_campaign_runs_parts_of_ten_and_films_only_the_worst_so_far(tmp_path: Path, parts: Parts) -> None:
+    notes: list[str] = []
+    rows = run_campaign(Run(0, 1, tmp_path, progress=lambda *of: notes.append(of[2])), PLAN, WIRE)
+    assert [(row.number, row.fault) for row in rows] == [
+        (i, c.name) for i, (c, _) in enumerate(PLAN, start=1)
+    ]
+    assert parts.run == ["part_1", "part_11", "part_21"]
+    assert parts.filmed == [1, 21]
+    assert [path.name for path in tmp_path.iterdir()] == ["results.jsonl"]
+    assert notes[1].splitlines()[0] == "lifts 11 to 20:"
+    assert f"11 {PLAN[10][0].name}, lift: seen after 0.20 s, stood after 0.30 s; passed" in notes[1]
+
+
+def test_interrupted_campaign_continues_with_its_missing_parts(tmp_path: Path, parts: Parts) -> None:
+    run = Run(0, 1, tmp_path)
+    first = run_campaign(run, PLAN[:PART], WIRE)
     with pytest.raises(InputError, match="--resume"):
-        run_campaign(tmp_path, plan)
-    assert run_campaign(tmp_path, plan, resume=True) == [kept]
+        run_campaign(run, PLAN, WIRE)
+    rows = run_campaign(replace(run, resume=True), PLAN, WIRE)
+    assert rows[:PART] == first
+    assert parts.run == ["part_1", "part_11", "part_21"]
+    assert parts.filmed == [1, 21]
 
 
-def test_a_campaign_does_not_go_on_with_another_plan(tmp_path: Path) -> None:
-    plan = plan_campaign(0, 1)
-    append_line(tmp_path / FILE, json_line(replace(row(), fault="somebody trips over a cable")))
-    with pytest.raises(InputError, match="another plan's"):
-        run_campaign(tmp_path, plan, resume=True)
+@pytest.mark.parametrize(("seed", "bench"), [(1, "wire"), (0, "other")])
+def test_campaign_of_another_seed_or_bench_is_not_continued(
+    seed: int, bench: str, tmp_path: Path, parts: Parts
+) -> None:
+    run_campaign(Run(0, 1, tmp_path), PLAN[:PART], WIRE)
+    with pytest.raises(InputError, match="continue with the options that it was begun with"):
+        run_campaign(Run(seed, 1, tmp_path, resume=True), PLAN, WIRE.model_copy(update={"name": bench}))
 
 
-def test_a_campaign_goes_on_with_what_is_left_in_parts_that_share_no_bench() -> None:
-    plan = plan_campaign(0, 4 * PART)[: 2 * PART + 5]
-    assert [(part.first, len(part.planned)) for part in _parts_left(plan, {})] == [
-        (1, PART),
-        (PART + 1, PART),
-        (2 * PART + 1, 5),
-    ]
-    done = {number: row() for number in (*range(1, PART + 1), PART + 3)}
-    parts = _parts_left(plan, done)
-    assert [part.first for part in parts] == [PART + 1, PART + 4, 2 * PART + 4]
-    assert [planned for part in parts for planned in part.planned] == [
-        planned for number, planned in enumerate(plan, start=1) if number not in done
-    ]
-    assert len({part.folder for part in parts}) == len(parts)
+def test_campaign_with_other_faults_or_of_an_older_version_is_not_continued(
+    tmp_path: Path, parts: Parts
+) -> None:
+    run = Run(0, 1, tmp_path, resume=True)
+    run_campaign(run, PLAN[:PART], WIRE)
+    with pytest.raises(InputError, match="of another version; give another folder"):
+        run_campaign(run, PLAN[1:], WIRE)
+    (tmp_path / "faults.jsonl").touch()
+    with pytest.raises(InputError, match=r"faults\.jsonl.*older version; give another folder"):
+        run_campaign(run, PLAN, WIRE)
 
 
 def test_the_worst_case_is_the_one_that_failed_or_stood_last() -> None:
@@ -202,14 +246,44 @@ def test_a_film_shows_all_sources_side_by_side() -> None:
 
 
 def test_the_table_has_a_row_for_each_fault() -> None:
-    table = campaign_rows([row(), row(faults=[], detected_ns=0, stage=Stage.RELEASE)])
+    table = campaign_table("wire", [row(), row(faults=[], detected_ns=0, stage=Stage.RELEASE)]).rows
     assert len(table) == len(CASES)
-    assert table[0][1:] == ["2", "0", "0.20", "0.20", "0.30", "1", "0", "2 of 2", "2 of 2"]
+    assert table[0][1:] == ("2", "0", "0.20", "0.20", "0.30", "1", "0", "2 of 2", "2 of 2")
 
 
-def test_a_page_takes_the_table_with_its_limits() -> None:
-    section = campaign_section("SIMULATED, 2 faults", [row(), row(recovered=False)])
-    head, _, *lines = section.splitlines()
-    assert head == "SIMULATED, 2 faults."
+def test_a_page_takes_the_table_with_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faults, "run_campaign", lambda run, plan, bench: [row(), row(recovered=False)])
+    report = measure(FaultsOptions(full=True, count=2), Run())
+    head, _, *lines = report.section.splitlines()
+    assert head == "SIMULATED, 3 faults in 2 lifts at random moments, seed 0."
     assert sum(line.startswith("| ") for line in lines) == len(CASES) + 2
     assert "- lifts after a fault that did not run: 1 (at most 0)" in lines
+    assert report.notes[0].startswith("longest until standstill: 1 arm: protective stop")
+
+
+def test_each_fault_once_has_a_row_with_times_and_outcome(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcome = "DeviceError: arm: protective stop; look at it [stopped where it was (no way), nothing held]"
+    unseen = row(faults=[], detected_ns=0)
+    monkeypatch.setattr(faults, "run_faults", lambda *_: [row(faults=[outcome]), unseen])
+    report = measure(FaultsOptions(["arm"]), Run(folder=tmp_path))
+    assert report.tables[0].rows == [
+        (
+            "arm: protective stop",
+            "0.200",
+            "0.100",
+            "DeviceError: arm: protective stop (stopped where it was)",
+            "done",
+            "passed",
+        ),
+        ("arm: protective stop", "never", "never", "no fault was noticed", "done", "FAILED"),
+    ]
+    assert [limit.value for limit in report.limits] == [0, 0, 1]
+
+
+def test_each_fault_once_has_no_resumption_and_no_unknown_case() -> None:
+    with pytest.raises(InputError, match="no case contains elbow"):
+        measure(FaultsOptions(["elbow"]), Run())
+    with pytest.raises(InputError, match="give --full"):
+        measure(FaultsOptions(), Run(resume=True))

@@ -81,6 +81,35 @@ def test_stored_results_are_not_overwritten_without_resume(tmp_path: Path) -> No
         Run(jobs=1, folder=tmp_path).each(square, [1], stored=Square)
 
 
+def test_results_with_another_beginning_are_not_continued(tmp_path: Path) -> None:
+    run = Run(jobs=1, folder=tmp_path, resume=True)
+    run.each(square, [1], lambda number: f"seed 0, {number}", Square, common="seed 0, ")
+    with pytest.raises(InputError, match=r"'seed 0, 1'.*'seed 1, '; continue with the options"):
+        run.each(square, [1], lambda number: f"seed 1, {number}", Square, common="seed 1, ")
+
+
+def test_results_of_another_version_are_not_continued(tmp_path: Path) -> None:
+    run = Run(jobs=1, folder=tmp_path, resume=True)
+    (tmp_path / RESULTS).write_text('{"case": "1", "result": {"number": 1, "root": 1.0}}\n')
+    with pytest.raises(InputError, match=r"another command or version .*; give another folder"):
+        run.each(square, [1], stored=Square)
+    (tmp_path / "old.jsonl").touch()
+    with pytest.raises(InputError, match=r"old\.jsonl, written by .* an older version; give another folder"):
+        run.each(square, [1], stored=Square)
+
+
+def test_finished_case_is_passed_on_before_it_is_stored(tmp_path: Path) -> None:
+    notes: list[str] = []
+
+    def finish(number: int, result: Square) -> str:
+        stored = (tmp_path / RESULTS).read_text() if (tmp_path / RESULTS).exists() else ""
+        return f"{number}: {result.square:g}, {len(stored.splitlines())} before"
+
+    run = Run(jobs=1, folder=tmp_path, progress=lambda *of: notes.append(of[2]))
+    run.each(square, [2, 3], stored=Square, finish=finish)
+    assert notes == ["2: 4, 0 before", "3: 9, 1 before"]
+
+
 def run_command(*arguments: str) -> object:
     app = typer.Typer()
     app.command()(command_of(STUDY))
@@ -107,6 +136,14 @@ def test_command_ends_with_exit_code_4_if_a_limit_is_missed() -> None:
     result = run_command("--limit", "1")
     assert result.exit_code == 4  # type: ignore[attr-defined]
     assert "limit missed: largest square: 4, asked at most 1" in result.stderr  # type: ignore[attr-defined]
+
+
+def test_resume_needs_a_folder_if_results_are_kept() -> None:
+    app = typer.Typer()
+    app.command()(command_of(replace(STUDY, keeps_results=True)))
+    result = CliRunner().invoke(app, ["--resume"])
+    assert isinstance(result.exception, InputError)
+    assert "--resume continues the session in --out: give its folder" in str(result.exception)
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -9,10 +9,10 @@ from rig.benchmark.reaction.lifts import ReactedLift
 from rig.benchmark.reaction.rest import Rest, at_rest, false_reactions
 from rig.benchmark.reaction.study import SPARE_COUNTS, judge_faults, just_holding
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.faults import IN_REACTION, FaultResult
+from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultyLift, row_of
 from rig.benchmark.wire.moments import Stage, StageWatch
 from rig.config import BenchConfig
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.lift.fusion import TipAnswer
 from rig.sessions.records import LiftOutcome
 from rig.tactile.estimators import choose_estimator
@@ -53,10 +53,10 @@ def test_increased_noise_causes_false_reactions() -> None:
 def test_unnoticed_fault_in_a_reaction_misses_the_limit() -> None:
     """A lift with a reaction continues long after it first stood; a lift that only holds may be over."""
     case = CASES[0]
-    held = FaultResult(case, IN_REACTION, stage=Stage.HOLD, injected_ns=1, recovered=True)
+    held = FaultyLift(case, IN_REACTION, stage=Stage.HOLD, injected_ns=1, recovered=True)
     assert held.passed
     assert not replace(held, reacts=True).passed
-    row = judge_faults([replace(held, reacts=True)])
+    row = judge_faults([row_of(1, replace(held, reacts=True))])
     assert row.met is False
     assert case.name in row.name
 

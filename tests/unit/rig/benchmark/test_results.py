@@ -1,6 +1,5 @@
 """What a run of the benchmark leaves: figures, picture, page, and the README's table."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,57 +10,66 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import rig.benchmark.estimators.benchmark as benchmark
+import rig.benchmark.estimators.study as study
 import rig.benchmark.estimators.timing as timing
 from drivers.errors import InputError, SessionError
-from rig.benchmark.estimators.benchmark import BenchmarkResult, BenchmarkSettings, as_json, run_benchmark
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, WINDOWS
-from rig.benchmark.estimators.files import check_writable, write_results
 from rig.benchmark.estimators.limits import judge
 from rig.benchmark.estimators.picture import Point, pareto, spread_labels
 from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
-from rig.benchmark.estimators.tables import NAME, README_COLUMNS, estimator_table, stress_table
+from rig.benchmark.estimators.study import PAGE, PICTURE, TABLE, EstimatorsOptions, compare, report_of
+from rig.benchmark.estimators.tables import README_COLUMNS, EstimatorsResult, estimator_table, stress_table
+from rig.benchmark.harness import Report, Run
 from rig.benchmark.readme import check_readme, markers
-from rig.experiments.replay import replay_lift, session_settings
+from rig.experiments.replay import replay_with_angles
+from rig.experiments.stored_trial import stored_trial
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 
-PAGE = Path(__file__).resolve().parents[4] / "docs" / "estimators.md"
-BEGIN, END = markers(NAME)
-
-
-Told = list[tuple[str, int, int]]
+DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "estimators.md"
+BEGIN, END = markers("estimators")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[BenchmarkResult, Told]:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult, list[str]]:
     """One lift of one object with half the frames, no stress: the smallest run that has all other parts."""
-    told: Told = []
+    progress: list[str] = []
 
-    def show(part: str, done: int, total: int, note: str) -> None:
-        told.append((part, done, total))
+    def show(done: int, total: int, note: str) -> None:
+        progress.append(f"{done}/{total} {note}")
 
-    out = tmp_path_factory.mktemp("benchmark")
-    settings = BenchmarkSettings(out, objects=("t2",), lifts=1, jobs=1, groups=(), more=("kolamuri",))
+    run = Run(jobs=1, folder=tmp_path_factory.mktemp("benchmark"), progress=show)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "FRAMES_PER_LIFT", 120)
-        patch.setattr(benchmark, "load_bench", lighter)
-        return run_benchmark(settings, show), told
+        patch.setattr(study, "load_bench", lighter)
+        patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
+        patch.setattr(study, "LIFTS", 1)
+        patch.setattr(study, "stress_tasks", lambda *_: [])
+        return compare(EstimatorsOptions(estimator=["kolamuri"]), run), progress
 
 
 @pytest.fixture(scope="module")
-def result(run: tuple[BenchmarkResult, Told]) -> BenchmarkResult:
-    return run[0]
+def result(measured: tuple[EstimatorsResult, list[str]]) -> EstimatorsResult:
+    return measured[0]
 
 
-def test_progress_names_the_part_and_how_far_it_is(run: tuple[BenchmarkResult, Told]) -> None:
-    assert run[1] == [("lifts", 1, 1), ("timing", 1, 1), ("estimators", 1, 1)]
+@pytest.fixture(scope="module")
+def report(result: EstimatorsResult) -> Report:
+    return report_of(result)
 
 
-def test_the_benchmark_scores_a_lift_as_the_trial_does(result: BenchmarkResult) -> None:
+def test_progress_names_each_step(measured: tuple[EstimatorsResult, list[str]]) -> None:
+    recorded, *others = measured[1]
+    assert recorded.startswith("1/1 session: t2/1 ")
+    assert others == ["1/1 timed on lift t2/1", "1/1 estimators on t2/1"]
+
+
+def test_the_benchmark_scores_a_lift_as_the_trial_does(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
-        row = replay_lift(result.session, session_settings(result.session, name, window), rows[0])
+        row = replay_with_angles(
+            result.session, stored_trial(result.session, name, window).settings, rows[0]
+        )[0]
         score = result.scores[name, window]
         assert score.mare is not None
         assert score.mare_b is not None
@@ -73,7 +81,7 @@ def test_the_benchmark_scores_a_lift_as_the_trial_does(result: BenchmarkResult) 
         assert score.answered == row.answered
 
 
-def test_every_estimator_has_every_window_from_one_pass(result: BenchmarkResult) -> None:
+def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult, report: Report) -> None:
     assert set(result.scores) == {
         (name, window)
         for name in (*CONTENDERS, "kolamuri")
@@ -81,15 +89,17 @@ def test_every_estimator_has_every_window_from_one_pass(result: BenchmarkResult)
         if name != NO_SKIP or window == 1
     }
     assert set(result.timing.contenders) == {*CONTENDERS, "kolamuri"}
-    assert result.faults == {}
+    assert report.faults == {}
     for of in result.timing.contenders.values():
         assert 0.0 < of.contact.p50_ms <= of.contact.p99_ms <= of.contact.max_ms
         assert of.contact.count < of.frames
         assert of.stages["contact"].count == of.contact.count
 
 
-def test_limits_are_judged_and_nothing_to_measure_is_no_success(result: BenchmarkResult) -> None:
-    limits = {limit.name: limit for limit in result.limits}
+def test_limits_are_judged_and_nothing_to_measure_is_no_success(
+    result: EstimatorsResult, report: Report
+) -> None:
+    limits = {limit.name: limit for limit in report.limits}
     assert len(limits) == 12
     assert limits["share of frames answered"].met
     refused = limits["share of frames refused on smooth round contacts"]
@@ -98,29 +108,25 @@ def test_limits_are_judged_and_nothing_to_measure_is_no_success(result: Benchmar
     assert "largest difference of skipping and --no-skip, deg" in {v.name for v in bad if not v.met}
 
 
-def test_files_hold_the_figures_and_need_nothing_else(result: BenchmarkResult, tmp_path: Path) -> None:
-    readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
-    write_results(tmp_path, result, readme)
-    stored = json.loads((tmp_path / "results.json").read_text())
-    assert stored == json.loads(json.dumps(as_json(result)))
-    assert len(stored["estimators"]) == len(result.scores)
-    picture = cv2.imread(str(tmp_path / "pareto.png"))
-    assert picture is not None
-    assert picture.std() > 5
-    page = (tmp_path / "index.html").read_text()
+def test_files_hold_the_figures_and_need_nothing_else(result: EstimatorsResult, report: Report) -> None:
+    assert len(report.figures["estimators"]) == len(result.scores)
+    picture, page = report.files[PICTURE], report.files[PAGE]
+    assert isinstance(picture, bytes)
+    assert isinstance(page, str)
+    drawn = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    assert drawn is not None
+    assert drawn.std() > 5
     assert "SIMULATED" in page
+    assert '<tr class="ours"><td class="text">slip</td>' in page
+    assert '<tr class="first"><td class="text">ecc</td>' in page
+    assert '<td class="missed">MISSED</td>' in page
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert all(name in page for name in CONTENDERS)
-    text = readme.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("\nafter\n")
-    assert "old" not in text
-    assert (tmp_path / "table.md").read_text().strip() in text
-    assert table_columns(text) == README_COLUMNS
+    assert report.files[TABLE] == report.section + "\n"
+    assert table_columns(report.section) == estimator_table(result).columns[:README_COLUMNS]
 
 
-def test_tables_have_a_cell_per_column(result: BenchmarkResult) -> None:
+def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
     balls = replace(result, stress=stress_rows(run_stress(StressTask("round", "3:0", 0, False))))
     for table in (estimator_table(result), estimator_table(result, windows=True), stress_table(balls)):
         assert table.rows
@@ -129,34 +135,28 @@ def test_tables_have_a_cell_per_column(result: BenchmarkResult) -> None:
     assert estimator_table(result).rows[-1][0] == "kolamuri"
 
 
-def test_the_documentation_has_the_benchmarks_table() -> None:
-    check_readme(PAGE, NAME)
-    assert table_columns(PAGE.read_text(encoding="utf-8")) == README_COLUMNS
+def test_the_documentation_has_the_benchmarks_table(result: EstimatorsResult) -> None:
+    check_readme(DOCUMENT, "estimators")
+    section = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    assert table_columns(section) == estimator_table(result).columns[:README_COLUMNS]
 
 
-def table_columns(text: str) -> tuple[str, ...]:
-    section = text.partition(BEGIN)[2].partition(END)[0]
+def table_columns(section: str) -> tuple[str, ...]:
     heading = next(line for line in section.splitlines() if line.startswith("|"))
     return tuple(cell.strip() for cell in heading.strip("|").split("|"))
 
 
 @pytest.mark.parametrize("text", ["", BEGIN, f"{END}{BEGIN}", f"{BEGIN}{END}{BEGIN}"])
-def test_a_readme_without_markers_is_refused_before_the_run(text: str, tmp_path: Path) -> None:
+def test_document_without_markers_is_rejected(text: str, tmp_path: Path) -> None:
     readme = tmp_path / "README.md"
     readme.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="put these two lines"):
-        check_writable(tmp_path, readme)
+        check_readme(readme, "estimators")
 
 
-def test_an_unwritable_folder_is_refused_before_the_run(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="choose another --out"):
-        check_writable(tmp_path / "file" / "out", None)
-
-
-def test_a_session_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_folder_that_is_no_session_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(SessionError):
-        run_benchmark(BenchmarkSettings(tmp_path, session=tmp_path))
+        compare(EstimatorsOptions(session=tmp_path), Run())
 
 
 def test_the_front_has_what_nothing_beats_in_both() -> None:

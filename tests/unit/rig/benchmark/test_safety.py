@@ -1,7 +1,12 @@
 """What `rig benchmark safety` draws, and how it judges what moved: by tracks that are made up."""
 
+import re
 import signal
+import subprocess
+import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,16 +15,14 @@ import pytest
 
 from drivers.clock import to_ns
 from drivers.errors import InputError
-from rig.benchmark.readme import markers, write_section
+from rig.benchmark.harness import Run
+from rig.benchmark.wire import safety, safety_runs
 from rig.benchmark.wire.moments import Stage
-from rig.benchmark.wire.safety import CODEC, RUNS, SafetyRun, run_safety
-from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, plan_runs
-from rig.benchmark.wire.safety_judge import judge
-from rig.benchmark.wire.safety_limits import judge_runs, table_rows
-from rig.benchmark.wire.safety_page import section
+from rig.benchmark.wire.safety import SafetyOptions, judge_runs, measure, safety_table
+from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs
+from rig.benchmark.wire.safety_program import wait_for_end
+from rig.benchmark.wire.safety_runs import SafetyRun, run_safety
 from rig.benchmark.wire.true_track import TrueState
-from rig.sessions.codec import json_line
-from rig.sessions.files import append_line
 
 GRASP_M = 0.06
 
@@ -129,21 +132,77 @@ def test_each_limit_can_be_missed() -> None:
     assert missed(killed) == []
 
 
-def test_the_table_has_the_longest_of_each_stage_and_goes_into_a_page(tmp_path: Path) -> None:
+def test_the_table_has_the_longest_of_each_stage_and_goes_into_a_page(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     runs = [RUN, replace(RUN, number=2, still_s=0.2, way_mm=1.0), replace(RUN, number=3, stage=Stage.HOLD)]
-    row = next(row for row in table_rows(runs) if row[0] == "Ctrl-C")
-    assert row == ["Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0"]
-    page = tmp_path / "safety.md"
-    page.write_text("\n".join(["before", *markers("safety"), "after"]))
-    write_section(page, "safety", section(runs, 0))
-    assert "| Ctrl-C | 3 | 0.20, 5.0 |" in page.read_text()
-    assert "SIMULATED, 3 runs, seed 0" in page.read_text()
+    row = next(row for row in safety_table(runs).rows if row[0] == "Ctrl-C")
+    assert row == ("Ctrl-C", "3", "0.20, 5.0", "-", "-", "0.10, 5.0", "-", "-", "0", "0", "0")
+    monkeypatch.setattr(safety, "run_safety", lambda run, plan: runs)
+    section = measure(SafetyOptions(), Run()).section
+    assert section.startswith("SIMULATED, 3 runs, seed 0: longest time")
+    assert "| Ctrl-C | 3 | 0.20, 5.0 |" in section
+    assert section.splitlines()[-1] == "- benches that could not be put in order: 0 (at most 0)"
 
 
-def test_runs_are_kept_and_gone_on_with_only_where_asked(tmp_path: Path) -> None:
-    plan = plan_runs(0, full=False)[:1]
-    append_line(tmp_path / RUNS, json_line(RUN))
+@pytest.mark.parametrize(
+    ("code", "limit_s", "said"),
+    [
+        ("print('a'); print('b  '); print()", 60.0, "b"),
+        ("1 / 0", 60.0, "Traceback .*ZeroDivisionError: division by zero"),
+        ("import time; time.sleep(60)", 0.1, "did not end within 0 s"),
+        ("", 60.0, ""),
+    ],
+)
+def test_last_line_of_a_program_or_its_traceback_is_returned(code: str, limit_s: float, said: str) -> None:
+    script = f"import sys; sys.stdout = sys.stderr; {code}"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as program:
+        assert re.fullmatch(said, wait_for_end(program, limit_s), re.DOTALL)
+
+
+class Place:
+    """Stands for a served bench: every run ends as `RUN`."""
+
+    def run(self, planned: PlannedRun) -> SafetyRun:
+        return replace(
+            RUN, number=planned.number, event=planned.event.name, ready="not" if planned.number > 1 else ""
+        )
+
+    def put_in_order(self) -> str:
+        return ""
+
+
+@pytest.fixture
+def starts(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Folders for which a bench was served."""
+    served: list[Path] = []
+
+    @contextmanager
+    def serve(folder: Path, bench: object) -> Iterator[Place]:
+        served.append(folder)
+        yield Place()
+
+    monkeypatch.setattr(safety_runs, "_served", serve)
+    return served
+
+
+def test_runs_are_stored_and_continued_with_resume_only(tmp_path: Path, starts: list[Path]) -> None:
+    plan, notes = plan_runs(0, full=False), list[str]()
+    first = run_safety(Run(folder=tmp_path, progress=lambda *of: notes.append(of[2])), plan)
+    assert [run.number for run in first] == [planned.number for planned in plan]
+    assert notes[1].endswith("5.0 mm; not in order: not")
     with pytest.raises(InputError, match="--resume"):
-        run_safety(tmp_path, plan)
-    assert run_safety(tmp_path, plan, resume=True) == [RUN]
-    assert CODEC.parsed(json_line(RUN)) == RUN
+        run_safety(Run(folder=tmp_path), plan)
+    assert run_safety(Run(folder=tmp_path, resume=True), plan) == first
+    assert len(starts) == 1  # a bench is served only if a run is missing
+
+
+@pytest.mark.parametrize(("seed", "full"), [(1, False), (0, True)])
+def test_runs_of_another_plan_are_not_continued(
+    seed: int, full: bool, tmp_path: Path, starts: list[Path]
+) -> None:
+    run_safety(Run(folder=tmp_path), plan_runs(0, full=False))
+    with pytest.raises(InputError, match="continue with the options that it was begun with"):
+        run_safety(Run(seed, folder=tmp_path, resume=True), plan_runs(seed, full))

@@ -4,7 +4,7 @@ from itertools import islice
 
 import numpy as np
 
-from fakes.studio.hard_frames import hard_frames
+from fakes.studio.training_frames import hard_frames
 from rig.benchmark.segmentation.study import FRAME_SIZE, HARD, HELD_OUT, LEAST_UNLIKE_DICE, score_examples
 from rig.training.simulated import examples_of
 

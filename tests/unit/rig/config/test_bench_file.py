@@ -84,7 +84,7 @@ def test_impossible_values_and_unknown_keys_are_refused(old: str, new: str, said
 
 
 @pytest.mark.parametrize("key", [*ON_THE_FLANGE, *LIMITS])
-def test_a_real_bench_says_what_is_set_on_the_controller_and_what_limits_it(key: str) -> None:
+def test_real_bench_requires_controller_settings_and_limits(key: str) -> None:
     kept = "\n".join(line for line in REAL.splitlines() if not line.startswith(f"{key} ="))
     where = "arm.limits" if key in LIMITS else "arm"
     message = refusal(kept)
@@ -93,7 +93,7 @@ def test_a_real_bench_says_what_is_set_on_the_controller_and_what_limits_it(key:
     assert {**ON_THE_FLANGE, **LIMITS}[key] in message
 
 
-def test_a_real_bench_without_limits_is_told_all_of_them() -> None:
+def test_real_bench_without_limits_lists_all_of_them() -> None:
     head, _, rest = REAL.partition("[arm.limits]")
     _, _, tail = rest.partition("[gripper]")
     message = refusal(f"{head}[gripper]{tail}")
@@ -101,12 +101,12 @@ def test_a_real_bench_without_limits_is_told_all_of_them() -> None:
     assert all(key in message for key in LIMITS)
 
 
-def test_a_real_bench_says_how_high_its_table_is() -> None:
+def test_real_bench_requires_the_table_height() -> None:
     kept = "\n".join(line for line in REAL.splitlines() if not line.startswith("top_m ="))
     assert "table.top_m: is required of a real bench" in refusal(kept)
 
 
-def test_what_the_hand_is_kept_out_of_is_grown_by_the_hand() -> None:
+def test_keep_out_boxes_grow_by_the_size_of_the_hand() -> None:
     text = REAL + '[[keep_out]]\nname = "stand"\nmin_m = [0.4, -0.7, 0.0]\nmax_m = [0.5, -0.6, 0.4]\n'
     stand, table = parse_bench(text, "b.toml").arm_limits().keep_out
     assert stand.name == "stand"
@@ -125,7 +125,7 @@ def test_the_line_is_the_keys_own() -> None:
     assert f"line {line_with(missing, '[camera]')}: camera.serial" in refusal(missing)
 
 
-def test_text_that_is_no_toml_is_refused_with_its_line() -> None:
+def test_invalid_toml_is_rejected_with_its_line() -> None:
     assert "line 3" in refusal("a = 1\n\nb = = 2\n")
 
 

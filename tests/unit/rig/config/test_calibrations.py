@@ -17,8 +17,9 @@ from drivers.types import GripperLimits
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.estimators import choose_estimator
@@ -43,7 +44,7 @@ def keep(
     return path
 
 
-def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calibration_files_are_used_and_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "calibrations"
     keep(folder, "camera", {"camera": "SIM-C0001"}, camera_info(CAMERA, "SIM-C0001"))
     keep(folder, "tactile", {"tactile": "SIM-D0002"}, {"pixel_aspect": 0.97})
@@ -62,7 +63,7 @@ def test_what_is_there_is_used_and_told(tmp_path: Path, monkeypatch: pytest.Monk
     assert BenchConfig.model_validate(bench.model_dump(mode="json")) == bench
 
 
-def test_what_is_known_of_camera_and_place_is_used_too(tmp_path: Path) -> None:
+def test_uncertainty_of_camera_and_hand_eye_is_used(tmp_path: Path) -> None:
     lens = {"terms": ["fx", "fy"], "covariance": [[4.0, 1.0], [1.0, 4.0]]}
     keep(tmp_path, "camera", CAMERA_SERIAL, camera_info(CAMERA, "SIM-C0001"), quality=lens)
     turns = np.diag([1e-6, 4e-6, 1e-6, 1e-8, 1e-8, 1e-8]).tolist()
@@ -100,14 +101,14 @@ def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
         find_calibrations(load_bench("fake"), tmp_path)
 
 
-def test_one_renamed_to_this_unit_is_refused_all_the_same(tmp_path: Path) -> None:
+def test_calibration_of_other_serial_is_rejected_after_renaming(tmp_path: Path) -> None:
     path = keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
     path.rename(tmp_path / "camera-SIM-C0001.yaml")
     with pytest.raises(CalibrationError, match="belongs to camera OTHER"):
         find_calibrations(load_bench("fake"), tmp_path)
 
 
-def test_one_that_was_refused_when_made_is_left_out(tmp_path: Path) -> None:
+def test_refused_calibration_is_left_out(tmp_path: Path) -> None:
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, {}, refused="square-on views only")
     assert not find_calibrations(load_bench("fake"), tmp_path).files
 
@@ -130,7 +131,7 @@ def test_one_that_was_refused_when_made_is_left_out(tmp_path: Path) -> None:
         ("gripper", GRIPPER, {"closing": {"counts": [6], "opening_m": [0.1, 0.0]}}, "damaged"),
     ],
 )  # fmt: skip
-def test_what_no_device_can_be_is_refused_when_it_is_read(
+def test_impossible_calibration_values_are_rejected(
     tmp_path: Path, kind: str, serials: dict, value: dict, said: str
 ) -> None:
     path = keep(tmp_path, kind, serials, value)
@@ -149,7 +150,7 @@ def test_what_no_device_can_be_is_refused_when_it_is_read(
         ({"base_T_camera": {"position_m": [0, 0, 0], "quaternion_xyzw": [2.0, 0, 0, 0]}}, "length 2, not 1"),
     ],
 )
-def test_the_copy_in_a_session_is_held_to_the_same(
+def test_stored_copy_of_a_calibration_is_validated_too(
     drawn_trial: Callable[..., Path], tmp_path: Path, changed: dict, said: str
 ) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,))
@@ -161,7 +162,7 @@ def test_the_copy_in_a_session_is_held_to_the_same(
     assert said in str(raised.value)
 
 
-def test_a_few_hundred_bytes_that_mean_gigabytes_are_refused_at_once(tmp_path: Path) -> None:
+def test_yaml_aliases_that_expand_to_gigabytes_are_rejected(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 9)]
     path = tmp_path / "tactile-SIM-D0001.yaml"
@@ -171,18 +172,12 @@ def test_a_few_hundred_bytes_that_mean_gigabytes_are_refused_at_once(tmp_path: P
         find_calibrations(load_bench("fake"), tmp_path)
 
 
-def test_a_simulated_one_is_not_for_a_real_bench(tmp_path: Path) -> None:
+def test_simulated_calibration_is_rejected_on_a_real_bench(tmp_path: Path) -> None:
     keep(tmp_path, "tactile", {"tactile": "SIM-D0001"}, {"pixel_aspect": 1.0})
     values = load_bench("wire").model_dump()
     real = BenchConfig.model_validate({**values, "fakes": None})
     with pytest.raises(CalibrationError, match="made on simulated devices"):
         find_calibrations(real, tmp_path)
-
-
-def test_a_damaged_value_is_an_error_that_names_the_file(tmp_path: Path) -> None:
-    path = keep(tmp_path, "sync", {"reference": "arm", "stream": "SIM-C0001"}, {"add_to_stream_s": "soon"})
-    with pytest.raises(CalibrationError, match=path.name):
-        find_calibrations(load_bench("fake"), tmp_path)
 
 
 def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond() -> None:
@@ -210,4 +205,4 @@ def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, 
     assert calibrated.mare != plain.mare
     kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
     assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
-    assert run_replay(tmp_path / "calibrated", None, None, jobs=1).identical == 1
+    assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).identical == 1

@@ -40,7 +40,7 @@ def test_a_new_position_stands_behind_the_others_and_before_other_tables() -> No
     assert parse_object(changed, "box.toml") == read
 
 
-def test_a_file_written_in_another_way_is_left_and_the_values_are_said() -> None:
+def test_file_with_inline_tables_is_rejected() -> None:
     text = (
         'id = "box"\nname = "box"\norientations_deg = [0]\ngrip_counts = [2, 4]\n'
         'position = [{ name = "middle", offset_m = 0.0, width_m = 0.03 }]\n'

@@ -59,7 +59,7 @@ def test_a_folder_that_is_given_counts_instead_and_has_to_be_there(folder: Path,
         objects_folder("fake", tmp_path / "nowhere")
 
 
-def test_where_no_folder_is_nothing_is_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_objects_folder_adds_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert with_objects(load_bench("fake"), "fake") == load_bench("fake")
     monkeypatch.chdir(OBJECTS_FOLDER.parent)
@@ -88,7 +88,7 @@ def test_fewer_places_and_turns_than_the_paper_s_make_fewer_poses() -> None:
         ('name = "cardboard box"\n', "", r"name: Field required"),
     ],
 )
-def test_what_is_wrong_is_named_with_file_and_line(folder: Path, old: str, new: str, said: str) -> None:
+def test_invalid_value_is_named_with_file_and_line(folder: Path, old: str, new: str, said: str) -> None:
     assert old in BOX
     (folder / "box.toml").write_text(BOX.replace(old, new))
     with pytest.raises(InputError, match=rf"box\.toml: .*{said}"):

@@ -75,7 +75,7 @@ def test_over_a_serial_line_the_network_address_is_refused() -> None:
     assert parse_bench("\n".join(kept), "b.toml").gripper.device == "/dev/ttyUSB0"
 
 
-def test_what_is_so_anyway_may_be_said() -> None:
+def test_keys_at_their_fixed_value_are_accepted() -> None:
     said = after(after(FAKE, "[arm]", "tcp_m = [0.0, 0.0, 0.28]"), "[[tactile]]", "size_px = [240, 320]")
     assert parse_bench(said, "b.toml") == parse_bench(FAKE, "b.toml")
 

@@ -71,7 +71,7 @@ def test_a_fault_is_kept_and_the_same_work_comes_again_at_once(tmp_path: Path, l
     assert made == [(1, 0), (2, 0), (2, 1), (2, 2), (3, 0)]
 
 
-def test_three_faults_in_a_row_end_it_and_it_goes_on_where_it_was(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_three_faults_in_a_row_end_the_trial_which_can_be_resumed(tmp_path: Path, lift_row: MakeRow) -> None:
     pieces = [Piece(1), Piece(2)]
     bench = Bench(lift_row, {(2, 0), (2, 1), (2, 2)})
     with session(tmp_path / "s") as kept, pytest.raises(DeviceError) as raised:
@@ -88,7 +88,7 @@ def test_three_faults_in_a_row_end_it_and_it_goes_on_where_it_was(tmp_path: Path
         assert left_to_do(pieces, again.rows, lambda row: row.number) == []
 
 
-def test_faults_that_others_succeed_between_end_nothing(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_faults_with_successes_between_do_not_end_the_trial(tmp_path: Path, lift_row: MakeRow) -> None:
     bench = Bench(lift_row, {(1, 0), (1, 1), (2, 0), (2, 1), (3, 0)})
     with session(tmp_path / "s") as kept:
         repeat_until_accepted(kept, [Piece(1), Piece(2), Piece(3)], bench.attempt, WORDING, lambda *_: None)

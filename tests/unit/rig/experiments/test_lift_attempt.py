@@ -12,14 +12,13 @@ from fakes.devices.arm import FakeArm
 from protocols.reaction import Reaction, ReactionKind
 from rig.config import BenchConfig
 from rig.config.objects import parse_object
-from rig.experiments.lift_attempt import LiftTask, TrialSettings, attempt_lift
+from rig.experiments.lift_attempt import attempt_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.sessions.reading import recorded_arm_states
 from rig.tactile.estimators import choose_estimator
 
 
-def test_the_row_says_where_the_speed_slider_stood(
-    light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_row_has_the_speed_slider_fraction(light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     state = FakeArm.state
 
     def slid(arm: FakeArm) -> ArmState:

@@ -65,7 +65,7 @@ def test_serials_and_names_of_a_bench_are_names_that_files_can_have(place: str) 
             parse_bench(text.replace(f'"{old}"', f'"{place}"', 1), "bench.toml")
 
 
-def test_folders_of_a_user_stay_whatever_they_are_called(drawn_trial: Drawn, tmp_path: Path) -> None:
+def test_existing_part_folder_of_a_user_is_kept(drawn_trial: Drawn, tmp_path: Path) -> None:
     session = drawn_trial(tmp_path / "s", (12.0,))
     mine = tmp_path / "out.part"
     mine.mkdir()

@@ -44,12 +44,6 @@ def test_a_background_with_a_contact_in_it_is_named(lift: list[Image], place: in
     assert "--background auto" in doubt
 
 
-def test_a_clip_that_begins_in_contact_is_named(lift: list[Image]) -> None:
-    begins = series(lift[8:])
-    background, _ = make_background("first:1", begins)
-    assert background_doubts("first:1", background, begins)
-
-
 def test_a_contact_that_begins_among_the_first_frames_is_named(lift: list[Image]) -> None:
     background, _ = make_background("first:8", series(lift))
     (doubt,) = background_doubts("first:8", background, series(lift))
@@ -79,8 +73,6 @@ def test_a_first_frame_from_before_is_named(lift: list[Image]) -> None:
     assert "something else than those after it" in doubt
 
 
-def test_a_contact_that_grows_from_the_second_frame_on_is_not_taken_for_one(
-    lift: list[Image], press: Draw
-) -> None:
+def test_contact_growing_from_the_second_frame_raises_no_doubt(lift: list[Image], press: Draw) -> None:
     growing = [press(15, (20 + 12 * i, 10 + 4 * i), seed=60 + i) for i in range(6)]
     assert frame_doubts(series([lift[0], *growing])) == []

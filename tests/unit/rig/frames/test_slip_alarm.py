@@ -91,7 +91,7 @@ def test_noise_at_rest_is_no_slip() -> None:
     assert first(slips(samples(areas, [*TURNED, *(3.0 + noise)]))) is None
 
 
-def test_an_estimator_without_a_rate_raises_none() -> None:
+def test_estimator_without_rate_raises_no_alarm() -> None:
     told = [SlipSample(i * STEP_NS, State.TRACKING, float(i), contact_area_px=100.0) for i in range(30)]
     assert slips(told) == [None] * 30
 

@@ -89,6 +89,6 @@ def test_times_at_a_rate_rise_evenly(count: int, fps: float) -> None:
 
 
 @given(st.text(max_size=12))
-def test_any_text_is_a_time_or_none(text: str) -> None:
+def test_any_text_is_parsed_or_rejected(text: str) -> None:
     time = parse_time(text)
     assert time is None or isinstance(time.time_ns, int)

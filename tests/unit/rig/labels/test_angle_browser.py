@@ -116,7 +116,7 @@ def test_a_page_loaded_again_shows_what_was_drawn_and_goes_on(browser: Browser, 
     assert browser.value("at('count').textContent").startswith("1 of 6 lines")
 
 
-def test_a_command_that_has_ended_is_told(browser: Browser, server: AngleServer) -> None:
+def test_ended_command_is_reported_on_the_page(browser: Browser, server: AngleServer) -> None:
     opened(browser, server)
     browser.value("window.fetch = () => Promise.reject(new TypeError('gone'))")
     assert "the command has ended" in click_at(browser, *true_ends(2)[0])

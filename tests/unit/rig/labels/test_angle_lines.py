@@ -41,7 +41,7 @@ def test_a_reference_in_the_middle_is_zero() -> None:
     assert [label.angle_deg for label in labels] == pytest.approx([-10, 0, 20])
 
 
-def test_sigma_is_from_what_the_passes_disagree_by() -> None:
+def test_sigma_comes_from_the_difference_of_the_passes() -> None:
     apart = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 14, 2: 20}), 0)
     together = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 10, 2: 20}), 0)
     assert apart[1].sigma_deg == pytest.approx(2.0)
@@ -49,7 +49,7 @@ def test_sigma_is_from_what_the_passes_disagree_by() -> None:
     assert 0.2 < together[1].sigma_deg < 1.0, "clicks alone are not exact"
 
 
-def test_the_sigma_is_of_the_mean_of_two_passes_that_err_alike() -> None:
+def test_sigma_matches_the_spread_of_the_mean_of_two_passes() -> None:
     import numpy as np
 
     noise = np.random.default_rng(3).normal(0.0, 3.0, (2, 400))
@@ -76,7 +76,9 @@ def test_frames_without_both_lines_are_left_out() -> None:
         ({0: 0, 1: 5}, {0: 0, 1: 184}, "frame 1: both passes differ by"),
     ],
 )
-def test_what_gives_no_angles_is_refused(one: dict[int, float], two: dict[int, float], why: str) -> None:
+def test_lines_that_give_no_angles_are_rejected(
+    one: dict[int, float], two: dict[int, float], why: str
+) -> None:
     with pytest.raises(InputError, match=why):
         angle_labels(passes(one, two), 0)
 
@@ -88,7 +90,7 @@ def test_a_line_that_is_too_short_is_refused() -> None:
 
 
 @given(st.lists(st.floats(-80, 80), min_size=2, max_size=12), st.floats(-180, 180), st.floats(-180, 180))
-def test_neither_the_feature_nor_its_first_end_matters(
+def test_labels_do_not_depend_on_the_direction_of_the_drawn_feature(
     turns: list[float], one_deg: float, two_deg: float
 ) -> None:
     total = [sum(turns[: i + 1]) for i in range(len(turns))]
@@ -100,7 +102,7 @@ def test_neither_the_feature_nor_its_first_end_matters(
         assert label.angle_deg == pytest.approx(turn - total[0], abs=1e-6)
 
 
-def test_the_benchmark_reads_what_is_written(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_benchmark_reads_the_written_labels(tmp_path_factory: pytest.TempPathFactory) -> None:
     file = tmp_path_factory.mktemp("labels") / "labels.csv"
     labels = angle_labels(passes({5: 30, 9: 40, 12: 20}, {5: 31, 9: 43, 12: 21}), 5)
     file.write_text(labels_csv(labels, 5))

@@ -51,7 +51,7 @@ def test_of_two_that_agree_the_surer_one_counts_more(a: float, sa: float, times:
 
 
 @pytest.mark.parametrize("turn_deg", [12.0, -25.0])
-def test_one_that_stuck_where_it_was_does_not_hold_the_other_back(turn_deg: float) -> None:
+def test_stuck_fingertip_does_not_hold_the_other_back(turn_deg: float) -> None:
     fused = fuse(answer(0.2, 0.5), [answer(turn_deg, 1.0)])
     assert fused.angle_deg == turn_deg
     assert fused.sigma_deg is not None
@@ -65,13 +65,13 @@ def test_the_rate_is_of_those_that_are_believed() -> None:
     assert fuse(stuck, [replace(answer(0.5, 0.5), rate_deg_s=0.3)]).rate_deg_s == pytest.approx(0.2)
 
 
-def test_at_ten_frames_a_second_both_are_heard() -> None:
+def test_both_fingertips_count_at_ten_frames_per_second() -> None:
     now = replace(answer(20.0, 1.0, time_ns=100_000_000), before=(0, 18.0))
     fused = fuse(now, [answer(19.2, 1.0, time_ns=50_000_000)])
     assert fused.angle_deg == pytest.approx(20.1)
 
 
-def test_one_answer_is_enough_and_none_is_none() -> None:
+def test_one_answer_is_enough() -> None:
     assert fuse(answer(None), [answer(3.0)]).angle_deg == 3.0
     assert fuse(answer(None), [answer(None)]).angle_deg is None
     assert fuse(answer(None), []).state is State.UNOBSERVABLE
@@ -97,7 +97,7 @@ def test_an_older_answer_is_brought_to_the_newer_ones_time() -> None:
         (10.0, -10.0, Disagreement.ONE_PAD_SLIPS),
     ],
 )
-def test_fingertips_that_see_different_turns_are_told(
+def test_different_turns_are_reported_as_disagreement(
     first: float, second: float, expected: Disagreement | None
 ) -> None:
     assert fuse(answer(first, 0.2), [answer(second, 0.2)]).disagreement is expected

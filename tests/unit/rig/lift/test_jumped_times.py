@@ -12,6 +12,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.frames.estimates import estimate_series, figures, zeroed
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
@@ -50,10 +51,10 @@ def stamped_ahead(recording: Path, topic: str, number: int) -> None:
 @pytest.mark.parametrize("topic", ["/image/SIM-D0001", "/image/SIM-C0001"])
 def test_a_lift_goes_on_and_names_the_frame(tmp_path: Path, topic: str) -> None:
     session = shutil.copytree(STORED, tmp_path / "trial")
-    [stored] = run_replay(session, None, None, jobs=1).rows
+    [stored] = run_replay(stored_trial(session), jobs=1).rows
     half = min(stored.frames.values()) // 2
     stamped_ahead(session / stored.recording, topic, half)
-    [again] = run_replay(session, None, None, jobs=1).rows
+    [again] = run_replay(stored_trial(session), jobs=1).rows
     source = "camera" if "C0001" in topic else topic.removeprefix("/image/")
     assert stored.jumped is None
     assert again.jumped == {source: 1}

@@ -10,9 +10,9 @@ from calibration.markers.planar import fit_plane
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 from rig.cli.printing import lift_note
-from rig.config import load_bench
+from rig.config import BenchConfig
 from rig.config.in_use import CalibrationsInUse, PlaceInUse
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.lift.marker_distance import ExpectedDistance
 from rig.report.advice import trial_notices
@@ -42,17 +42,18 @@ def test_a_tenth_is_the_bound(sides: float, off: bool) -> None:
     assert ExpectedDistance(0.04, 0.628).warning(sides) == found
 
 
-def test_what_is_not_known_is_not_compared() -> None:
+def test_unknown_distance_gives_no_warning() -> None:
     assert ExpectedDistance(0.04, 0.628).warning(None) is None
 
 
-def test_a_camera_that_stands_elsewhere_is_told_in_terminal_log_and_report(tmp_path: Path) -> None:
-    bench = load_bench("fake")
-    stands = bench.camera.base_T_camera()
+def test_displaced_camera_is_warned_of_in_terminal_log_and_report(
+    light_bench: BenchConfig, tmp_path: Path
+) -> None:
+    stands = light_bench.camera.base_T_camera()
     nearer = PlaceInUse(
         position_m=stands.translated(y_m=0.12).position_m, quaternion_xyzw=stands.quaternion_xyzw
     )
-    wrong = bench.model_copy(update={"calibrations": CalibrationsInUse(base_T_camera=nearer)})
+    wrong = light_bench.model_copy(update={"calibrations": CalibrationsInUse(base_T_camera=nearer)})
     folder = tmp_path / "s"
     run_trial(folder, TrialSettings(wrong, 0, choose_estimator("pca")), ["t1"], 1)
     row = read_finished_lifts(folder)[0]

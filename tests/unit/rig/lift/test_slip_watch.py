@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from protocols.reaction import ReactionStep
+from protocols.observer import ReactionStep
 from rig.lift.fusion import TipAnswer
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for
@@ -72,7 +72,7 @@ def test_a_gel_that_gives_way_and_comes_to_rest_is_no_slip() -> None:
     assert made.slip_ns() == 160 * FRAME_NS
 
 
-def test_the_fingertip_that_sees_it_slowest_says_whether_it_goes_on() -> None:
+def test_slowest_fingertip_decides_whether_the_slip_continues() -> None:
     made = SlipWatch(SlipSettings())
     made.begin({TIP: resting(0.02, 0.5), "other": resting(0.02, 0.5, seed=1)})
     for frame, slowest_deg_s in ((100, 1.0), (101, 6.0)):
@@ -105,7 +105,7 @@ def test_a_turn_away_from_rest_is_a_slip_and_one_back_is_none() -> None:
     assert [event.serial for event in made.events] == [TIP]
 
 
-def test_what_one_fingertip_sees_alone_is_its_own_contact() -> None:
+def test_motion_seen_by_one_fingertip_alone_is_no_slip() -> None:
     made = SlipWatch(SlipSettings())
     made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
     for frame, angle in enumerate(np.linspace(0.0, 2.0, 30), start=100):
@@ -141,7 +141,7 @@ def slipped(made: SlipWatch, frame: int, by_deg: float, from_deg: float, closes:
     return too_much
 
 
-def test_another_slip_is_too_much_where_half_as_large_again_as_the_largest_it_passes_the_limit() -> None:
+def test_next_slip_is_too_much_if_150_percent_of_the_largest_passes_the_limit() -> None:
     made = watch()
     assert not slipped(made, 100, 1.5, 0.0, closes=True)
     assert not slipped(made, 200, 1.0, 4.5, closes=False)  # 2.5 degrees, and 2.25 to come: 4.75
@@ -163,7 +163,7 @@ def test_a_slow_drift_is_no_slip_and_a_slip_from_where_it_has_got_to_is_one() ->
     assert made.slip_ns() == (last + 1) * FRAME_NS
 
 
-def test_it_is_armed_again_from_the_angle_it_has_after_a_reaction() -> None:
+def test_alarm_is_rearmed_at_the_angle_after_a_reaction() -> None:
     made = watch()
     show(made, (100, 0.8, 20.0), *((f, 0.9, 0.0) for f in range(101, 115)))
     made.reacted(ReactionStep.STOP, 101 * FRAME_NS, 20)

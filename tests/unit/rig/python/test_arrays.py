@@ -52,12 +52,12 @@ def test_a_bar_that_turns_is_followed() -> None:
         ([1, 2], "give uint8 RGB"),
     ],
 )
-def test_what_is_no_clip_of_one_sensor_is_an_input_error(frames: Any, why: str) -> None:
+def test_invalid_frames_are_an_input_error(frames: Any, why: str) -> None:
     with pytest.raises(InputError, match=why):
         rig.estimate(frames)
 
 
-def test_frames_may_come_one_by_one_and_a_class_may_be_ones_own() -> None:
+def test_iterator_of_frames_and_own_class_are_accepted() -> None:
     told = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness)
     assert len(told) == 34
     assert told.angle_deg[told.states.index("tracking")] == 0.0
@@ -65,7 +65,7 @@ def test_frames_may_come_one_by_one_and_a_class_may_be_ones_own() -> None:
     assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(told.angle_deg)).max()
 
 
-def test_what_cannot_be_estimated_is_said() -> None:
+def test_invalid_arguments_are_input_errors() -> None:
     def two() -> Iterator[Image]:
         return iter([gel(80, 60, 1), gel(80, 60, 2)])
 
@@ -89,7 +89,7 @@ def test_what_cannot_be_estimated_is_said() -> None:
         rig.estimate([gel(90, 60)], empty)
 
 
-def test_angles_are_held_to_their_shapes() -> None:
+def test_angles_validate_their_shapes() -> None:
     told = rig.Angles([0, 1, 2], [3.0, float("nan"), 4.0])  # type: ignore[arg-type]
     assert told.time_s.dtype == np.float64
     assert np.isnan(told.sigma_deg).all()
@@ -104,7 +104,7 @@ def test_angles_are_held_to_their_shapes() -> None:
             rig.Angles(*arguments)
 
 
-def test_a_score_counts_what_both_have() -> None:
+def test_score_counts_frames_that_both_have() -> None:
     times = np.arange(0.0, 1.0, 0.01)
     truth = rig.Angles(times, 10 * times)
     angles = 10 * times + 0.5

@@ -5,7 +5,7 @@ import pytest
 from support.notebook import run_notebook
 
 
-def test_it_runs_from_the_top(capsys: pytest.CaptureFixture[str]) -> None:
+def test_example_notebook_runs(capsys: pytest.CaptureFixture[str]) -> None:
     shown = run_notebook()
     assert "SIMULATED" in repr(shown[1])
     assert shown[-2] >= {"tracking"}

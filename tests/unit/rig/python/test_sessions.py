@@ -20,7 +20,7 @@ def session() -> rig.Session:
     return rig.open_session(TRIAL)
 
 
-def test_a_session_says_what_it_is(session: rig.Session) -> None:
+def test_session_has_its_metadata(session: rig.Session) -> None:
     assert (session.simulated, session.complete, len(session), session.problems) == (True, True, 1, ())
     assert (session.bench, session.estimator) == ("fake", "pca")
     assert session.started.startswith("20")
@@ -79,9 +79,7 @@ def test_an_estimator_over_frames_finds_the_turn(session: rig.Session) -> None:
     assert abs(answered[-1]) == pytest.approx(abs(turned), abs=6.0)
 
 
-def test_tables_where_pandas_is_and_a_word_where_it_is_not(
-    session: rig.Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tables_need_pandas(session: rig.Session, monkeypatch: pytest.MonkeyPatch) -> None:
     (lift,) = session
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=dict))
     columns = lift.to_pandas()
@@ -100,7 +98,7 @@ def test_real_pandas_makes_a_frame_of_it(session: rig.Session) -> None:
     assert table.shape == (len(session.lifts[0].estimate), 5)
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_missing_sessions_and_fingertips_are_rejected() -> None:
     with pytest.raises(SessionError, match="no such session folder"):
         rig.open_session("nowhere")
     with pytest.raises(SessionError, match="opens trials"):

@@ -29,7 +29,7 @@ PARTS = {
 }
 
 
-def test_the_names_are_these_and_each_says_what_it_is() -> None:
+def test_public_names_are_fixed_and_documented() -> None:
     functions = {"estimate", "open_session", "score", "solve_camera", "solve_hand_eye"}
     assert set(rig.__all__) == {*PARTS, *functions}
     assert dir(rig) == sorted(rig.__all__)
@@ -40,21 +40,21 @@ def test_the_names_are_these_and_each_says_what_it_is() -> None:
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_what_a_class_offers(name: str) -> None:
+def test_public_class_has_its_attributes(name: str) -> None:
     kind = getattr(rig, name)
     here = {part for part in (*dir(kind), *getattr(kind, "__dataclass_fields__", ())) if part[0] != "_"}
     assert sorted(here | ({"lifts", "problems"} if name == "Session" else set())) == PARTS[name].split()
 
 
 @pytest.mark.parametrize("name", SIGNATURES)
-def test_what_a_function_takes(name: str) -> None:
+def test_public_function_has_its_signature(name: str) -> None:
     taken = inspect.signature(getattr(rig, name))
     bare = [p.replace(annotation=inspect.Parameter.empty) for p in taken.parameters.values()]
     assert str(inspect.Signature(bare)) == SIGNATURES[name]
     assert all(p.annotation is not inspect.Parameter.empty for p in taken.parameters.values())
 
 
-def test_importing_it_costs_nothing() -> None:
+def test_import_loads_no_heavy_modules() -> None:
     code = (
         "import sys, rig; heavy = {'numpy', 'cv2', 'scipy', 'pydantic', 'typer', 'rig.python'};"
         "print(sorted(heavy & set(sys.modules)))"

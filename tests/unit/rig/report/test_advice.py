@@ -82,7 +82,7 @@ def with_a_fault(trial: Trial) -> Trial:
     return replace(trial, rows=[*trial.rows, failed])
 
 
-def test_a_sound_trial_is_said_to_be_sound(sound: Trial) -> None:
+def test_sound_trial_has_no_warning(sound: Trial) -> None:
     assert texts(sound) == "[good] Nothing stands out. All checks of this page passed."
 
 

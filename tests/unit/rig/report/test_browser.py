@@ -163,14 +163,6 @@ def test_small_numbers_on_an_axis_keep_their_digits(pages: dict[str, Path]) -> N
     assert re.search(r">.?0\.00[1-9]<", pages["calibration"].read_text())
 
 
-def test_print_tears_no_strip(browser: Browser, pages: dict[str, Path]) -> None:
-    browser.open(pages["trial"].as_uri(), 1280, "light")
-    browser.call("Emulation.setEmulatedMedia", media="print")
-    torn = "[...document.querySelectorAll('.strip, .beside')].map(e => getComputedStyle(e).breakInside)"
-    assert set(json.loads(browser.value(f"JSON.stringify({torn})"))) == {"avoid"}
-    browser.call("Emulation.setEmulatedMedia", media="screen")
-
-
 def test_calibration_page_lists_the_limits_of_its_verdict(browser: Browser, pages: dict[str, Path]) -> None:
     browser.open(pages["calibration"].as_uri(), 1280)
     rows = (
@@ -181,12 +173,3 @@ def test_calibration_page_lists_the_limits_of_its_verdict(browser: Browser, page
         ["the offset is known to 0.40 ms", "good", "at most 1", "at most 5"],
         ["8 samples used", "weak", "at least 10", "at least 5"],
     ]
-
-
-@pytest.mark.parametrize("kind", ["comparison", "calibration"])
-def test_page_uses_the_width_of_a_desktop(browser: Browser, pages: dict[str, Path], kind: str) -> None:
-    browser.open(pages[kind].as_uri(), 1400)
-    right = (
-        "Math.max(...[...document.querySelectorAll('svg, table')].map(e => e.getBoundingClientRect().right))"
-    )
-    assert browser.value(right) > 1150

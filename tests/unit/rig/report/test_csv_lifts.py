@@ -48,7 +48,7 @@ def test_the_ten_real_lifts_give_the_errors_that_were_read_off_with_them(
     assert "23.09 ± 16.03" in page
 
 
-def test_phases_are_told_from_the_reference(tmp_path: Path) -> None:
+def test_phases_are_found_from_the_reference_angle(tmp_path: Path) -> None:
     lift = read_table(ramp(tmp_path / "lift.csv"))
     assert lift.curves.phases_s["B"] == pytest.approx(1.05, abs=0.02)
     assert lift.curves.phases_s["C"] == pytest.approx(1.95, abs=0.03)
@@ -104,7 +104,7 @@ def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "beyond 9e"),
     ],
 )
-def test_what_is_no_lift_is_refused_with_its_place(
+def test_invalid_table_is_rejected_with_its_line(
     tmp_path: Path, head: str, rows: list[str], said: str
 ) -> None:
     with pytest.raises(InputError, match=said) as found:
@@ -117,7 +117,7 @@ def test_a_name_that_looks_like_a_formula_stays_a_name(tmp_path: Path) -> None:
     assert "$x {$</text>" in page
 
 
-def test_a_table_of_which_nothing_compares_is_said_to_have_no_answer(tmp_path: Path) -> None:
+def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     rows = [f"{i},{'nan'},0.0" for i in range(5)]
     path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)
     page = write_report([path], tmp_path / "page.html").path.read_text()

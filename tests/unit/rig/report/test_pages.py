@@ -112,20 +112,6 @@ def test_simulated_stands_first_and_the_errors_are_the_session_s(page: Page, tri
     assert f"{mean:.2f} ±" in page.text
 
 
-def test_tile_without_interval_has_no_gap_before_the_punctuation(page: Page) -> None:
-    assert "MARE in B (the paper, on its real bench: 1.85°)" in page.text
-    assert "MARE in B ;" not in page.text
-
-
-def test_range_of_one_turn_is_one_number(drawn_trial: Any, tmp_path: Path) -> None:
-    folder = drawn_trial(tmp_path / "s", (-16.1,))
-    table = object_table(summarize_trial(read_finished_lifts(folder)))
-    assert dict(zip(table.columns, table.rows[0], strict=True))["true turn, °"] == "-16"
-    text = page_of(folder).text
-    assert "1 lifts" not in text
-    assert "1 objects" not in text
-
-
 def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) -> None:
     rows = read_finished_lifts(trial)
     table = object_table(summarize_trial(rows))
@@ -171,7 +157,7 @@ def test_a_corrupt_and_a_missing_recording_are_named_and_the_rest_is_shown(
     assert not any("wrench, lift 1" in name for name in found.figures)
 
 
-def test_any_byte_of_a_recording_may_be_wrong(drawn_trial: Any, tmp_path: Path) -> None:
+def test_report_is_written_with_a_recording_damaged_anywhere(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,))
     recording = folder / "lifts" / "001.mcap"
     whole = recording.read_bytes()
@@ -204,7 +190,7 @@ def test_a_damaged_line_is_named_and_left_out(drawn_trial: Any, tmp_path: Path) 
         ('{"schema_version": 1, "kind": "dream"}', "'dream' session"),
     ],
 )
-def test_a_session_that_cannot_be_shown_gets_a_page_that_says_why(
+def test_unreadable_session_gets_a_page_with_the_reason(
     drawn_trial: Any, tmp_path: Path, manifest: str, said: str
 ) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,))
@@ -231,7 +217,7 @@ def test_a_lift_without_angles_is_shown_as_such(drawn_trial: Any, tmp_path: Path
     assert "most often 'unobservable'" in found.text
 
 
-def test_what_is_no_source_is_refused(tmp_path: Path, trial: Path) -> None:
+def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
     with pytest.raises(InputError, match="no such session"):
         write_report([tmp_path / "nowhere"])
     with pytest.raises(InputError, match="neither a session nor CSV"):

@@ -97,7 +97,7 @@ def test_no_winner_is_named_between_equal_sides_more_than_once_in_twenty(lifts: 
     assert np.mean([low > 0.0 or high < 0.0 for low, high in map(interval, samples)]) <= 0.05
 
 
-def test_refusing_does_not_pay() -> None:
+def test_refused_frames_hold_the_last_angle() -> None:
     assert hold_last([None, 2.0, None, 5.0]).tolist() == [0.0, 2.0, 2.0, 5.0]
 
 

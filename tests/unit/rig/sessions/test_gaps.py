@@ -9,6 +9,7 @@ from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.experiments.batch_replay import plan_replays, replay_task
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.report.session import find_lift, read_trial
 from rig.report.write import write_report
 from rig.results.listing import SessionState, list_session
@@ -71,7 +72,7 @@ def test_a_recording_without_its_end_is_read_up_to_there(trial: Path) -> None:
 
 
 def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_chunk: int) -> None:
-    replay = run_replay(trial, None, None, jobs=1)
+    replay = run_replay(stored_trial(trial), jobs=1)
     stored, partly = replay.rows
     assert partly.phases_s == stored.phases_s
     assert sum(partly.dropped.values()) > sum(stored.dropped.values())
@@ -86,7 +87,7 @@ def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_c
 def test_a_phase_hidden_by_a_gap_is_taken_from_the_lifts_row(trial: Path, phase: Phase) -> None:
     recording = trial / "lifts" / "002.mcap"
     damage_chunks(recording, chunk_with(recording, "/phase", list(Phase).index(phase)))
-    replay = run_replay(trial, None, None, jobs=1)
+    replay = run_replay(stored_trial(trial), jobs=1)
     stored, partly = replay.rows
     assert partly.phases_s == stored.phases_s
     assert partly.final_estimate_deg == pytest.approx(stored.final_estimate_deg, abs=2.0)

@@ -9,6 +9,7 @@ import pytest
 from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.export.formats import export_session
 from rig.report.write import write_report
 from rig.results.listing import SessionState, list_session
@@ -46,7 +47,7 @@ def test_session_with_a_further_phase_opens_and_is_listed(longer_trial: Path) ->
 
 def test_session_with_a_further_phase_replays_as_without_it(longer_trial: Path) -> None:
     [stored] = read_finished_lifts(STORED)
-    replay = run_replay(longer_trial, None, None, jobs=1)
+    replay = run_replay(stored_trial(longer_trial), jobs=1)
     [again] = replay.rows
     assert replay.problems == ()
     assert again.final_estimate_deg == stored.final_estimate_deg

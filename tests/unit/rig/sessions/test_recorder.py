@@ -16,7 +16,7 @@ HOUR_MS = 3_600_000
 
 
 def frame(serial: str, time_ms: int, sequence: int) -> Frame:
-    return Frame(np.zeros((1, 1, 3), np.uint8), time_ms * MS, sequence, serial)
+    return Frame(np.zeros((1, 1, 3), np.uint8), time_ms * MS, sequence, serial, b"jpeg")
 
 
 @pytest.mark.parametrize("wrong_ms", [110, 60, 110 + HOUR_MS], ids=["none", "early", "an hour ahead"])
@@ -25,7 +25,7 @@ def test_log_times_increase_over_frames_and_again_over_angles(tmp_path: Path, wr
     recorder = LiftRecorder(stream)
     arrived = [("T1", 100), ("CAM", 90), ("T1", wrong_ms), ("CAM", 120), ("T1", 130)]
     for number, (serial, time_ms) in enumerate(arrived):
-        recorder.image(frame(serial, time_ms, number), b"jpeg")
+        recorder.frame(frame(serial, time_ms, number))
     for time_ms in (130, 100):
         recorder.angle(FUSED_TOPIC, RecordedAngle(time_ms * MS, 1.0, 0.1, "measured"))
     recorder.close()

@@ -59,7 +59,7 @@ def test_every_number_comes_back_to_the_last_bit(one: float, other: float) -> No
     assert LIFT_TIMINGS.parsed(json_line(timing)) == timing
 
 
-def test_what_is_written_only_where_it_is_so_is_absent_elsewhere(lift_row: MakeRow) -> None:
+def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
     assert "fault" not in json_value(lift_row(1))
     assert json_value(POSE)["fault"] is None
     assert "capture_to_angle" not in json_value(LiftTiming(number=1, attempt=0, wall_s=1.0, stages={}))
@@ -135,6 +135,8 @@ def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> N
         (lambda m: m.update(kind="dream"), "a 'dream' session, this version knows trial, record, replay"),
         (lambda m: m.pop("kind"), "a None session"),
         (lambda m: m.pop("schema_version"), "'schema_version' is missing"),
+        (lambda m: m.update(schema_version=99), "schema version 99"),
+        (lambda m: m.update(kind=["trial"]), "'kind' Input should be a valid string"),
     ],
 )
 def test_a_wrong_manifest_is_named_by_its_key(
@@ -158,7 +160,7 @@ def test_another_kind_of_session_is_refused_in_one_sentence(drawn_recording: Any
 
 
 @pytest.mark.parametrize("line", ["null", '{"number": 1}', None])
-def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
+def test_broken_session_is_listed_and_the_others_are_replayed(
     drawn_trial: Any, tmp_path: Path, line: str | None
 ) -> None:
     good, broken = drawn_trial(tmp_path / "a"), drawn_trial(tmp_path / "b")
@@ -169,7 +171,11 @@ def test_a_broken_session_is_a_line_with_its_problem_and_the_rest_goes_on(
         line = json.dumps(row)
     (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
     plan = plan_replays([broken, good], None, None)
-    assert [(task.folder, task.row.number) for task in plan.tasks] == [(broken, 1), (good, 1), (good, 2)]
+    assert [(task.trial.folder, task.row.number) for task in plan.tasks] == [
+        (broken, 1),
+        (good, 1),
+        (good, 2),
+    ]
     [(folder, problem)] = plan.broken
     assert folder == broken
     assert "lifts.jsonl: line 2 is damaged" in problem

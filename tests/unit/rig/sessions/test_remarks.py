@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import InputError
 from rig.config import load_bench
-from rig.experiments.lift_attempt import TrialSettings
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import trial_manifest
 from rig.report.header import header
 from rig.sessions.codec import json_value
@@ -25,7 +25,7 @@ def stored(folder: Path) -> TrialManifest:
     return read_manifest_of(folder, TrialManifest, "")
 
 
-def test_they_are_kept_with_the_session_and_ask_for_nothing(tmp_path: Path) -> None:
+def test_remarks_are_stored_and_not_part_of_the_request(tmp_path: Path) -> None:
     said = remarks_of("new gel", "cleaned <twice> & dried", ["gel-7", "gel-7", "übung"], "Ada")
     open_session(tmp_path / "s", manifest(said), LIFTS, resume=False).close()
     kept = stored(tmp_path / "s")
@@ -39,7 +39,7 @@ def test_a_session_without_any_is_written_as_before() -> None:
     assert "remarks" not in json_value(manifest())
 
 
-def test_what_is_said_when_it_goes_on_is_added(tmp_path: Path) -> None:
+def test_remarks_given_on_resume_are_added(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     open_session(folder, manifest(remarks_of("first", None, ["a"], "Ada")), LIFTS, resume=False).close()
     open_session(folder, manifest(), LIFTS, resume=True).close()
@@ -60,7 +60,7 @@ def test_what_is_said_when_it_goes_on_is_added(tmp_path: Path) -> None:
         (None, None, [f"t{i}" for i in range(21)], "21 tags"),
     ],
 )
-def test_what_could_not_be_shown_is_refused(
+def test_remarks_that_cannot_be_shown_are_rejected(
     name: str | None, note: str | None, tags: list[str], said: str
 ) -> None:
     with pytest.raises(InputError, match=said):

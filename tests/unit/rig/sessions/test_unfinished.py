@@ -26,13 +26,13 @@ RECORDING = "lifts/007.mcap"
 MB = 1_000_000
 
 
-def frame(number: int) -> Frame:
-    return Frame(np.zeros((1, 1, 3), np.uint8), (1 + number) * 10_000_000, number, "T1")
+def frame(number: int, jpeg: bytes) -> Frame:
+    return Frame(np.zeros((1, 1, 3), np.uint8), (1 + number) * 10_000_000, number, "T1", jpeg)
 
 
 def record(recorder: LiftRecorder, frames: int, size: int = 20_000) -> None:
     for number in range(frames):
-        recorder.image(frame(number), os.urandom(size))
+        recorder.frame(frame(number, os.urandom(size)))
 
 
 def interrupt(recorder: LiftRecorder, file: BackgroundFile, frames: int) -> None:
@@ -128,7 +128,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     def until_full() -> None:
         with completed(recorder, file):
             for number in range(500):
-                recorder.image(frame(number), bytes(20_000))
+                recorder.frame(frame(number, bytes(20_000)))
                 sizes.append(file.tell())
                 time.sleep(0.001)
 

@@ -47,7 +47,7 @@ def test_an_entry_point_with_the_name_of_one_of_ours_does_not_hide_ours(imported
     assert not imported.exists()
 
 
-def test_what_only_a_session_names_is_not_imported_and_not_made(imported: Path) -> None:
+def test_estimator_named_only_by_a_session_is_not_imported(imported: Path) -> None:
     for name in (f"{MODULE}:Mine", "lab-pca", "never heard of"):
         choice = stored_choice(name, 2)
         with pytest.raises(EstimatorError, match=r"add --estimator .*, or another"):
@@ -70,9 +70,7 @@ def test_what_only_a_session_names_is_not_imported_and_not_made(imported: Path) 
         (f"{MODULE}:No_update", r"has no method update\(image, time_ns\)"),
     ],
 )
-def test_what_cannot_be_an_estimator_is_refused_where_it_is_named(
-    imported: Path, name: str, says: str
-) -> None:
+def test_invalid_estimator_name_is_rejected(imported: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         choose_estimator(name)
 
@@ -87,14 +85,14 @@ def test_a_module_that_does_not_import_says_why(imported: Path) -> None:
             choose_estimator(f"broken_{number}:Any")
 
 
-def test_one_that_cannot_be_made_is_seen_before_a_lift(imported: Path) -> None:
+def test_constructor_error_is_raised_before_a_lift(imported: Path) -> None:
     with pytest.raises(EstimatorError, match=r"making it raised TypeError: .*weights"):
         choose_estimator(f"{MODULE}:Needs_more").try_making()
     choose_estimator(f"{MODULE}:Mine").try_making()
     choose_estimator("slip").try_making()
 
 
-def test_a_constructor_has_what_it_asks_for_and_answers_are_plain_numbers(imported: Path) -> None:
+def test_constructor_gets_aspect_and_sign_and_answers_become_floats(imported: Path) -> None:
     estimator = choose_estimator(f"{MODULE}:Told").make(GEL, aspect=1.25, sign=-1)
     sample = estimator.update(GEL, 0)
     assert (sample.angle_deg, sample.sigma_deg) == (1.25, 1.0)
@@ -102,13 +100,13 @@ def test_a_constructor_has_what_it_asks_for_and_answers_are_plain_numbers(import
     assert list(sample.stage_s) == ["update"]
 
 
-def test_what_it_does_to_its_picture_is_its_own_affair(imported: Path) -> None:
+def test_estimator_cannot_change_the_frame(imported: Path) -> None:
     frame = GEL.copy()
     choose_estimator(f"{MODULE}:Numpy").make(GEL).update(frame, 0)
     assert np.array_equal(frame, GEL)
 
 
-def test_a_frame_it_fails_on_is_lost_and_the_others_are_answered(imported: Path) -> None:
+def test_frame_with_an_exception_is_lost_and_the_others_are_answered(imported: Path) -> None:
     told = answers("Now_and_then", 30)
     assert [sample.state for sample in told].count(State.LOST) == 3
     faults = faults_of(told)
@@ -117,7 +115,7 @@ def test_a_frame_it_fails_on_is_lost_and_the_others_are_answered(imported: Path)
     )
 
 
-def test_rubbish_is_lost_frame_by_frame_and_named(imported: Path) -> None:
+def test_invalid_samples_are_lost_with_a_reason(imported: Path) -> None:
     told = answers("Rubbish", 16)
     assert all(sample.state is State.LOST and sample.angle_deg is None for sample in told)
     said = [str(sample.fault) for sample in told]
@@ -129,7 +127,7 @@ def test_rubbish_is_lost_frame_by_frame_and_named(imported: Path) -> None:
     assert all(word in text for word, text in zip(words, said, strict=True)), said
 
 
-def test_it_sees_each_frame_once_and_of_one_size(imported: Path) -> None:
+def test_estimator_gets_each_frame_once_and_of_one_size(imported: Path) -> None:
     estimator = choose_estimator(f"{MODULE}:Now_and_then").make(GEL)
     for _ in range(40):
         assert estimator.update(GEL, 0).fault is None

@@ -11,7 +11,7 @@ from drivers.errors import InputError
 torch = pytest.importorskip("torch", reason="training is the extra 'train'")
 
 
-def test_it_is_trained_exported_and_answers_alike_from_its_file(tmp_path: Path) -> None:
+def test_trained_network_is_exported_and_loaded(tmp_path: Path) -> None:
     from rig.tactile.slip.turning import load_turning
     from rig.training.turning_net import train_turning
 

@@ -9,12 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from drivers.types import Pose
 from fakes.wire.ur.control_loop import DONE, READY, ControlLoop
-from fakes.wire.ur.frames import to_ur
+from fakes.wire.ur.geometry import to_ur
 from fakes.wire.ur.robot import CYCLE_NS, CYCLE_S, Robot
-from fakes.wire.ur.script import ControlProgram
 from fakes.world.world import BenchLayout, World
 
-MOVE_J, MOVE_L, STOP_L, SERVO_J = 1, 3, 33, 11
+MOVE_L, SERVO_J = 3, 11
 DOWN = Rotation.from_euler("x", 180, degrees=True)
 HOME = (0.45, 0.0, 0.30)
 
@@ -30,7 +29,7 @@ class Rig:
         self.upload()
 
     def upload(self) -> bool:
-        started = self.robot.run(ControlLoop(self.robot, ControlProgram(self.offset)))
+        started = self.robot.run(ControlLoop(self.robot, self.offset).run())
         self.run(1)
         return started
 
@@ -48,7 +47,7 @@ class Rig:
         """Send a command and wait until it is done, as the client does; return the number of cycles."""
         self.send(command, doubles, integer)
         cycles = 0
-        while cycles < 5000 and self.robot.running and (not cycles or self.integer(0) != DONE):
+        while cycles < 5000 and self.robot.runtime.running and (not cycles or self.integer(0) != DONE):
             self.run(1)
             cycles += 1
         self.send(0)
@@ -64,11 +63,6 @@ class Rig:
     @property
     def pose(self) -> tuple[float, ...]:
         return to_ur(self.robot.body.tcp)
-
-    @property
-    def asynchronous(self) -> tuple[int, bool]:
-        """Operation and running bit of the status register."""
-        return self.integer(2) >> 24, bool(self.integer(2) & 0x8000)
 
 
 @pytest.fixture
@@ -87,45 +81,6 @@ def test_linear_move_is_done_on_arrival(offset: int) -> None:
     assert np.allclose(rig.pose[:3], above(0.1)[:3], atol=1e-9)
     assert took_s == pytest.approx(0.25 / 1.0 + 0.1 / 0.25, abs=0.01), "trapezoid: v/a + s/v"
     assert rig.integer(0) == READY
-
-
-def test_joint_move_ends_at_its_joints(rig: Rig) -> None:
-    q = list(rig.robot.body.q)
-    q[0] += 0.5
-    rig.call(MOVE_J, (*q, 1.0, 2.0), 0)
-    assert np.allclose(rig.robot.body.q, q)
-
-
-def test_asynchronous_move_is_done_at_once_and_reports(rig: Rig) -> None:
-    before, running = rig.asynchronous
-    assert not running
-    assert rig.call(MOVE_L, (*above(0.1), 0.1, 1.0), 1) < 5
-    assert rig.asynchronous == (before + 1, True)
-    rig.run(1000)
-    assert rig.asynchronous == (before + 1, False)
-    assert rig.pose[2] == pytest.approx(HOME[2] + 0.1)
-
-
-def test_stop_brakes_within_one_control_cycle(rig: Rig) -> None:
-    rig.call(MOVE_L, (*above(0.2), 0.2, 2.0), 1)
-    rig.run(150)
-    assert rig.robot.body.twist[2] == pytest.approx(0.2)
-    rig.send(STOP_L, (10.0,), 1)
-    rig.run(1)
-    assert rig.robot.body.twist[2] < 0.2
-    rig.run(20)
-    assert rig.robot.body.twist[2] == 0.0
-    assert not rig.asynchronous[1]
-    assert HOME[2] < rig.pose[2] < HOME[2] + 0.1
-
-
-def test_first_synchronous_stop_is_a_joint_stop(rig: Rig) -> None:
-    """A quirk of ur-rtde 1.6.5: only the asynchronous branch says which kind of stop it is."""
-    rig.call(MOVE_L, (*above(0.2), 0.2, 2.0), 1)
-    rig.run(150)
-    joint_brake_s = max(map(abs, rig.robot.body.qd)) / 0.5
-    assert abs(joint_brake_s - 0.2 / 0.5) > 0.1, "the two kinds of stop differ here"
-    assert rig.call(STOP_L, (0.5,), 0) * CYCLE_S == pytest.approx(joint_brake_s, abs=0.01)
 
 
 def test_command_is_executed_once_until_it_is_cleared(rig: Rig) -> None:
@@ -154,9 +109,9 @@ def test_watchdog_ends_program_without_writes(rig: Rig) -> None:
     for _ in range(10):
         rig.send(0)
         rig.run(40)
-    assert rig.robot.running
+    assert rig.robot.runtime.running
     rig.run(60)
-    assert not rig.robot.running
+    assert not rig.robot.runtime.running
 
 
 def test_protective_stop_brakes_ends_program_and_blocks_uploads(rig: Rig) -> None:
@@ -165,7 +120,7 @@ def test_protective_stop_brakes_ends_program_and_blocks_uploads(rig: Rig) -> Non
     rig.robot.protective_stop()
     rig.run(50)
     assert rig.robot.body.twist == (0.0,) * 6
-    assert not rig.robot.running
+    assert not rig.robot.runtime.running
     assert rig.robot.bank.get("safety_status_bits") == 0x404
     assert rig.robot.bank.get("safety_mode") == 3
     assert not rig.robot.safety.unlock(rig.robot.time_ns)
@@ -175,11 +130,9 @@ def test_protective_stop_brakes_ends_program_and_blocks_uploads(rig: Rig) -> Non
     assert rig.upload()
 
 
-@pytest.mark.parametrize(
-    ("command", "reason"), [(MOVE_L, "no inverse"), (46, "no inverse"), (SERVO_J, "command 11 of ur-rtde")]
-)
+@pytest.mark.parametrize(("command", "reason"), [(MOVE_L, "no inverse"), (SERVO_J, "command 11 of ur-rtde")])
 def test_pose_out_of_reach_or_unknown_command_ends_the_program(rig: Rig, command: int, reason: str) -> None:
     rig.call(command, (2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 1.0), 0)
-    assert not rig.robot.running
-    assert reason in rig.robot.last_error
+    assert not rig.robot.runtime.running
+    assert reason in rig.robot.runtime.last_error
     assert rig.upload()

@@ -1,15 +1,16 @@
-"""The simulated controller: its time, its state, and faults on request."""
+"""The simulated controller: its time, its end, unknown faults, and clients that misbehave.
+
+Its faults are tested with the driver, in tests/scenario/ur5e.
+"""
 
 import itertools
 import socket
-import struct
-import time
 
 import pytest
 
 from drivers.errors import InputError
 from fakes.wire.ur.controller import URController
-from support.ur_clients import Connect, make
+from support.ur_clients import Connect, ask_dashboard, make
 from support.waiting import until
 
 
@@ -38,68 +39,6 @@ def test_controller_can_be_started_again(controller: URController, connect: Conn
     assert connect(controller.host).timestamp() > 0.0
 
 
-def test_frozen_stream_sends_nothing_until_cleared(controller: URController, connect: Connect) -> None:
-    client = connect(controller.host)
-    controller.inject("stream_frozen")
-    client.socket.settimeout(0.3)
-    with pytest.raises(TimeoutError):
-        client.read_on()
-    controller.inject("clear")
-    client.timestamp()
-
-
-def test_frozen_stream_can_repeat_itself(controller: URController, connect: Connect) -> None:
-    client = connect(controller.host)
-    client.timestamp()
-    controller.inject("stream_frozen", repeat=True)
-    until(lambda: client.timestamp() == client.timestamp())
-    assert len({client.timestamp() for _ in range(50)}) == 1
-
-
-def test_dropped_connections_end_and_new_ones_are_accepted(
-    controller: URController, connect: Connect
-) -> None:
-    client = connect(controller.host)
-    controller.inject("socket_dropped")
-    with pytest.raises((EOFError, ConnectionError)):
-        client.read_on()
-    assert connect(controller.host).timestamp() > 0.0
-
-
-def test_silent_controller_accepts_connections_without_answering(controller: URController) -> None:
-    controller.inject("silent")
-    with socket.create_connection((controller.host, 30004), timeout=0.3) as connection:
-        connection.sendall(b"\x00\x05V\x00\x02")
-        with pytest.raises(TimeoutError):
-            connection.recv(1)
-    with (
-        socket.create_connection((controller.host, 29999), timeout=0.3) as connection,
-        pytest.raises(TimeoutError),
-    ):
-        connection.recv(1)
-
-
-@pytest.mark.parametrize("reply", ["NOT_FOUND", "IN_USE"])
-def test_recipes_can_be_refused(controller: URController, reply: str) -> None:
-    controller.inject("recipe_refused", reply=reply)
-    with socket.create_connection((controller.host, 30004), timeout=2.0) as connection:
-        connection.sendall(b"\x00\x17I" + b"input_int_register_0")
-        assert connection.recv(100) == struct.pack(">Hc", 4 + len(reply), b"I") + b"\x00" + reply.encode()
-
-
-def test_local_control_refuses_programs(controller: URController) -> None:
-    controller.inject("remote_control_off")
-    with socket.create_connection((controller.host, 30003), timeout=2.0) as connection:
-        connection.sendall(b"def mine():\n sleep(10)\nend\n")
-        time.sleep(0.1)
-        assert not controller.snapshot()["program_running"]
-        controller.inject("clear")
-        connection.sendall(b"def mine():\n sleep(10)\nend\n")
-        until(lambda: controller.snapshot()["program_running"])
-    controller.inject("program_killed")
-    until(lambda: not controller.snapshot()["program_running"])
-
-
 @pytest.mark.parametrize(
     ("kind", "arguments"), [("fire", {}), ("silent", {"repeat": True}), ("recipe_refused", {"reply": "NO"})]
 )
@@ -114,3 +53,42 @@ def test_failure_of_the_controller_is_reported(
     assert controller.failure is None
     monkeypatch.setattr(controller.robot, "cycle", lambda time_ns: 1 / 0)
     until(lambda: isinstance(controller.failure, ZeroDivisionError))
+
+
+def test_invalid_bytes_end_that_connection_only(controller: URController, connect: Connect) -> None:
+    client = connect(controller.host)
+    with socket.create_connection((controller.host, 30004), timeout=2.0) as connection:
+        connection.sendall(b"\x00\x00\x00garbage")
+        assert connection.recv(10) == b""
+    assert client.timestamp() > 0.0
+
+
+def test_client_that_does_not_read_is_closed_without_delaying_others(
+    controller: URController, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fakes.wire.ur.connections.GIVE_UP_S", 0.1)
+    names = ",".join(f"output_double_register_{i}" for i in range(48))
+    connect(controller.host, names)
+    client = connect(controller.host)
+    until(lambda: client.timestamp() > 0.0 and controller.snapshot()["clients"] == 1, limit_s=20.0)
+
+
+def test_unread_answers_do_not_pile_up(controller: URController, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fakes.wire.ur.connections.MOST_PENDING", 10_000)
+    with socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.connect((controller.host, 29999))
+        connection.settimeout(10.0)
+        with pytest.raises(ConnectionError):
+            connection.sendall(b"robotmode\n" * 10_000_000)
+    assert ask_dashboard(controller.host, b"robotmode") == b"Robotmode: RUNNING\n"
+
+
+def test_clients_beyond_the_limit_are_rejected(
+    controller: URController, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fakes.wire.ur.controller.MOST_CLIENTS", 1)
+    client = connect(controller.host)
+    with socket.create_connection((controller.host, 30004), timeout=2.0) as connection:
+        assert connection.recv(1) == b""
+    assert client.timestamp() > 0.0

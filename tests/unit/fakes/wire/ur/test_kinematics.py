@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fakes.wire.ur import frames as ur_frames
-from fakes.wire.ur.kinematics import forward, nearest_inverse, tracked_inverse
+from fakes.wire.ur import geometry as ur_frames
+from fakes.wire.ur.geometry import forward, nearest_inverse, tracked_inverse
 from fakes.world import kinematics
 
 joints = st.tuples(*[st.floats(-3.1, 3.1)] * 6)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from fakes.wire.ur.rtde import PackageType, RtdeSession, package, split_packages
-from fakes.wire.ur.variables import FORMATS, OUTPUTS, OutputBank, Value, output_type, unpacked
+from fakes.wire.ur.variables import FORMATS, OUTPUTS, OutputBank, Value, unpacked
 
 VERSION = (5, 11, 0, 108249)
 RANGES = {
@@ -24,10 +24,10 @@ RANGES = {
 class Client:
     """A session and what it wrote, driven by hand."""
 
-    def __init__(self, version: tuple[int, int, int, int] = VERSION, refused: str | None = None) -> None:
+    def __init__(self, refused: str | None = None) -> None:
         self.bank = OutputBank()
         self.written: list[dict[str, Value]] = []
-        self.session = RtdeSession(self.bank, version, self.written.append, lambda _: refused)
+        self.session = RtdeSession(self.bank, VERSION, self.written.append, lambda _: refused)
 
     def ask(self, kind: str, payload: bytes = b"") -> bytes:
         [(answered, answer)] = split_packages(bytearray(self.session.feed(package(ord(kind), payload))))
@@ -45,28 +45,6 @@ def test_first_frames_are_those_of_the_guide() -> None:
         "001376 00000005 0000000b 00000000 0001a6d9"
     )
     assert session.feed(bytes.fromhex("0005560001")) == bytes.fromhex("00045600"), "version 1 is refused"
-
-
-def test_outputs_are_answered_with_their_types_and_sent_in_their_order() -> None:
-    client = Client()
-    assert client.outputs("timestamp,actual_q,robot_mode,") == b"\x01DOUBLE,VECTOR6D,INT32"
-    client.bank.set("timestamp", 1.5)
-    client.bank.set("actual_q", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    client.bank.set("robot_mode", -1)
-    assert client.ask("S") == b"\x01"
-    values = struct.pack(">d6di", 1.5, 1, 2, 3, 4, 5, 6, -1)
-    assert client.session.data() == package(PackageType.DATA, b"\x01" + values)
-
-
-def test_nothing_is_sent_before_start_and_after_pause() -> None:
-    client = Client()
-    assert client.ask("S") == b"\x00", "no outputs were set up"
-    client.outputs("timestamp")
-    assert not client.session.due(0)
-    client.ask("S")
-    assert client.session.due(0)
-    assert client.ask("P") == b"\x01"
-    assert not client.session.due(0)
 
 
 @pytest.mark.parametrize(
@@ -88,24 +66,6 @@ def test_unknown_register_is_not_found(name: str) -> None:
     client = Client()
     assert client.outputs(name) == b"\x00NOT_FOUND"
     assert client.ask("I", name.encode()) == b"\x00NOT_FOUND"
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new"),
-    [
-        ("safety_status", (5, 3), (5, 4)),
-        ("ft_raw_wrench", (5, 8), (5, 9)),
-        ("payload", (5, 5), (5, 6)),
-        ("target_gravity", (5, 25), (5, 26)),
-        ("output_double_register_24", (5, 2), (5, 3)),
-    ],
-)
-def test_variable_exists_from_its_version_on(name: str, old: tuple[int, int], new: tuple[int, int]) -> None:
-    assert output_type(name, (*old, 0, 0)) is None
-    assert output_type(name, (*new, 0, 0)) is not None
-    client = Client((*old, 0, 0))
-    assert client.outputs(f"timestamp,{name}") == b"\x00DOUBLE,NOT_FOUND"
-    assert client.ask("S") == b"\x00"
 
 
 def test_input_recipes_are_numbered_from_one_and_write_their_values() -> None:

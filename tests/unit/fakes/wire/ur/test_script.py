@@ -9,7 +9,7 @@ from drivers.types import Pose
 from fakes.wire.ur import script as ur_script
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.robot import CYCLE_NS, Robot
-from fakes.wire.ur.script import ControlProgram, OtherProgram, OtherProgramRun, ProgramReader, recognise
+from fakes.wire.ur.script import ProgramReader, register_offset, run_other
 from fakes.world.world import BenchLayout, World
 
 CONTROL = """def rtde_control():
@@ -31,9 +31,7 @@ def robot() -> Robot:
 
 def run(robot: Robot, line: str, cycles: int) -> None:
     """Start a program of one line and run the controller."""
-    program = recognise(f"def other():\n  {line}\nend")
-    assert isinstance(program, OtherProgram)
-    assert robot.run(OtherProgramRun(robot, program))
+    assert robot.run(run_other(robot, f"def other():\n  {line}\nend"))
     go_on(robot, cycles)
 
 
@@ -44,7 +42,8 @@ def go_on(robot: Robot, cycles: int) -> None:
 
 @pytest.mark.parametrize("offset", [0, 24])
 def test_control_program_is_recognised_with_its_offset(offset: int) -> None:
-    assert recognise(CONTROL.format(offset=offset)) == ControlProgram(offset)
+    assert register_offset(CONTROL.format(offset=offset)) == offset
+    assert register_offset("movej([0,0,0,0,0,0])") is None
 
 
 @pytest.mark.parametrize("step", [1, 7, 4096])
@@ -71,7 +70,7 @@ def test_program_without_end_is_rejected(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_program_of_others_moves_and_ends(robot: Robot) -> None:
     run(robot, "movel(p[0.45, 0.05, 0.25, 3.14159265, 0, 0], a=1.2, v=0.5)", 500)
     assert np.allclose(robot.body.tcp[:3], (0.45, 0.05, 0.25), atol=1e-6)
-    assert (robot.running, robot.last_error) == (False, "ended")
+    assert (robot.runtime.running, robot.runtime.last_error) == (False, "ended")
 
 
 @pytest.mark.parametrize(
@@ -87,28 +86,26 @@ def test_program_of_others_moves_and_ends(robot: Robot) -> None:
 )
 def test_invalid_line_ends_the_program(robot: Robot, line: str) -> None:
     run(robot, line, cycles=5)
-    assert not robot.running
-    assert robot.last_error not in ("", "ended")
+    assert not robot.runtime.running
+    assert robot.runtime.last_error not in ("", "ended")
 
 
 def test_program_starts_once_it_has_been_read(robot: Robot) -> None:
     """ur-rtde's takes about 40 ms; until then nothing runs, or still the program before."""
-    assert robot.run(ControlLoop(robot, ControlProgram()), characters=42_000)
+    assert robot.run(ControlLoop(robot).run(), characters=42_000)
     go_on(robot, 20)
     assert (robot.bank.get("runtime_state"), robot.bank.get("output_int_register_0")) == (1, 0)
     go_on(robot, 2)
     assert (robot.bank.get("runtime_state"), robot.bank.get("output_int_register_0")) == (2, 1)
-    assert robot.run(ControlLoop(robot, ControlProgram()), characters=42_000)
-    assert robot.running
+    assert robot.run(ControlLoop(robot).run(), characters=42_000)
+    assert robot.runtime.running
     robot.end_program("stopped")
     go_on(robot, 100)
-    assert not robot.running, "the program that was being read is discarded, too"
+    assert not robot.runtime.running, "the program that was being read is discarded, too"
 
 
 def test_program_that_replaces_a_moving_one_moves(robot: Robot) -> None:
     run(robot, "movel(p[0.45, 0, 0.2, 3.14159265, 0, 0], a=1, v=0.1)", cycles=50)
-    second = recognise("movel(p[0.45, 0, 0.35, 3.14159265, 0, 0], a=2, v=0.5)")
-    assert isinstance(second, OtherProgram)
-    robot.run(OtherProgramRun(robot, second), characters=100)
+    robot.run(run_other(robot, "movel(p[0.45, 0, 0.35, 3.14159265, 0, 0], a=2, v=0.5)"), characters=100)
     go_on(robot, 500)
     assert robot.body.tcp[2] == pytest.approx(0.35, abs=1e-6)

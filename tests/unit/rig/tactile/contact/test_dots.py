@@ -120,7 +120,7 @@ def test_the_angle_comes_from_what_lies_between_the_dots(blank: Image, press: Dr
     assert last - zero == pytest.approx(17.0, abs=1.0)
 
 
-def test_what_the_angles_come_from_is_named(blank: Image) -> None:
+def test_source_of_the_angles_is_named(blank: Image) -> None:
     dotted = printed(blank, grid())
     assert choose_estimator("slip").sees(dotted) == "what lies between the printed dots"
     assert choose_estimator("kolamuri").sees(dotted) == "the printed dots"

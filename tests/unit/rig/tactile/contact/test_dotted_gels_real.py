@@ -4,6 +4,8 @@ from collections import Counter
 from itertools import islice
 from pathlib import Path
 
+import pytest
+
 from drivers.formats import read_csv_rows
 from rig.frames.series import read_frames
 from rig.tactile.contact.background import mean_background
@@ -13,6 +15,7 @@ from rig.tactile.sample import State
 SPANS = Path(__file__).resolve().parents[4] / "data" / "marker_slip_contacts.csv"
 
 
+@pytest.mark.long
 def test_printed_dots_are_not_reported_as_contact(real_data: Path) -> None:
     folder = real_data / "marker_slip_clips"
     rows = [row for _, row in read_csv_rows(SPANS, ("clip", "first", "last", "contact", "background"))]

@@ -31,7 +31,7 @@ def test_every_level_has_to_stay() -> None:
     assert steadiness.settled
 
 
-def test_one_frame_is_no_touch_and_a_gap_begins_anew() -> None:
+def test_touch_needs_three_frames_without_a_gap() -> None:
     touch = TouchDebounce()
     seen = []
     for contact in (True, False, True, True, True, False):

@@ -1,28 +1,22 @@
 """The paper's estimators: sign, unwrapping, window, refusals, and the published ones' faults."""
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.tactile.estimators import (
-    DEFAULT_ESTIMATOR,
-    ESTIMATORS,
-    MATCHERS,
-    PEERS,
-    PUBLISHED,
-    choose_estimator,
-)
+from drivers.images import read_image
+from rig.tactile.contact.background import auto_background
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, MATCHERS, PEERS, PUBLISHED, choose_estimator
+from rig.tactile.paper.axis import METHODS, ellipse_axis, largest_contour, wrapped
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
-
 MENDED = ["skeleton", "ellipse", "pca"]
 PERIOD_NS = 16_666_667
 # Skeletons lean towards rows and diagonals of pixels, more so for wide contacts.
@@ -45,11 +39,6 @@ def test_the_names_are_the_contracts() -> None:
         "ecc", "polar", "kolamuri", "anglenet", "toskov",
     }  # fmt: skip
     assert DEFAULT_ESTIMATOR == "slip"
-
-
-def test_an_unknown_name_is_answered_with_the_names(blank: Image) -> None:
-    with pytest.raises(InputError, match="skeleton-published"):
-        choose_estimator("skeletton").make(blank)
 
 
 @pytest.mark.parametrize("window", [0, -1, 101])
@@ -171,44 +160,47 @@ def test_the_cost_of_each_stage_is_told(press: Draw, blank: Image, name: str) ->
     assert not set(bare.stage_s) & set(bare.skipped)
 
 
-CONTENT = st.one_of(
-    hnp.arrays(np.uint8, (40, 30, 3)),
-    st.integers(0, 255).map(lambda grey: np.full((40, 30, 3), grey, np.uint8)),
-    st.integers(0, 3599).map(lambda i: np.eye(1, 3600, i, dtype=np.uint8).reshape(40, 30, 3) * np.uint8(255)),
-    st.tuples(st.integers(0, 39), st.integers(0, 29)).map(
-        lambda corner: np.pad(
-            np.full((40 - corner[0], 30 - corner[1], 3), 255, np.uint8),
-            ((corner[0], 0), (corner[1], 0), (0, 0)),
-        )
-    ),
-)
+@pytest.fixture(scope="module")
+def figures(real_data: Path) -> Path:
+    return real_data / "aurova_figures"
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
-@settings(max_examples=60)
-@given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=5))
-def test_any_content_is_answered_or_flagged(name: str, background: Image, frames: list[Image]) -> None:
-    for frame in frames:
-        frame.setflags(write=False)
-    for sample in run(choose_estimator(name).make(background), frames):
-        answered = sample.state in (State.TRACKING, State.REKEYED) or PUBLISHED in name
-        assert answered or sample.angle_deg is None
-        assert sample.angle_deg is None or np.isfinite(sample.angle_deg)
+@pytest.fixture(scope="module")
+def background(figures: Path) -> Image:
+    return auto_background([read_image(figures / "panels" / f"{n}_raw.png") for n in range(1, 10)])
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
-@pytest.mark.parametrize(
-    "image", [np.zeros((5, 5), np.uint8), np.zeros((320, 240, 3)), np.zeros((9, 9, 3), np.uint8)]
-)
-def test_what_is_no_frame_is_an_input_error(name: str, blank: Image, image: Image) -> None:
-    with pytest.raises(InputError, match="tactile frame"):
-        choose_estimator(name).make(blank).update(image, 0)
-
-
-@pytest.mark.parametrize("name", ESTIMATORS)
-def test_the_same_frames_give_the_same_answers(press: Draw, blank: Image, name: str) -> None:
-    images = [press(3.0 * i, noise=3.0, seed=i) for i in range(8)]
-    first, second = (
-        [(s.state, s.angle_deg) for s in run(choose_estimator(name).make(blank), images)] for _ in range(2)
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("panel", [1, 2, 4, 9])
+def test_long_contacts_have_the_labels_axis(figures: Path, background: Image, name: str, panel: int) -> None:
+    label = read_image(figures / "panels" / f"{panel}_label.png")[..., 0]
+    contour = largest_contour(np.where(label > 127, 255, 0).astype(np.uint8))
+    assert contour is not None
+    truth = ellipse_axis(contour)
+    assert truth is not None
+    sample = (
+        choose_estimator(name).make(background).update(read_image(figures / "panels" / f"{panel}_raw.png"), 0)
     )
-    assert first == second
+    assert sample.state is State.TRACKING
+    assert sample.angle_deg is not None
+    # The skeleton of the widest of them leans by some 6 degrees.
+    assert abs(wrapped(sample.angle_deg - truth.angle_deg)) < (9 if name == "skeleton" else 4)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("file", ["panels/6_raw", "panels/7_raw", "panels/8_raw", "limitation_raw_digit"])
+def test_nearly_round_contacts_are_refused(figures: Path, background: Image, name: str, file: str) -> None:
+    image = read_image(figures / f"{file}.png")
+    fitting = cv2.resize(background, (image.shape[1], image.shape[0]), interpolation=cv2.INTER_CUBIC)
+    sample = choose_estimator(name).make(np.asarray(fitting, np.uint8)).update(image, 0)
+    assert sample.state is State.UNOBSERVABLE
+    assert sample.angle_deg is None
+
+
+def test_the_papers_own_frame_is_a_contact_with_an_axis(figures: Path, background: Image) -> None:
+    image = read_image(figures / "digit_raw.png")
+    fitting = np.asarray(cv2.resize(background, (240, 320), interpolation=cv2.INTER_CUBIC), np.uint8)
+    sample = choose_estimator("ellipse").make(fitting).update(image, 0)
+    assert sample.state is State.TRACKING
+    # The authors' mask unstretched gives -88.05; ours, from a background of reduced frames, leans.
+    assert abs(wrapped((sample.angle_deg or 0.0) + 88.05)) < 20

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
 from rig.tactile.estimators import MATCHERS, choose_estimator
 from rig.tactile.sample import SlipSample, State
 
@@ -51,24 +50,8 @@ def test_says_no_contact_and_goes_on_where_it_was(name: str, press: Press, blank
 
 
 @names
-@pytest.mark.parametrize("grey", [0, 3, 128, 255])
-def test_any_content_is_answered_or_flagged(name: str, grey: int, press: Press, blank: Image) -> None:
-    noise = np.random.default_rng(0).integers(0, 256, blank.shape).astype(np.uint8)
-    flat = np.full_like(blank, grey)
-    samples = followed(name, blank, [press(0.0), flat, noise, flat, press(0.0), blank, noise, press(40.0)])
-    assert all(s.angle_deg is None or np.isfinite(s.angle_deg) for s in samples)
-    assert all((s.angle_deg is None) == (s.state not in (State.TRACKING, State.REKEYED)) for s in samples)
-
-
-@names
 def test_a_repeated_frame_counts_for_nothing(name: str, press: Press, blank: Image) -> None:
     estimator = choose_estimator(name).make(blank)
     first = estimator.update(press(0.0), FRAME_NS)
     again = estimator.update(press(9.0), FRAME_NS)
     assert (again.time_ns, again.angle_deg) == (first.time_ns, first.angle_deg)
-
-
-@names
-def test_another_size_is_an_input_error(name: str, press: Press, blank: Image) -> None:
-    with pytest.raises(InputError, match="one size"):
-        choose_estimator(name).make(blank).update(press(0.0, size=(120, 160)), 0)

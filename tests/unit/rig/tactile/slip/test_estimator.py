@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 
@@ -41,7 +39,6 @@ def lift(
     return [press(angle, seed=i, **{"half_axes": EDGE, **drawn}) for i, angle in enumerate(angles)]
 
 
-@settings(max_examples=25)
 @given(
     start=st.floats(-180, 180),
     turn=st.floats(-45, 45),
@@ -142,7 +139,7 @@ def test_a_torn_frame_is_survived(press: Draw, blank: Image) -> None:
         assert sample.angle_deg is None or abs(sample.angle_deg - honest.angle_deg) < 3.0  # type: ignore[operator]
 
 
-def test_a_contact_that_left_and_came_back_is_told(press: Draw, blank: Image) -> None:
+def test_contact_that_left_and_returned_is_rekeyed_with_large_sigma(press: Draw, blank: Image) -> None:
     gone = [press(None, seed=i) for i in range(60)]
     samples = run(SlipEstimator(blank), [*lift(press, 10.0), *gone, *lift(press, 10.0, start_deg=70.0)])
     back = samples[REST + 12 + 60 :]
@@ -156,7 +153,7 @@ def test_a_contact_that_left_and_came_back_is_told(press: Draw, blank: Image) ->
     assert samples[REST + 11].sigma_deg < 2.0
 
 
-def test_a_contact_that_moves_says_where_to(press: Draw, blank: Image) -> None:
+def test_shift_of_a_moving_contact_is_measured(press: Draw, blank: Image) -> None:
     places = [(120.0, 160.0)] * REST + [(120.0 + i, 160.0 - 2 * i) for i in range(1, 9)]
     images = [press(25.0, half_axes=EDGE, center=place, seed=i) for i, place in enumerate(places)]
     sample = run(SlipEstimator(blank), images)[-1]
@@ -178,7 +175,7 @@ def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) ->
         assert not more.skipped
 
 
-def test_what_lies_far_outside_the_contact_is_left_out_for_nothing(press: Draw, blank: Image) -> None:
+def test_skipping_pixels_far_from_the_contact_changes_no_angle(press: Draw, blank: Image) -> None:
     """Beside the contact the gel is bent too; texture and slopes are judged together there."""
     rough = np.random.default_rng(4).normal(0.0, 1.0, (320, 240, 1))
     marks = cv2.GaussianBlur(rough, (0, 0), 2.0)[..., None] * 60.0
@@ -220,38 +217,6 @@ def test_any_size_of_image_will_do(press: Draw, size: tuple[int, int]) -> None:
     assert turned(samples) == pytest.approx(20.0, abs=0.8)
 
 
-CONTENT = st.one_of(
-    hnp.arrays(np.uint8, (40, 30, 3)),
-    st.integers(0, 255).map(lambda grey: np.full((40, 30, 3), grey, np.uint8)),
-    st.integers(0, 3599).map(lambda i: np.eye(1, 3600, i, dtype=np.uint8).reshape(40, 30, 3) * np.uint8(255)),
-)
-
-
-@settings(max_examples=150)
-@given(background=CONTENT, images=st.lists(CONTENT, min_size=1, max_size=8))
-def test_any_content_is_answered_or_refused(background: Image, images: list[Image]) -> None:
-    for sample in run(SlipEstimator(background), images):
-        numbers = (sample.angle_deg, sample.sigma_deg, sample.rate_deg_s, *(sample.shift_px or ()))
-        assert all(value is None or np.isfinite(value) for value in numbers)
-        assert (sample.angle_deg is None) == (sample.state not in (State.TRACKING, State.REKEYED))
-
-
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((0, 0, 3), np.uint8),
-        np.zeros((1, 1, 3), np.uint8),
-        np.zeros((320, 240), np.uint8),
-        np.full((320, 240, 3), np.nan),
-        np.zeros((320, 240, 3), np.uint16),
-        np.zeros((240, 320, 3), np.uint8),
-    ],
-)
-def test_what_is_no_frame_is_an_input_error(blank: Image, image: np.ndarray) -> None:
-    with pytest.raises(InputError, match="tactile frame"):
-        SlipEstimator(blank).update(image, 0)
-
-
 def test_views_and_read_only_frames_are_taken(press: Draw, blank: Image) -> None:
     images = lift(press, 15.0)
     wide = [np.repeat(image, 2, axis=1)[:, ::2] for image in images]
@@ -260,7 +225,7 @@ def test_views_and_read_only_frames_are_taken(press: Draw, blank: Image) -> None
     assert turned(run(SlipEstimator(blank), wide)) == turned(run(SlipEstimator(blank), images))
 
 
-def test_a_round_contact_leaves_a_turn_that_nobody_saw_unknown(press: Draw, blank: Image) -> None:
+def test_unobserved_turn_of_a_round_contact_stays_unknown(press: Draw, blank: Image) -> None:
     oval = (45.0, 33.0)
     before = lift(press, 10.0, half_axes=oval)
     after = [press(60.0, seed=100 + i, half_axes=oval) for i in range(REST)]

@@ -2,22 +2,16 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
 
 Image = NDArray[np.uint8]
-
-
-def read(path: Path) -> Image:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    assert image is not None, path
-    return np.asarray(image, np.uint8)
 
 
 def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
@@ -29,17 +23,17 @@ def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
 
 def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
     folder = real_data / "gelsight_ball"
-    background = read(folder / "background.png")
+    background = read_image(folder / "background.png")
     balls = sorted(folder.glob("*mm_*.png"))
     assert len(balls) > 60
     for ball in balls:
-        states = {sample.state for sample in held(background, read(ball))}
+        states = {sample.state for sample in held(background, read_image(ball))}
         assert states == {State.UNOBSERVABLE}, ball.name
 
 
 @pytest.mark.parametrize("panel", range(1, 10))
 def test_a_real_contact_at_rest_stays_at_rest(real_data: Path, panel: int) -> None:
-    panels = [read(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
+    panels = [read_image(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
     smallest = tuple(min(p.shape[axis] for p in panels) for axis in (0, 1))
     panels = [p[: smallest[0], : smallest[1]] for p in panels]
     samples = held(auto_background(panels), panels[panel - 1])

@@ -28,7 +28,7 @@ def test_a_contact_with_an_edge_stays_where_it_is(object_id: str, site: int) -> 
 
 
 @pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
-def test_one_that_tells_little_says_so_as_it_grows(object_id: str, site: int) -> None:
+def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, site: int) -> None:
     """A barrel that is round both ways, and a rounded corner."""
     angles, sigmas = drift(object_id, site)
     assert (np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)).all()

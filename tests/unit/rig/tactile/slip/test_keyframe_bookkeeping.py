@@ -112,7 +112,7 @@ def test_a_chain_of_keyframes_is_held_by_its_surest(press: Draw) -> None:
     assert math.degrees(math.sqrt(tracked.variance)) < 5.0
 
 
-def test_what_a_pivot_leaves_open_grows_over_keyframes_and_shrinks_on_the_way_back() -> None:
+def test_pivot_uncertainty_grows_over_keyframes_and_shrinks_on_the_way_back() -> None:
     half_axes = (18.0, 7.0)
     first, newer = (make_keyframe(*dent(turn, half_axes)) for turn in (0.0, 10.0))
     assert first is not None
@@ -207,7 +207,7 @@ def test_a_short_gap_leaves_open_what_the_rate_does(press: Draw, blank: Image) -
     assert samples[-1].sigma_deg < 25.0
 
 
-def test_what_was_not_seen_is_bounded_by_rate_and_time() -> None:
+def test_unobserved_turn_is_bounded_by_rate_and_time() -> None:
     degrees = [
         math.degrees(math.sqrt(unseen_variance(math.radians(r), t))) for r, t in ((0, 0.1), (60, 0.1), (0, 9))
     ]

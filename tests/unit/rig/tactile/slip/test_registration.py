@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -14,7 +14,6 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.height import Gradient, relief
-from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keyframe import make_keyframe
 from rig.tactile.slip.loops import values_at
 from rig.tactile.slip.registration import align, similarity
@@ -52,7 +51,6 @@ lamp_azimuths = st.tuples(
 lamp_gains = st.tuples(*[st.floats(0.6, 1.4)] * 3)
 
 
-@settings(max_examples=40)
 @given(angle=st.floats(-90, 90), azimuths=lamp_azimuths, gains=lamp_gains)
 def test_the_map_is_learnt_whatever_the_lamps(
     angle: float, azimuths: tuple[float, ...], gains: tuple[float, ...]
@@ -72,19 +70,8 @@ def test_the_map_is_learnt_whatever_the_lamps(
     assert alike > 0.97, "same directions, handedness and proportions, at any scale"
 
 
-def test_a_picture_without_a_dent_teaches_nothing() -> None:
+def test_frame_without_contact_gives_no_colour_map() -> None:
     assert learn_map(np.zeros((80, 60, 3), np.float32), np.ones((80, 60), np.uint8)) is None
-
-
-def test_only_the_box_is_worked_out() -> None:
-    seen = colours(slopes(dent(30.0)), (0, 120, 240), (1, 1, 1))
-    region = ContactGate().find(seen)
-    assert region is not None
-    learnt = learn_map(seen, region.mask)
-    assert learnt is not None
-    box = learnt.apply(seen, (10, 20, 30, 40))
-    assert np.array_equal(box[20:60, 10:40], learnt.apply(seen)[20:60, 10:40])
-    assert not box[:20].any()
 
 
 def test_a_gradient_integrates_to_its_relief() -> None:
@@ -98,7 +85,6 @@ ALWAYS_FOUND_DEG = 20.0
 cases from 20 to 25 degrees it missed 101, and reported each of these as not settled."""
 
 
-@settings(max_examples=40)
 @given(
     turn=st.floats(-25, 25),
     shift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
@@ -135,7 +121,7 @@ def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:
     assert contrast["ball"] < 0.05 < 0.18 < contrast["oval"] < contrast["edge"]
 
 
-def test_a_degenerate_contact_gives_numbers_or_nothing() -> None:
+def test_degenerate_contact_returns_finite_values_or_none() -> None:
     flat = np.zeros((80, 60), np.complex64)
     assert make_keyframe(flat, np.ones((80, 60), np.uint8)) is None
     line = np.full((80, 60), 1j, np.complex64)
@@ -191,18 +177,7 @@ def test_outside_the_picture_nothing_is_seen(place: tuple[float, float]) -> None
     assert inside == 0.0
 
 
-@given(rate=st.floats(-3.0, 3.0))
-@settings(max_examples=20)
-def test_the_filter_follows_a_steady_turn_without_lag(rate: float) -> None:
-    motion = RateFilter()
-    for i in range(40):
-        angle = motion.update(i / 60, rate * i / 60, 0.001)
-    assert angle == pytest.approx(rate * 39 / 60, abs=1e-3)
-    assert motion.rate_rad_s == pytest.approx(rate, abs=0.02)
-    assert motion.predicted(40 / 60) == pytest.approx(rate * 40 / 60, abs=2e-3)
-
-
-def test_an_alignment_on_its_way_to_anywhere_is_not_settled() -> None:
+def test_alignment_to_noise_is_not_settled() -> None:
     height = dent(10.0, (22.0, 4.0))
     key = make_keyframe(slopes(height), (height > 0.2).astype(np.uint8))
     assert key is not None

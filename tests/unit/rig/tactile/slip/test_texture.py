@@ -16,13 +16,7 @@ from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.judge import sigma_alone
 from rig.tactile.slip.loops import values_at
-from rig.tactile.slip.texture import (
-    FEWEST_POINTS,
-    TextureField,
-    fine_scale,
-    make_texture_key,
-    structure,
-)
+from rig.tactile.slip.texture import FEWEST_POINTS, TextureField, fine_scale, make_texture_key, structure
 from support.drawn_sensor import specked
 
 HEIGHT, WIDTH = 160, 120
@@ -135,7 +129,7 @@ def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
 
 
 @pytest.mark.parametrize(("blind_deg", "sigma_deg"), [(90.0, (0.0, 5.0)), (0.0, (25.0, 60.0))])
-def test_frames_that_tell_little_leave_open_what_an_object_may_turn_meanwhile(
+def test_blind_frames_raise_sigma_by_the_possible_turn(
     blind_deg: float, sigma_deg: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(following, "BLIND_RAD", math.radians(blind_deg))
@@ -146,7 +140,7 @@ def test_frames_that_tell_little_leave_open_what_an_object_may_turn_meanwhile(
     assert sigma_deg[0] < samples[-1].sigma_deg < sigma_deg[1]
 
 
-def test_slopes_that_a_turn_changes_little_and_textures_that_fit_badly_tell_less() -> None:
+def test_sigma_grows_with_low_contrast_and_poor_texture_fit() -> None:
     def sigma(contrast: float, slopes: float, texture: float) -> float:
         key: Any = SimpleNamespace(frame=SimpleNamespace(contrast=contrast))
         return sigma_alone(key, Motion(0.0, 0j, slopes, texture))

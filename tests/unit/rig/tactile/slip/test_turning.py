@@ -17,7 +17,7 @@ from rig.training.turning_examples import example_of
 UNSEEN = 90_001
 
 
-def test_the_shipped_network_knows_what_turns_on_faces_it_never_saw() -> None:
+def test_shipped_network_separates_turning_from_resting_on_unseen_faces() -> None:
     drawn, network = turning_frames(UNSEEN), shipped_turning()
     told, true, weights = [], [], []
     for shown in (frame for _ in range(12) for frame in next(drawn)[:2]):

@@ -1,0 +1,101 @@
+"""Plain values: vectors, validation of the values in a device's state, one-line `repr` of dataclasses.
+
+The constructors of the state types validate, because a comparison with NaN is always false: a single NaN
+would switch off every check that reads it. Cost: 7 us for a state of the arm, 2 us for one of the gripper
+(`timeit` on a 2-core host); both are read every 8 ms during a motion. Imports no numpy: the arm's processes
+start without it.
+"""
+
+import math
+import sys
+from dataclasses import fields
+from typing import Any
+
+from drivers.errors import InvalidStateError
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+_LARGEST = sys.float_info.max
+_UNIT_TOLERANCE = 0.01
+"""How far from 1 the norm of a quaternion may be."""
+_ROUNDING = 1e-6
+_SHOWN = 100
+"""Characters of an invalid value in a message."""
+_MOST_SHOWN = 4
+"""`short_repr` shows longer tuples and dicts by their number of values."""
+
+
+def require_numbers(what: str, values: object, count: int) -> None:
+    """Raise `InvalidStateError` unless `values` is a tuple of `count` finite numbers.
+
+    A list or an array is rejected as well: a driver that refills it would change a state read earlier.
+    what: name of the value in the message, as "the arm's wrench".
+    """
+    if not (isinstance(values, tuple) and len(values) == count and all(map(_is_number, values))):
+        raise invalid(what, values, f"a tuple of {count} finite numbers")
+
+
+def require_pose(what: str, position_m: object, quaternion_xyzw: object) -> None:
+    """Raise `InvalidStateError` unless a position is finite and a quaternion has norm 1."""
+    require_numbers(f"{what} position_m", position_m, 3)
+    require_numbers(f"{what} quaternion_xyzw", quaternion_xyzw, 4)
+    if not abs(math.hypot(*quaternion_xyzw) - 1.0) < _UNIT_TOLERANCE:  # type: ignore[misc]
+        raise invalid(f"{what} quaternion_xyzw", quaternion_xyzw, "a quaternion of norm 1")
+
+
+def require_number(what: str, value: object, low: float = -_LARGEST, high: float = _LARGEST) -> None:
+    """Raise `InvalidStateError` unless a value is a finite number from `low` to `high`."""
+    if not (_is_number(value) and low <= value <= high):  # type: ignore[operator]
+        raise invalid(what, value, f"a number from {low:g} to {high:g}")
+
+
+def require_fraction(what: str, value: object) -> None:
+    """Raise `InvalidStateError` unless a value is a number from 0 to 1, rounding error allowed."""
+    require_number(what, value, 0.0, 1.0 + _ROUNDING)
+
+
+def require_integer(what: str, value: object) -> None:
+    """Raise `InvalidStateError` unless a value is an int; a bool is none."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise invalid(what, value, "an int")
+
+
+def require_type(what: str, value: object, kind: type[object]) -> None:
+    """Raise `InvalidStateError` unless a value is an instance of a class."""
+    if not isinstance(value, kind):
+        raise invalid(what, value, f"a {kind.__name__}")
+
+
+def invalid(what: str, value: object, expected: str) -> InvalidStateError:
+    """Return the error for a value of a state that is not as expected."""
+    shown = " ".join(repr(value).split())[:_SHOWN]  # an array's has line breaks
+    return InvalidStateError(
+        f"{what} is {shown}, expected {expected}: the state of the device is unknown; "
+        "look at the device, then check its driver"
+    )
+
+
+def _is_number(value: object) -> bool:
+    # the comparison is false for NaN and infinity, and true for no integer that exceeds a float
+    return isinstance(value, float | int) and not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST
+
+
+def short_repr(self: Any) -> str:
+    """Return a dataclass as one line: arrays by shape and type, numbers with 6 digits.
+
+    Use it as a method: `__repr__ = short_repr` in the body of the class.
+    """
+    shown = ", ".join(f"{field.name}={_short(getattr(self, field.name))}" for field in fields(self))
+    return f"{type(self).__name__}({shown})"
+
+
+def _short(value: Any) -> str:
+    if hasattr(value, "dtype"):
+        return f"{value.shape} {value.dtype}"
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple | list | dict) and len(value) > _MOST_SHOWN:
+        return f"{len(value)} values"
+    return repr(value)

@@ -1,0 +1,135 @@
+"""Simulated pictures for calibrations with known answers: markers on an object, balls pressed into a gel."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from drivers.types import Image, Pose
+from fakes.camera.marker_scene import MarkerScene
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.objects.shapes import SURFACE_MM_PER_PX
+from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_PX, Surface
+
+Array = NDArray[np.floating]
+
+_FACING = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""The object's axes (x right, z up, y away) in camera axes (x right, y down, z away)."""
+_SIDE_M = 0.030
+_FOCAL_PX = 640.0
+MM_PER_PX = (0.060, 0.060)
+"""Nominal scale of the simulated sensor; a unit's own differs by a percent or two."""
+_RADII_MM = (3.0, 5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerPictures:
+    """Two 30 mm markers, centres 100 mm apart, at 640 x 480 px, tilted; noise_grey: sigma of white noise."""
+
+    side_px: float = 40.0
+    tilt_deg: float = 15.0
+    blur_px: float = 1.0
+    noise_grey: float = 4.0
+    ids: tuple[int, int] = (0, 1)
+    dictionary: str = "DICT_4X4_50"
+    _scene: MarkerScene = field(init=False)
+
+    def __post_init__(self) -> None:
+        scene = MarkerScene(
+            focal_px=_FOCAL_PX, unit_seed=1, marker_ids=self.ids, dictionary=self.dictionary,
+            marker_side_m=_SIDE_M, marker_centres_m=((-0.05, 0.0), (0.05, 0.0)), bar_m=(0.17, 0.03),
+            blur_px=self.blur_px, noise_grey=1e-6,
+        )  # fmt: skip
+        object.__setattr__(self, "_scene", scene)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px."""
+        return self._scene.size
+
+    @property
+    def camera_matrix(self) -> Array:
+        """The true camera's matrix, (3, 3) px."""
+        return self._scene.camera_matrix
+
+    @property
+    def distortion(self) -> Array:
+        """The true lens, OpenCV's (k1, k2, p1, p2, k3)."""
+        return self._scene.distortion
+
+    def draw(
+        self, turn_deg: float, rng: np.random.Generator, move_m: tuple[float, float] = (0.0, 0.0)
+    ) -> Image:
+        """Return the (H, W) uint8 picture after a turn, counter-clockwise as the camera sees it."""
+        colour = self._scene.render(self._pose(turn_deg, move_m), rng)
+        grey = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        noisy = grey + rng.normal(0.0, self.noise_grey, grey.shape)
+        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+    def exact_corners(self, turn_deg: float, move_m: tuple[float, float] = (0.0, 0.0)) -> Array:
+        """Return the true places of the corners: (2, 4, 2) px."""
+        return self._scene.exact_corners_px(self._pose(turn_deg, move_m))
+
+    def _pose(self, turn_deg: float, move_m: tuple[float, float]) -> Pose:
+        tilt = Rotation.from_euler("x", self.tilt_deg, degrees=True)
+        turn = Rotation.from_euler("y", -turn_deg, degrees=True)
+        distance = _FOCAL_PX * _SIDE_M / self.side_px
+        return Pose.from_rotation((0.02 + move_m[0], 0.01 + move_m[1], distance), tilt * _FACING * turn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadePress:
+    """A simulated press: its picture, the ball's radius, and where and how wide the contact is."""
+
+    name: str
+    image: Image
+    radius_mm: float
+    centre_px: tuple[float, float]
+    contact_px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedGel:
+    """One simulated sensor unit. reference: (H, W, 3) float32, the mean of thirty frames at rest."""
+
+    seed: int = 0
+    _sensor: GelSensor = field(init=False)
+    reference: NDArray[np.float32] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_sensor", GelSensor(self.seed))
+        rng = np.random.default_rng((self.seed, 1))
+        still = np.mean([self.frame(rng) for _ in range(30)], axis=0)
+        object.__setattr__(self, "reference", still.astype(np.float32))
+
+    def frame(self, rng: np.random.Generator) -> Image:
+        """Return a frame without contact, (H, W, 3) uint8 RGB."""
+        return self._sensor.render(None, 0.0, rng)
+
+    def presses(self, count: int, seed: int = 0) -> list[MadePress]:
+        """Return presses of balls of 3 and 5 mm radius in turn, anywhere on the gel."""
+        rng = np.random.default_rng((self.seed, 2, seed))
+        return [self._press(i, rng) for i in range(count)]
+
+    def _press(self, number: int, rng: np.random.Generator) -> MadePress:
+        radius = _RADII_MM[number % 2]
+        x, y = rng.uniform((-4.5, -6.5), (4.5, 6.5))
+        deep = rng.uniform(0.30, 0.50)
+        dome = (x**2 + y**2) / (2.0 * GEL_DOME_RADIUS_MM)
+        imprint = Imprint(_ball(radius), 0.0, (float(x), float(y)), float(deep + dome))
+        image = self._sensor.render(imprint, 0.0, rng)
+        sx, sy = self._sensor.mm_per_px
+        centre = (119.5 + float(x) / sx, 159.5 + float(y) / sy)
+        contact = float(np.sqrt(2.0 * deep / (1.0 / radius + 1.0 / GEL_DOME_RADIUS_MM))) / sx
+        return MadePress(f"{number:02d}", image, radius, centre, contact)
+
+
+def _ball(radius_mm: float) -> Surface:
+    """Return the surface of a sphere, 0 at its closest point."""
+    axis = (np.arange(SURFACE_PX) - 0.5 * (SURFACE_PX - 1)) * SURFACE_MM_PER_PX
+    square = axis[:, None] ** 2 + axis[None, :] ** 2
+    height = radius_mm - np.sqrt(np.maximum(radius_mm**2 - square, 0.0))
+    height = np.where(square < radius_mm**2, height, FAR_MM)
+    return Surface(np.minimum(height, FAR_MM).astype(np.float32), SURFACE_MM_PER_PX)

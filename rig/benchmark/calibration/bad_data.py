@@ -1,0 +1,272 @@
+"""Bad motion and data for the calibrations: each case is refused with the right reason or answered right.
+
+Every other outcome is wrong: a crash, a warning, a NaN, an error above the tolerance. The tolerance is the
+calibration's own uncertainty if it called its answer weak. Cases that need no random draws are tested in
+tests/unit/calibration/test_bad_input.py.
+"""
+
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.hand_eye.samples import HandEyeSample, Setup
+from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.time_offset import TimedSignal, time_offset
+from calibration.tool_tip import calibrate_pivot
+from drivers.errors import RigError
+from drivers.types import Pose
+from rig.benchmark.calibration.motion_scenes import (
+    CAMERA,
+    Truth,
+    general_scene,
+    motion_scene,
+    pivot_scene,
+    wiggle_scene,
+)
+from rig.benchmark.harness import column
+
+Random = np.random.Generator
+Answer = str | tuple[float, float]
+"""The reason of a refusal; or the error of an answer, and the largest error that counts as right."""
+_COUNT = 20
+"""Hand-eye samples of a case."""
+_OFFSET_S, _ALLOWED_S = 0.0473, 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A case of bad data.
+
+    run: draws the data and calibrates. reasons: a refusal must contain one of these words; without any, the
+    case must be answered. draws: how often it is drawn.
+    """
+
+    group: str
+    name: str
+    run: Callable[[Random], Answer]
+    reasons: tuple[str, ...] = ()
+    draws: int = 5
+
+
+def _count(number: int) -> str:
+    return str(number) if number else ""
+
+
+@dataclass(frozen=True, slots=True)
+class BadDataRow:
+    """A case of bad data: how many of its draws were refused, answered right, or wrong."""
+
+    group: str = column("bad data")
+    case: str = column("case")
+    refused: int = column("refused", _count)
+    right: int = column("right", _count)
+    wrong: int = column("wrong", _count)
+    said: str = column("said", lambda said: said[:70], "an example of the refusals or answers")
+
+
+def bad_data_rows(seed: int = 0, cases: Sequence[Case] | None = None) -> list[BadDataRow]:
+    """Run cases, by default all; each draw has its own generator, and warnings count as errors."""
+    return [_row(case, seed, number) for number, case in enumerate(CASES if cases is None else cases)]
+
+
+def _row(case: Case, seed: int, number: int) -> BadDataRow:
+    counts, said = Counter[str](), ""
+    for draw in range(case.draws):
+        kind, text = _outcome(case, np.random.default_rng((seed, number, draw)))
+        counts[kind] += 1
+        said = text if kind == "wrong" or not said else said
+    return BadDataRow(case.group, case.name, counts["refused"], counts["right"], counts["wrong"], said)
+
+
+def _outcome(case: Case, rng: Random) -> tuple[str, str]:
+    """Return "refused", "right" or "wrong", and an explanation."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            answer = case.run(rng)
+    except RigError as error:
+        answer = str(error)
+    except Exception as error:  # a crash is what this table looks for
+        return "wrong", f"crashed: {error!r}"
+    if isinstance(answer, str):
+        fits = any(reason in answer for reason in case.reasons)
+        return ("refused", answer) if fits else ("wrong", f"refused for another reason: {answer}")
+    error, allowed = answer
+    if error <= allowed:
+        return "right", f"right: off by {error:.3g}, allowed {allowed:.3g}"
+    return "wrong", f"silent: off by {error}, allowed {allowed:.3g}"
+
+
+def motion(rng: Random, kind: str) -> tuple[Truth, list[HandEyeSample]]:
+    """Draw samples of a motion that constrains a hand-eye pose poorly. kind: a key of `turns` below."""
+    moves = rng.uniform(-0.1, 0.1, (_COUNT, 3))
+    angles = np.radians(rng.uniform(-45, 45, _COUNT))[:, None]
+    axis = np.array([0.0, 0.6, 0.8])
+    any_axis = rng.normal(0, 1, (_COUNT, 3))
+    any_axis /= np.linalg.norm(any_axis, axis=1, keepdims=True)
+    near = axis + rng.normal(0, np.radians(3.0), (_COUNT, 3))
+    turns = {
+        "near-parallel": angles * near / np.linalg.norm(near, axis=1, keepdims=True),
+        "parallel": angles * axis,
+        "small": any_axis * np.radians(rng.uniform(0, 1.5, _COUNT))[:, None],
+        "translation": np.zeros((_COUNT, 3)),
+        "identical": np.zeros((_COUNT, 3)),
+        "half turns": (np.pi * np.vstack([np.zeros(3), np.eye(3)]))[np.arange(_COUNT) % 4],
+        "rotation": any_axis * np.abs(angles),
+    }[kind]
+    still = kind in ("identical", "rotation")
+    return motion_scene(rng, turns, np.zeros_like(moves) if still else moves)
+
+
+def _solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND) -> Answer:
+    """Return the error in mm; a weak answer is allowed four times its sigma."""
+    result = calibrate_hand_eye(samples, CAMERA, setup)
+    if result.pose is None or result.spread is None:
+        return "; ".join(result.assessment.reasons)
+    weak = bool(result.assessment.doubts)
+    allowed = max(1.0, 4e3 * float(np.linalg.norm(result.spread.sigma_m))) if weak else 1.0
+    return truth.error(result.pose)[0], allowed
+
+
+def _moved(kind: str, rng: Random) -> Answer:
+    return _solved(*motion(rng, kind))
+
+
+def _duplicated(rng: Random) -> Answer:
+    truth, samples = general_scene(rng, _COUNT)
+    half = samples[: _COUNT // 2]
+    return _solved(truth, [*half, *(replace(s, id=s.id + " again") for s in half)])
+
+
+def _flipped(rng: Random) -> Answer:
+    return _solved(*general_scene(rng, _COUNT, flipped=4))
+
+
+def _wrong_setup(rng: Random) -> Answer:
+    truth, samples = general_scene(rng, _COUNT, Setup.EYE_IN_HAND)
+    return _solved(truth, samples, Setup.EYE_TO_HAND)
+
+
+def _other_poses(change: Callable[[list[Pose], Random], list[Pose]], rng: Random) -> Answer:
+    """Replace the robot's poses. change: returns the poses that are given instead of the true ones."""
+    truth, samples = general_scene(rng, _COUNT)
+    poses = change([sample.base_T_tcp for sample in samples], rng)
+    return _solved(truth, [replace(s, base_T_tcp=pose) for s, pose in zip(samples, poses, strict=True)])
+
+
+def _each_pose(change: Callable[[Pose, Random], Pose]) -> Callable[[Random], Answer]:
+    return partial(_other_poses, lambda poses, rng: [change(pose, rng) for pose in poses])
+
+
+def _as_euler(pose: Pose, _: Random) -> Pose:
+    return Pose.from_rotation(pose.position_m, Rotation.from_euler("xyz", pose.rotation.as_rotvec()))
+
+
+def _in_mm(pose: Pose, _: Random) -> Pose:
+    return Pose.from_rotation(1e3 * np.asarray(pose.position_m), pose.rotation)
+
+
+def _shifted(spread_m: float, pose: Pose, rng: Random) -> Pose:
+    return Pose.from_rotation(rng.normal(pose.position_m, spread_m), pose.rotation)
+
+
+def _mispaired(poses: list[Pose], _: Random) -> list[Pose]:
+    return [*poses[1:], poses[0]]
+
+
+def _while_moving(poses: list[Pose], rng: Random) -> list[Pose]:
+    return [_shifted(0.02, pose, rng) if i in (4, 9) else pose for i, pose in enumerate(poses)]
+
+
+def _pivot(kind: str, rng: Random) -> Answer:
+    """Return the error of the tool tip in m."""
+    turns = {
+        "narrow": Rotation.from_rotvec(rng.normal(0, 0.02, (12, 3))),
+        "one axis": Rotation.from_rotvec(np.outer(rng.uniform(-0.8, 0.8, 12), [0, 0, 1])),
+        "same": Rotation.from_rotvec(np.zeros((12, 3))),
+    }.get(kind)
+    tip, poses = pivot_scene(rng, 3 if kind == "few" else 12, turns)
+    result = calibrate_pivot(poses)
+    if result.tip_m is None:
+        return "; ".join(result.assessment.reasons)
+    return float(np.linalg.norm(result.tip_m - tip)), 1e-3
+
+
+def _offset(robot: TimedSignal, camera: TimedSignal, true_s: float = _OFFSET_S) -> Answer:
+    found = time_offset(robot, camera)
+    if found.offset_s is None:
+        return "; ".join(found.assessment.reasons)
+    return abs(found.offset_s - true_s), _ALLOWED_S
+
+
+def _wiggled(
+    rng: Random, motion: str = "chirp", offset_s: float = _OFFSET_S, seconds: float = 20.0, ppm: float = 0.0
+) -> Answer:
+    return _offset(*wiggle_scene(rng, motion, offset_s, seconds, drift_ppm=ppm), offset_s)
+
+
+def _gap(rng: Random) -> Answer:
+    robot, camera = wiggle_scene(rng)
+    since_s = (robot.time_ns - robot.time_ns[0]) / 1e9
+    return _offset(_some(robot, (since_s < 8.0) | (since_s > 10.0)), camera)
+
+
+def _half(rng: Random) -> Answer:
+    robot, camera = wiggle_scene(rng)
+    return _offset(robot, _some(camera, rng.uniform(size=len(camera.time_ns)) < 0.5))
+
+
+def _negated(rng: Random) -> Answer:
+    robot, camera = wiggle_scene(rng)
+    return _offset(robot, TimedSignal(camera.time_ns, -camera.values))
+
+
+def _some(signal: TimedSignal, kept: np.ndarray) -> TimedSignal:
+    return TimedSignal(signal.time_ns[kept], signal.values[kept])
+
+
+_motion = partial(Case, "hand-eye motion", draws=10)
+_data = partial(Case, "hand-eye data")
+_tip = partial(Case, "tool tip")
+_time = partial(Case, "time")
+_TOO_FEW = ("usable distinct poses", "turned by")
+
+CASES = (
+    _motion("near-parallel axes (3 degrees off)", partial(_moved, "near-parallel"), ("parallel",)),
+    _motion("exactly parallel axes", partial(_moved, "parallel"), ("parallel axes",)),
+    _motion("rotations below 3 degrees", partial(_moved, "small"), ("turned by",)),
+    _motion("pure translation", partial(_moved, "translation"), ("turned by",)),
+    _motion("all poses identical", partial(_moved, "identical"), ("same robot pose", "turned by")),
+    _motion("relative rotations of 180 degrees", partial(_moved, "half turns"), ("near 180",)),
+    _motion("half the poses duplicated", _duplicated),
+    _motion("rotation only, place fixed", partial(_moved, "rotation")),
+    _data("two flipped targets of ten", _flipped, ("contradict",), draws=10),
+    _data("pictures mispaired by one", partial(_other_poses, _mispaired), ("mispaired",)),
+    _data("poses given inverted", _each_pose(lambda pose, _: pose.inverse()), ("inverted",)),
+    _data("eye-in-hand solved as eye-to-hand", _wrong_setup, ("inverted", "contradict")),
+    _data("rotation vector read as Euler angles", _each_pose(_as_euler), ("contradict",)),
+    _data("positions in mm given as m", _each_pose(_in_mm), ("usable sample",), draws=3),
+    _data("target loose by a centimetre", _each_pose(partial(_shifted, 0.01)), ("contradict",)),
+    _data("two samples taken while moving", partial(_other_poses, _while_moving)),
+    _tip("cone of 4 degrees", partial(_pivot, "narrow"), ("turned by",)),
+    _tip("turns about one axis", partial(_pivot, "one axis"), ("one axis",)),
+    _tip("identical poses", partial(_pivot, "same"), _TOO_FEW),
+    _tip("3 poses", partial(_pivot, "few"), _TOO_FEW),
+    _time("gap of two seconds", _gap, draws=3),
+    _time("half the frames dropped", _half, draws=3),
+    _time("sign turned", _negated, draws=3),
+    _time("static", partial(_wiggled, motion="static"), ("share",), draws=10),
+    _time("constant", partial(_wiggled, motion="constant"), ("nothing moved",), draws=1),
+    _time("motion that repeats", partial(_wiggled, motion="sine"), ("repeats",)),
+    _time(
+        "offset beyond the search",
+        partial(_wiggled, offset_s=0.8),
+        ("share", "end of the search", "repeats"),
+    ),
+    _time("drift of 100 ppm, four minutes", partial(_wiggled, seconds=240.0, ppm=100.0), draws=1),
+)

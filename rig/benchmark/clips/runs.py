@@ -1,0 +1,107 @@
+"""Estimators on labelled clips: one after the other, timed, and compared with the labels."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from rig.benchmark.clips.labelled import LabelledClip
+from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
+from rig.frames.estimates import Answer, Estimate, zeroed
+from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.foreign import EstimatorFaults, faults_of
+from rig.tactile.sample import SlipSample, State, TactileEstimator
+
+ALL = "all"
+"""Name of the group of all clips."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRun:
+    """One estimator on one clip.
+
+    estimate: its answers from the clip's reference. frame_ms: (N,) of each frame. contacts: for each frame of
+    a contact span, whether it is in contact and whether it was reported as contact.
+    """
+
+    clip: LabelledClip
+    estimate: Estimate
+    labels: tuple[JudgedLabel, ...]
+    frame_ms: tuple[float, ...]
+    has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...] = ()
+
+    @property
+    def score(self) -> ClipScore:
+        """Figures of the one clip."""
+        return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorRuns:
+    """One estimator on all clips. groups: its figures by group, in the order of names; `ALL` first."""
+
+    name: str
+    runs: tuple[ClipRun, ...]
+    groups: Mapping[str, ClipScore]
+
+    @property
+    def faults(self) -> EstimatorFaults | None:
+        """Failures of an estimator that is not the rig's own."""
+        return faults_of(answer.sample for run in self.runs for answer in run.estimate.answers)
+
+
+def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
+    """Let one estimator answer one clip."""
+    answers, frame_ms = _timed(clip, choice.make(clip.background))
+    estimate = zeroed(answers, answers[clip.reference_frame].time)
+    has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
+    return ClipRun(
+        clip,
+        estimate,
+        tuple(_judged(clip, estimate)),
+        tuple(frame_ms),
+        has_sigma,
+        tuple(_reported(clip, answers)),
+    )
+
+
+def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
+    """Summarise an estimator's clips, together and by group."""
+    names = sorted({run.clip.group for run in runs})
+    groups = {name: _together([run for run in runs if run.clip.group == name]) for name in names}
+    return EstimatorRuns(name, tuple(runs), {ALL: _together(runs), **groups})
+
+
+def _together(runs: Sequence[ClipRun]) -> ClipScore:
+    labels = [label for run in runs for label in run.labels]
+    frame_ms = [ms for run in runs for ms in run.frame_ms]
+    contacts = [contact for run in runs for contact in run.contacts]
+    return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
+
+
+def _timed(clip: LabelledClip, estimator: TactileEstimator) -> tuple[list[Answer], list[float]]:
+    answers: list[Answer] = []
+    frame_ms: list[float] = []
+    for frame in clip.series:
+        sample = SlipSample(frame.time.time_ns, State.LOST)
+        if frame.image is not None:
+            began = time.perf_counter()
+            sample = estimator.update(frame.image, frame.time.time_ns)
+            frame_ms.append(1e3 * (time.perf_counter() - began))
+        answers.append(Answer(frame.time, sample))
+    return answers, frame_ms
+
+
+def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:
+    angles, sigmas = estimate.angles_deg, estimate.sigmas_deg
+    for label in clip.labels:
+        before = reversed(angles[clip.reference_frame : label.frame + 1])
+        held = next((angle for angle in before if angle is not None), 0.0)
+        yield JudgedLabel(clip.name, label, angles[label.frame], sigmas[label.frame], held)
+
+
+def _reported(clip: LabelledClip, answers: Sequence[Answer]) -> Iterator[tuple[bool, bool]]:
+    """Yield, for each frame of a contact span, whether it is in contact and whether it was reported so."""
+    for span in clip.contacts:
+        for answer in answers[span.first : span.last + 1]:
+            yield span.contact, answer.sample.state is not State.NO_CONTACT

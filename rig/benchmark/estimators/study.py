@@ -1,0 +1,221 @@
+"""`rig benchmark estimators`: run time against error of every estimator, on lifts and under stress."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from protocols.grasps import TRIAL_OBJECTS
+from rig.benchmark.estimators.contenders import CONTENDERS
+from rig.benchmark.estimators.endurance import Endurance, measure_endurance
+from rig.benchmark.estimators.lifts import LiftScores, score_lift, session_lifts
+from rig.benchmark.estimators.limits import judge
+from rig.benchmark.estimators.picture import draw
+from rig.benchmark.estimators.scores import score_all
+from rig.benchmark.estimators.stress import NAMES, run_stress, stress_rows, stress_tasks
+from rig.benchmark.estimators.tables import (
+    EstimatorsResult,
+    estimator_table,
+    notes,
+    readme_section,
+    stress_table,
+    time_table,
+)
+from rig.benchmark.estimators.timing import time_lifts
+from rig.benchmark.harness import Report, Run, Study, limit_table, machine
+from rig.config import BenchConfig, load_bench
+from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.stored_trial import stored_trial
+from rig.experiments.trial import run_trial
+from rig.pages.page import render
+from rig.sessions.manifest import is_session
+from rig.sessions.records import FinishedLift, LiftRow
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
+from rig.tactile.foreign import EstimatorFaults, together
+
+LIFTS, FULL_LIFTS = 5, 10
+"""Lifts of each object that are recorded, without and with --full."""
+TIMED_LIFTS, FULL_TIMED_LIFTS = 5, 18
+PICTURE, PAGE, TABLE = "pareto.png", "index.html", "table.md"
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorsOptions:
+    """Options of `rig benchmark estimators`."""
+
+    full: Annotated[
+        bool, typer.Option("--full", help="More lifts, seeds and steps: about an hour on two cores.")
+    ] = False
+    session: Annotated[
+        Path | None,
+        typer.Option("--session", help="Use the lifts of this trial instead of recording 45 simulated ones."),
+    ] = None
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            help="One more beside those that are always compared, as package.module:Class; repeat for more.",
+        ),
+    ] = None
+
+
+def measure(options: EstimatorsOptions, run: Run) -> Report:
+    """Time and score every estimator by window on 45 lifts, then put them under stress.
+
+    About 8 minutes on two quiet cores; run time is measured in one process and one thread. The folder
+    gets results.json, pareto.png, index.html, table.md and the recorded lifts; an interrupted recording
+    continues there. Exit code 4 when a limit of the default estimator was missed.
+
+    Examples:
+      rig benchmark
+
+      rig benchmark estimators --session sessions/2026-11-21T093000_trial --out benchmark
+
+      rig benchmark estimators --full --readme docs/estimators.md
+
+      rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
+
+    """
+    return report_of(compare(options, run), _endurance(run) if options.full else None)
+
+
+def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
+    """Record or read the lifts, time and score every estimator on them, and put them under stress.
+
+    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and what
+    `run_trial` raises.
+    """
+    more = tuple(options.estimator or ())
+    for name in more:
+        choose_estimator(name)
+    names, stressed = (tuple(dict.fromkeys((*of, *more))) for of in (CONTENDERS, NAMES))
+    recorded = FULL_LIFTS if options.full else LIFTS
+    folder = options.session or record(
+        run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, recorded
+    )
+    tips, rows = session_lifts(folder)
+    # Timed first and alone: worker processes beside it would share its core.
+    timed = _spread_out(rows, FULL_TIMED_LIFTS if options.full else TIMED_LIFTS)
+    timing = time_lifts(folder, tips, timed, run.progress, names)
+    lifts = run.each(partial(score_lift, folder, tips, names), rows, _name)
+    clips = run.each(run_stress, stress_tasks(options.full, run.seed, stressed))
+    return EstimatorsResult(
+        session=folder,
+        simulated=stored_trial(folder).manifest.simulated,
+        seed=run.seed,
+        more=more,
+        lifts=lifts,
+        scores={key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores},
+        timing=timing,
+        stress=stress_rows([clip for of in clips for clip in of], options.full),
+    )
+
+
+def report_of(result: EstimatorsResult, endurance: Endurance | None = None) -> Report:
+    """Return tables, limits and files. endurance: measured in a long run only."""
+    gap_deg, apart = result.skip_gap_deg, result.skip_apart
+    limits = judge(result.scores, result.timing, gap_deg, apart, result.stress, endurance)
+    whose, section = f"'{DEFAULT_ESTIMATOR}'", readme_section(result, limits)
+    tables = (time_table(result), stress_table(result), estimator_table(result))
+    picture, chart = draw(result)
+    page = render(
+        "rig.benchmark.estimators",
+        "estimators.html",
+        simulated=result.simulated,
+        lifts=len(result.lifts),
+        seed=result.seed,
+        of=machine(),
+        picture=chart,
+        tables=(limit_table(limits, whose), tables[2], *tables[:2], estimator_table(result, windows=True)),
+        ours=DEFAULT_ESTIMATOR,
+        notes=notes(result),
+    )
+    return Report(
+        tables=tables,
+        limits=limits,
+        limits_of=whose,
+        notes=notes(result),
+        section=section,
+        figures=_figures(result, endurance),
+        files={PICTURE: picture, PAGE: page, TABLE: section + "\n"},
+        faults=_faults(result.lifts),
+    )
+
+
+def _figures(result: EstimatorsResult, endurance: Endurance | None) -> dict[str, Any]:
+    """Return the JSON values that the tables do not show."""
+    best = result.closest_of_paper
+    return {
+        "simulated": result.simulated,
+        "session": str(result.session),
+        "lifts": len(result.lifts),
+        "estimators": [_by_window(result, *key) for key in result.scores],
+        "closest_of_paper": None if best is None else {"estimator": best[0], "window": best[1]},
+        "timing": asdict(result.timing),
+        "skipping": {
+            "time_saved": result.timing.skip_saves,
+            "largest_difference_deg": result.skip_gap_deg,
+            "answered_by_one_only": result.skip_apart,
+            "skipped_share": result.skipped,
+        },
+        "endurance": asdict(endurance) if endurance else None,
+    }
+
+
+def record(
+    run: Run, name: str, bench: BenchConfig, estimator: EstimatorChoice, objects: Sequence[str], lifts: int
+) -> Path:
+    """Carry out the simulated lifts that are missing in a session of the results' folder; return its folder.
+
+    lifts: of each object. Raises what `run_trial` raises.
+    """
+    folder = (run.folder or Path()) / name
+    trial = TrialSettings(bench, run.seed, estimator)
+
+    def show(done: int, total: int, row: LiftRow) -> None:
+        run.progress(done, total, f"{name}: {row.object}/{row.lift} {row.outcome}")
+
+    run_trial(folder, trial, list(objects), lifts, run.workers, is_session(folder), progress=show)
+    return folder
+
+
+def _endurance(run: Run) -> Endurance:
+    def show(done: int, total: int) -> None:
+        run.progress(done, total, f"an hour at rest: frame {done}")
+
+    return measure_endurance(run.seed, progress=show)
+
+
+def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
+    names = dict.fromkeys(name for lift in lifts for name in lift.faults)
+    return {name: together([lift.faults[name] for lift in lifts if name in lift.faults]) for name in names}
+
+
+def _spread_out(rows: Sequence[FinishedLift], wanted: int) -> list[FinishedLift]:
+    """Return some of the lifts, evenly spread, so that all kinds of objects are among them."""
+    wanted = min(wanted, len(rows))
+    return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]
+
+
+def _by_window(result: EstimatorsResult, name: str, window: int) -> dict[str, Any]:
+    cost = result.timing.contenders[name].contact
+    score = asdict(result.scores[name, window])
+    return {"estimator": name, "window": window, **score, "p50_ms": cost.p50_ms, "p99_ms": cost.p99_ms}
+
+
+def _name(row: FinishedLift) -> str:
+    return f"estimators on {row.object}/{row.lift}"
+
+
+STUDY = Study(
+    name="estimators",
+    options=EstimatorsOptions,
+    measure=measure,
+    cases="steps",
+    shared=("out", "readme", "jobs", "seed"),
+    keeps_results=True,
+    simulated=False,
+)

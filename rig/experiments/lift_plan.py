@@ -1,0 +1,134 @@
+"""What a lift does, before it begins: its task, the settings of its trial, its plan drawn from the seed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.types import Pose
+from protocols.grasps import find_grasp_file
+from protocols.reaction import ReactionKind
+from protocols.slip_trial import LiftPlan
+from rig.config import BenchConfig
+from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
+from rig.experiments.seeds import derived_seed
+from rig.lift.marker_distance import ExpectedDistance
+from rig.lift.marker_truth import MarkerTruth
+from rig.lift.measurement import LiftMeasurement
+from rig.lift.slip_watch import SlipSettings, SlipWatch
+from rig.sessions.layout import recording_file
+from rig.sessions.records import LiftHead
+from rig.tactile.estimators import EstimatorChoice
+
+LEAST_LIFT = 0.4
+"""Smallest share of the object file's height that a lift is drawn to rise to; the largest is 1."""
+MAX_TRIAL_TURN_DEG = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class LiftTask:
+    """One lift to do: its number in the session, its object, its number for that object (from 1).
+
+    grip_counts: beyond first contact; drawn from the seed if None.
+    """
+
+    number: int
+    object_id: str
+    lift: int
+    attempt: int = 0
+    grip_counts: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name in logs and fault scripts, e.g. "t1/3"."""
+        return f"{self.object_id}/{self.lift}"
+
+    @property
+    def recording(self) -> str:
+        """File of this attempt inside the session."""
+        return recording_file(self.number, self.attempt)
+
+
+def all_tasks(objects: Sequence[str], lifts: int) -> list[LiftTask]:
+    """Return every lift of a trial, object by object."""
+    each = ((object_id, lift) for object_id in objects for lift in range(1, lifts + 1))
+    return [LiftTask(number, *which) for number, which in enumerate(each, start=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSettings:
+    """What all lifts of a trial share."""
+
+    bench: BenchConfig
+    seed: int
+    estimator: EstimatorChoice
+    realtime: bool = False
+    react: ReactionKind = ReactionKind.NONE
+    slip: SlipSettings = field(default_factory=SlipSettings)
+
+
+def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
+    """Draw position, turn, grip and height of a lift from its seed and its object's file.
+
+    Raises `InputError` for an object that cannot be lifted here.
+    """
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
+    rng = np.random.default_rng(derived_seed(settings.seed, "plan", task.object_id, task.lift))
+    places = [position for position in grasps.position if position.lift_height_m > 0.0]
+    if not places:
+        raise InputError(
+            f"object {grasps.id} {grasps.name} has no position with a lift_height_m above 0, so a trial "
+            "cannot lift it: write how high, as lift_height_m = 0.05"
+        )
+    place = places[int(rng.integers(len(places)))]
+    low, high = grasps.grip_counts
+    turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
+    drawn = int(rng.integers(low, high + 1))
+    refuse_impossible(settings.bench, grasps, place)
+    return LiftPlan(
+        object_id=grasps.id,
+        object_name=grasps.name,
+        position=place.name,
+        base_T_grasp=grasp_pose(base_T_table, place, turn),
+        width_m=place.width_m,
+        grip_counts=drawn if task.grip_counts is None else task.grip_counts,
+        lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
+    )
+
+
+def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> LiftHead:
+    """Return the part of a lift's row that is known before it begins."""
+    return LiftHead(
+        number=task.number,
+        attempt=task.attempt,
+        object=task.object_id,
+        name=plan.object_name,
+        lift=task.lift,
+        position=plan.position,
+        grip_counts=plan.grip_counts,
+        lift_height_m=plan.lift_height_m,
+        seed=seed,
+        simulated=settings.bench.simulated,
+        recording=task.recording,
+        react=settings.react,
+    )
+
+
+def new_measurement(settings: TrialSettings) -> LiftMeasurement:
+    """Return the measurement of one lift, the same for a lift as it happens and for its replay."""
+    camera = settings.bench.camera
+    truth = MarkerTruth(
+        camera.marker_ids,
+        camera.marker_dictionary,
+        settings.bench.base_T_camera(),
+        settings.bench.camera_model(),
+        search_everywhere=not settings.estimator.skip,
+        camera_turn_sigma_rad=settings.bench.camera_turn_sigma_rad(),
+    )
+    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
+    shifts = settings.bench.calibrations.time_shift_s
+    distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
+    aspects = settings.bench.pixel_aspects()
+    watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
+    return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch)

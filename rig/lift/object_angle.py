@@ -1,0 +1,108 @@
+"""The angle of the object: from the samples of each fingertip to one fused angle, as they arrive."""
+
+import heapq
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.clock import to_ns
+from rig.lift.fusion import FusedSample, TipAnswer, fuse
+from rig.lift.onset import OnsetAlarm
+from rig.tactile.sample import SlipSample
+
+ZERO_S = 0.4
+"""Length of the end of phase A whose mean angle is the zero: 12 camera frames at 30 Hz (at least 10 needed).
+
+If a slow camera or a hidden marker leaves fewer, the whole time at rest before the lift is used.
+"""
+
+
+@dataclass(slots=True)
+class TipTrack:
+    """The samples of one fingertip in a lift, and its zero. sign: of its angle in the object's angle."""
+
+    sign: int
+    samples: list[SlipSample] = field(default_factory=list)
+    zero_deg: float | None = None
+    zero_sample: SlipSample | None = None
+
+    def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
+        """Return a sample as the signed angle since the zero; without a zero there is no angle."""
+        angle = self._turned(sample)
+        if angle is None:
+            return TipAnswer(sample, None, None)
+        rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
+        last = None if before is None else self._turned(before)
+        since = None if before is None or last is None else (before.time_ns, last)
+        return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
+
+    def set_zero(self, time_ns: int) -> None:
+        """Take the mean angle of the last `ZERO_S` before a time as the zero."""
+        since = time_ns - to_ns(ZERO_S)
+        late = [s for s in self.samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
+        angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
+        self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
+        self.zero_sample = late[-1] if late else None
+
+    def newest(self) -> TipAnswer:
+        """Return the answer of the newest sample. At least one sample is needed."""
+        return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
+
+    def _turned(self, sample: SlipSample) -> float | None:
+        if sample.angle_deg is None or self.zero_deg is None:
+            return None
+        return self.sign * (sample.angle_deg - self.zero_deg)
+
+
+class ObjectAngle:
+    """Fuses the samples of the fingertips of one lift.
+
+    signs: of the fingertips by serial. From `begin` on, each sample gives one fused sample in `fused`, and
+    `alarm` is raised at slip.
+    """
+
+    def __init__(self, signs: Mapping[str, int]) -> None:
+        self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
+        self.fused: list[FusedSample] = []
+        self.alarm = OnsetAlarm()
+        self._begun = False
+
+    @property
+    def samples(self) -> list[SlipSample]:
+        """All samples, fingertip by fingertip."""
+        return [sample for tip in self.tips.values() for sample in tip.samples]
+
+    def begin(self, time_ns: int) -> None:
+        """Begin the lift: the zero is the angle just before this time."""
+        for tip in self.tips.values():
+            tip.set_zero(time_ns)
+        self._begun = True
+
+    def add(self, serial: str, sample: SlipSample) -> None:
+        """Add the next sample of a fingertip."""
+        tip = self.tips[serial]
+        tip.samples.append(sample)
+        if not self._begun:
+            return
+        others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
+        fused = fuse(tip.newest(), others)
+        self.fused.append(fused)
+        self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
+
+
+def object_angle(
+    signs: Mapping[str, int], samples: Mapping[str, Sequence[SlipSample]], lift_ns: int
+) -> ObjectAngle:
+    """Return the object's angle of stored samples, in the order of capture. signs, samples: by serial.
+
+    lift_ns: start of the lift, from which on samples are fused.
+    """
+    angle, begun = ObjectAngle(signs), False
+    in_order = heapq.merge(*([(s.time_ns, n, s) for s in samples[n]] for n in signs), key=lambda s: s[:2])
+    for time_ns, serial, sample in in_order:
+        if not begun and time_ns >= lift_ns:
+            angle.begin(lift_ns)
+            begun = True
+        angle.add(serial, sample)
+    return angle

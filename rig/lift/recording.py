@@ -1,0 +1,104 @@
+"""What is recorded of a lift beside its events: outlines and angles. Several observers of one lift."""
+
+from collections.abc import Iterator, Sequence
+
+from drivers.clock import to_ns
+from drivers.types import ArmState, Frame, GripperState
+from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
+from rig.lift.fusion import FusedSample
+from rig.lift.marker_truth import TruthSeries
+from rig.lift.measurement import LiftMeasurement
+from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
+from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.sample import SlipSample, State
+
+OUTLINE_EVERY_S = 0.1
+OUTLINE_STEP = 4
+"""The points of an outline are 1 px apart; every 4th point is kept."""
+
+
+class OutlineObserver(LiftEvents):
+    """Records the outline of each contact every `OUTLINE_EVERY_S`, for viewers; no angle depends on it.
+
+    It comes after the measurement, whose backgrounds it needs.
+    """
+
+    def __init__(self, measurement: LiftMeasurement, recorder: LiftRecorder) -> None:
+        self._measurement = measurement
+        self._recorder = recorder
+        self._finders: dict[str, ContactFinder] = {}
+        self._latest_ns: dict[str, int] = {}
+
+    def frame(self, frame: Frame) -> None:
+        """Record the outline in a fingertip's frame if one is due."""
+        background = self._measurement.backgrounds.get(frame.serial)
+        if background is None or Phase.LOWER in self._measurement.phases:
+            return
+        if self._measurement.slip_ns() is not None or self._measurement.tallies[frame.serial].out_of_time:
+            return  # nothing may delay an arm that has to stop
+        latest_ns = self._latest_ns.get(frame.serial)
+        if latest_ns is not None and frame.time_ns - latest_ns < to_ns(OUTLINE_EVERY_S):
+            return
+        if frame.serial not in self._finders:
+            self._finders[frame.serial] = ContactFinder(background)
+        self._latest_ns[frame.serial] = frame.time_ns
+        line = self._finders[frame.serial].find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]
+        self._recorder.contact(frame.serial, [line] if len(line) else [], frame.time_ns)
+
+
+class LiftObservers(LiftObserver):
+    """Passes each event on to several observers, in their order. contact: the one that knows of contacts."""
+
+    def __init__(self, contact: LiftObserver, observers: Sequence[LiftEvents]) -> None:
+        self._contact = contact
+        self._observers = observers
+
+    def followed_by(self, observer: LiftEvents) -> "LiftObservers":
+        """Return the same observers with another one at the end."""
+        return LiftObservers(self._contact, (*self._observers, observer))
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase."""
+        for observer in self._observers:
+            observer.phase(phase, time_ns)
+
+    def frame(self, frame: Frame) -> None:
+        """Pass a frame on."""
+        for observer in self._observers:
+            observer.frame(frame)
+
+    def arm(self, state: ArmState) -> None:
+        """Pass the arm's state on."""
+        for observer in self._observers:
+            observer.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Pass the gripper's state on."""
+        for observer in self._observers:
+            observer.gripper(state)
+
+    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+        """Pass a step of a reaction on."""
+        for observer in self._observers:
+            observer.reaction(step, time_ns, counts)
+
+    def touching(self, serial: str) -> bool:
+        """Whether a fingertip is in contact."""
+        return self._contact.touching(serial)
+
+
+def lift_angles(measurement: LiftMeasurement, truth: TruthSeries) -> Iterator[tuple[str, RecordedAngle]]:
+    """Yield the angles of a lift in the form of a recording, each with its topic."""
+    for serial, tip in measurement.angle.tips.items():
+        for sample in tip.samples:
+            answer = tip.answer(sample)
+            yield slip_topic(serial), _recorded(answer.angle_deg, answer.sigma_deg, sample)
+    for fused in measurement.angle.fused:
+        yield FUSED_TOPIC, _recorded(fused.angle_deg, fused.sigma_deg, fused)
+    for time_ns, angle, sigma in zip(truth.time_ns, truth.angle_deg, truth.sigma_deg, strict=True):
+        yield TRUTH_TOPIC, RecordedAngle(int(time_ns), float(angle), float(sigma), State.TRACKING.value)
+
+
+def _recorded(angle: float | None, sigma: float | None, sample: SlipSample | FusedSample) -> RecordedAngle:
+    area = sample.contact_area_px if isinstance(sample, SlipSample) else None
+    return RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)

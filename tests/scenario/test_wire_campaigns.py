@@ -1,0 +1,61 @@
+"""Parts of the benchmarks behind wires, in real time: `rig benchmark` `faults --full`, `safety`, `endurance`.
+
+Programs stopped on their way down: `test_bench_safety.py`.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from rig.benchmark.harness import Run
+from rig.benchmark.wire.campaign import FILM, PART_FOLDER, run_campaign
+from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
+from rig.benchmark.wire.fault_cases import CASES, both
+from rig.benchmark.wire.faults import judge_faults
+from rig.benchmark.wire.moments import Moment, Stage
+from rig.benchmark.wire.safety import judge_runs
+from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun
+from rig.benchmark.wire.safety_runs import run_safety
+from rig.config import BenchConfig
+
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
+
+
+def test_two_faults_at_once_pass_and_are_filmed(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
+    by_name = {case.name: case for case in CASES}
+    two = both(by_name["arm: protective stop"], by_name["camera: unplugged"])
+    run = Run(jobs=1, folder=tmp_path / "c")
+    (row,) = run_campaign(run, [(two, Moment(Stage.GRASP, 1.0))], unhurried_bench)
+    assert (row.fault, row.stage) == ("arm: protective stop + camera: unplugged", "grasp")
+    assert row.passed, row
+    assert all(limit.met for limit in judge_faults([row]))
+    assert (tmp_path / "c" / FILM).stat().st_size > 10_000
+    assert not list((tmp_path / "c").glob(f"{PART_FOLDER}*"))
+
+
+def test_killed_lift_and_blocked_fingers_keep_every_limit(
+    tmp_path: Path, unhurried_bench: BenchConfig
+) -> None:
+    plan = [
+        PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
+        PlannedRun(2, BY_NAME["fingers blocked"], Moment(Stage.HOLD, 0.2)),
+    ]
+    runs = run_safety(Run(folder=tmp_path / "s"), plan, unhurried_bench)
+    assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
+    missed = [limit for limit in judge_runs(runs) if not limit.met]
+    assert not missed, (missed, runs)
+    assert "nobody at the bench agreed" in runs[1].said
+
+
+def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:
+    seen: list[tuple[int, Minute]] = []
+    told = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
+    assert seen == list(enumerate(told, start=1))
+    rate_hz = sum(tactile.rate_hz for tactile in unhurried_bench.tactile) + unhurried_bench.camera.rate_hz
+    for minute in told:
+        assert minute.dropped == 0
+        assert minute.frames == pytest.approx(3.0 * rate_hz, rel=0.1)
+        assert minute.answered > 0.95
+        assert minute.wander_deg < WANDER_DEG
+    assert told[-1].threads == told[0].threads
+    assert told[-1].files == told[0].files

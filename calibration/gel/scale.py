@@ -77,7 +77,7 @@ def _system(centres_px: Array, radii_mm: Array, bulge_per_mm: float) -> Array:
 
 
 def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
-    """(2,) mm per px along x and y, and the (N, 2) mm by which the moves are missed."""
+    """(2,) mm per px along x and y, and the (N, 2) residuals of the moves in mm."""
 
     def solve(bulge_per_mm: float) -> tuple[Array, Array]:
         system = _system(centres_px, radii_mm, bulge_per_mm)

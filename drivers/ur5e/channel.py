@@ -62,11 +62,11 @@ class ChildProcess:
             self._process.wait(timeout_s)
 
     def kill(self) -> None:
-        """End it now; `death` can still tell of it."""
+        """End the process now; `death` still returns the reason."""
         self._process.kill()
 
     def end(self) -> None:
-        """End it now and let go of what it said. Safe to call twice."""
+        """End the process now and delete its output. Safe to call twice."""
         self._process.kill()
         self.wait(_END_S)
         self._output.close()

@@ -35,7 +35,7 @@ LATE_NS = to_ns(0.015)
 
 
 class Program:
-    """A process, with all its threads. Where the system does not tell (no /proc), it counts as at work."""
+    """A process, with all its threads. Without /proc it counts as running."""
 
     def __init__(self, pid: int) -> None:
         self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")

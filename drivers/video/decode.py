@@ -59,7 +59,7 @@ def read_header(data: bytes | bytearray) -> tuple[tuple[int, int], int]:
 def turned_left(jpeg: bytes) -> bytes:
     """Return a JPEG that viewers and `decode` show turned 90 degrees counter-clockwise.
 
-    The coded image stays as received, which no library that encodes anew would leave it; an
+    The coded image stays as received; a library that encodes it again would change it. An
     orientation header (EXIF 2.32, tag 0x0112) goes in front.
     """
     return _START + _TURN_LEFT + jpeg[2:]

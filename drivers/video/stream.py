@@ -100,7 +100,7 @@ class SequenceCounter:
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
     def opened(self, after_failure: bool) -> None:
-        """The source was opened: its numbers may begin anew.
+        """The source was opened: its frame numbers may restart.
 
         after_failure: then the images since the last one count as dropped.
         """

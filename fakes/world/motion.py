@@ -15,7 +15,7 @@ class TrapezoidProfile:
     """Trapezoidal speed over a `distance` (any unit), from `start_ns` on.
 
     speed and acceleration are in the distance's unit per s and per s^2. `fraction_at` runs
-    from 0 to 1. A motion that was cut short stays at its `stop_fraction`; one that was told to brake
+    from 0 to 1. A motion that was cut short stays at its `stop_fraction`; one that was commanded to brake
     goes on from `brake_ns` until it stands.
     """
 
@@ -54,7 +54,7 @@ class TrapezoidProfile:
         return self._uncut_fraction_at(time_ns) >= self.stop_fraction
 
     def braked_at(self, time_ns: int, deceleration: float) -> "TrapezoidProfile":
-        """The same motion told to brake at `time_ns`; one that brakes or has ended stays as it is.
+        """Return the motion with a brake command at `time_ns`; if it brakes already or has ended, unchanged.
 
         It never brakes more gently than it slows down, so that it stays short of its end.
         """

@@ -215,11 +215,11 @@ def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> 
     pictures = []
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
-        text = "Rms px by which each sample is missed; orange ones stand out."
+        text = "Rms error of each sample in px; orange samples are outliers."
         pictures.append(Picture("Error per sample", text, figures.bars(result.sample_px, "px", limit)))
     if result.spread is not None:
         held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
-        text = "Rms px by which the answer from all others misses each."
+        text = "Rms error in px of each sample for the answer from all others."
         pictures.append(Picture("Error of samples left out", text, figures.bars(held, "px")))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])

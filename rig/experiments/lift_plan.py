@@ -1,4 +1,4 @@
-"""What a lift does, before it begins: its task, the settings of its trial, its plan drawn from the seed."""
+"""Plans a lift: its task, the settings that all lifts of a trial share, and the plan drawn from the seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -58,7 +58,7 @@ def all_tasks(objects: Sequence[str], lifts: int) -> list[LiftTask]:
 
 @dataclass(frozen=True, slots=True)
 class TrialSettings:
-    """What all lifts of a trial share."""
+    """Settings that all lifts of a trial share."""
 
     bench: BenchConfig
     seed: int

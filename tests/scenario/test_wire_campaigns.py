@@ -9,13 +9,14 @@ import pytest
 
 from rig.benchmark.harness import Run
 from rig.benchmark.wire.campaign import FILM, PART_FOLDER, run_campaign
-from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
+from rig.benchmark.wire.endurance import WANDER_DEG, measure_endurance
 from rig.benchmark.wire.fault_cases import CASES, both
 from rig.benchmark.wire.faults import judge_faults
 from rig.benchmark.wire.moments import Moment, Stage
 from rig.benchmark.wire.safety import judge_runs
 from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun
 from rig.benchmark.wire.safety_runs import run_safety
+from rig.benchmark.wire.still_contact import Minute
 from rig.config import BenchConfig
 
 pytestmark = [pytest.mark.real_time, pytest.mark.long]
@@ -49,13 +50,13 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
 
 def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:
     seen: list[tuple[int, Minute]] = []
-    told = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
-    assert seen == list(enumerate(told, start=1))
+    minutes = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
+    assert seen == list(enumerate(minutes, start=1))
     rate_hz = sum(tactile.rate_hz for tactile in unhurried_bench.tactile) + unhurried_bench.camera.rate_hz
-    for minute in told:
+    for minute in minutes:
         assert minute.dropped == 0
         assert minute.frames == pytest.approx(3.0 * rate_hz, rel=0.1)
         assert minute.answered > 0.95
         assert minute.wander_deg < WANDER_DEG
-    assert told[-1].threads == told[0].threads
-    assert told[-1].files == told[0].files
+    assert minutes[-1].threads == minutes[0].threads
+    assert minutes[-1].files == minutes[0].files

@@ -49,8 +49,8 @@ Planned = tuple[FaultCase, Moment]
 class FaultyLift:
     """A lift with a fault while it goes on.
 
-    Monotonic times in ns: when the fault was injected, when the rig first told the arm to stop after it, and
-    when the simulated tool then stood still; 0 if that has not happened. stage: of the lift at the fault.
+    Monotonic times in ns: of the fault, of the rig's first stop command to the arm after it, and of the
+    simulated tool's standstill after that; 0 if that has not happened. stage: of the lift at the fault.
     dropped: whether the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run
     although its case was mended. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long
     enough to miss any device.
@@ -94,7 +94,7 @@ def _seconds(value: float | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """What a fault led to.
+    """Result of a fault.
 
     number: of its lift, from 1. stage: of the lift at the fault. still_s: from the fault to standstill of the
     tool. outcomes: of the attempts that the fault ended; none if the lift was over before it was noticed.
@@ -250,7 +250,7 @@ class _FaultyBench(StandingBench):
 
 
 class _TimedArm:
-    """An arm that notes when it is told to stop."""
+    """An arm that records the times of its stop commands."""
 
     def __init__(self, arm: Arm, stopped: Callable[[int], None]) -> None:
         self._arm, self._stopped = arm, stopped

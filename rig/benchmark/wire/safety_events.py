@@ -99,7 +99,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What an event led to. unasked: what moved although nobody had agreed, in words; "" if nothing did."""
+    """Result of an event. unasked: the unconfirmed motion in words; "" without one."""
 
     stop: Standstill
     dropped: bool

@@ -41,7 +41,7 @@ SETTLE_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class SafetyRun:
-    """What an event led to.
+    """Result of an event.
 
     still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift
     finished before is whole on disk. ended: the program's exit code, negative for a signal. said: its last

@@ -14,7 +14,8 @@ from drivers.errors import RecordingError
 from drivers.images import with_jpeg
 from drivers.types import Frame, Image
 from protocols.observer import Phase
-from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
+from rig.benchmark.wire.endurance import judge_endurance
+from rig.benchmark.wire.still_contact import Minute, MinuteRecordings, StillContact
 from rig.config import load_bench
 
 LATE, FAR = "capture to angle, 99th percentile, ms", "farthest angle from the first minute, deg"

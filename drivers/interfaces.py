@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from drivers.errors import DeviceError
-from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
+from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 
 
 class Motion(Protocol):
@@ -109,11 +109,11 @@ class Arm(Diagnosable, Protocol):
 
 
 class Gripper(Diagnosable, Protocol):
-    """Two grasping fingers positioned in counts: `min_counts` of `limits` is open, `max_counts` closed."""
+    """Two grasping fingers: opening between the fingertips in m, speed in m/s, force in N."""
 
     @property
-    def limits(self) -> GripperLimits:
-        """Range of the fingers."""
+    def spec(self) -> GripperSpec:
+        """Range and resolution of the fingers, range of speed and force."""
         ...
 
     def connect(self) -> None:
@@ -132,8 +132,14 @@ class Gripper(Diagnosable, Protocol):
         """Newest state. Raises `DeviceError` when the gripper is gone or in fault."""
         ...
 
-    def move_to(self, position_counts: int) -> Motion:
-        """Start moving the fingers and return at once. Raises `OutOfLimitsError`."""
+    def move_to(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> Motion:
+        """Start moving the fingers to the position nearest to an opening and return at once.
+
+        speed_m_s, force_n: the gripper's own defaults if None. Raises `OutOfLimitsError` before anything is
+        sent, see `GripperSpec.require_command`.
+        """
         ...
 
     def stop(self) -> None:

@@ -1,12 +1,14 @@
 """Frozen values that cross the device interfaces. SI units; other units are in the name."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import OutOfLimitsError
 from drivers.values import Vector3 as Vector3
 from drivers.values import Vector6 as Vector6
 from drivers.values import (
@@ -25,7 +27,11 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 BEYOND_SHARE = 0.02
-"""Share of the fingers' range by which a position may lie outside it: 5 counts of 6 to 255."""
+"""Share of the fingers' stroke by which a reported opening may lie outside the range: 3 mm of 155 mm."""
+LARGEST_OPENING_M = 1.0
+"""Largest absolute opening of a valid state; it rejects millimetres and counts in place of metres."""
+_TILT_M = 1e-9
+"""Least change of a measured opening per step, so that each step has an opening of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,28 +151,35 @@ class ArmLimits:
 class GripperState:
     """One sample of the gripper. Its constructor raises `InvalidStateError` for any value that is invalid.
 
-    `position_counts` is the grasping fingers' position, rising while they close (`GripperLimits`);
-    `current_counts` its motor current register, unscaled. There is no force here: the
-    Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current). `gripping`: a grasping
-    finger met something while it closed, by the gripper's own account; a light grip goes unnoticed.
-    `obstructed`: a grasping finger met something while it opened.
+    opening_m: distance between the grasping fingertips, m. `gripping`: a grasping finger met something while
+    it closed, by the gripper's own account; a light grip goes unnoticed. `obstructed`: a grasping finger met
+    something while it opened. current_a: motor current, A, None if the gripper does not measure it. raw: the
+    gripper's own readings by name, of which a recording keeps `position_counts` and `current_counts`. There
+    is no force here: the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
     """
 
     time_ns: int
     activated: bool
     moving: bool
-    position_counts: int
-    current_counts: int
-    fault_code: int
+    opening_m: float
+    fault_code: int = 0
     gripping: bool = False
     obstructed: bool = False
+    current_a: float | None = None
+    raw: Mapping[str, int] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        for name in ("time_ns", "position_counts", "current_counts", "fault_code"):
+        for name in ("time_ns", "fault_code"):
             require_integer(f"the gripper's {name}", getattr(self, name))
-        require_number("the gripper's position_counts", self.position_counts, 0)
+        require_number("the gripper's opening_m", self.opening_m, -LARGEST_OPENING_M, LARGEST_OPENING_M)
         for name in ("activated", "moving", "gripping", "obstructed"):
             require_type(f"the gripper's {name}", getattr(self, name), bool)
+        if self.current_a is not None:
+            require_number("the gripper's current_a", self.current_a)
+        require_type("the gripper's raw", self.raw, Mapping)
+        for name, value in self.raw.items():
+            require_type("a name in the gripper's raw", name, str)
+            require_integer(f"the gripper's raw {name}", value)
 
 
 class Holding(StrEnum):
@@ -185,7 +198,7 @@ class HandState:
     """What is known of the hand, from before it comes about until after it is over.
 
     what: around what, or holding what. base_T_grasp: TCP when the fingers closed, or will, None
-    where nothing is. finger_counts: of the fingers when this became known, None if unknown.
+    where nothing is. finger_opening_m: of the fingers when this became known, None if unknown.
     Its constructor raises `InvalidStateError` for any value that is invalid.
     """
 
@@ -193,7 +206,7 @@ class HandState:
     what: str = ""
     base_T_grasp: Pose | None = None  # noqa: N815 - frame names keep their case
     width_m: float = 0.0
-    finger_counts: int | None = None
+    finger_opening_m: float | None = None
 
     def __post_init__(self) -> None:
         require_type("the hand's holding", self.holding, Holding)
@@ -201,63 +214,114 @@ class HandState:
         if self.base_T_grasp is not None:
             _require_pose("the hand's base_T_grasp", self.base_T_grasp)
         require_number("the hand's width_m", self.width_m)
-        if self.finger_counts is not None:
-            require_integer("the hand's finger_counts", self.finger_counts)
+        if self.finger_opening_m is not None:
+            require_number("the hand's finger_opening_m", self.finger_opening_m)
 
 
 @dataclass(frozen=True, slots=True)
-class GripperLimits:
-    """Range of the gripper: counts, and the finger opening they stand for.
+class GripperSpec:
+    """Range and resolution of a gripper.
 
-    min_counts: what the position reads when the fingers are open; max_counts: when they are closed.
-    openings: measured pairs of counts (rising) and opening in m; between them the opening is
-    interpolated, and the nominal line does not count.
+    max_opening_m: nominal opening of the open fingers. stroke_m: how far they close from there; a nominal
+    stroke may end below an opening of 0, where the fingertips press on each other. resolution_m: the step in
+    which the fingers close on an object. Positions are numbered in these steps, 0 is open.
+    speed_m_s, force_n: lowest and highest that may be commanded.
+    measured: pairs of a position in steps (rising) and its measured opening in m (not rising). Between them
+    openings are interpolated; beyond them they change by the resolution per step.
     """
 
-    min_counts: int
-    max_counts: int
     max_opening_m: float
-    opening_per_count_m: float
-    openings: tuple[tuple[float, float], ...] = ()
-
-    def require_possible(self, counts: int) -> None:
-        """Raise `InvalidStateError` for a position that the fingers cannot have.
-
-        Play and calibration error may take it out of the range by `BEYOND_SHARE` of the range.
-        """
-        beyond = BEYOND_SHARE * (self.max_counts - self.min_counts)
-        low, high = self.min_counts - beyond, self.max_counts + beyond
-        require_number("the gripper's position_counts", counts, low, high)
+    stroke_m: float
+    resolution_m: float
+    speed_m_s: tuple[float, float]
+    force_n: tuple[float, float]
+    measured: tuple[tuple[float, float], ...] = ()
 
     @property
-    def widest_m(self) -> float:
-        """How wide the fingers open: measured, its nominal slope gone on with, or nominal."""
-        if not self.openings:
-            return self.max_opening_m
-        counts, opening_m = self.openings[0]
-        return opening_m + (counts - self.min_counts) * self.opening_per_count_m
+    def steps(self) -> int:
+        """Number of steps from open to closed."""
+        return round(self.stroke_m / self.resolution_m)
 
-    def opening_at(self, counts: float) -> float:
-        """Return the finger opening in m that a position stands for, as `counts_for_opening` has it."""
-        nominal_m = self.max_opening_m - (counts - self.min_counts) * self.opening_per_count_m
-        if not self.openings:
-            return nominal_m
-        known, opening_m = (np.array(column) for column in zip(*self.openings, strict=True))
-        inside = float(np.clip(counts, known.min(), known.max()))
-        return float(np.interp(inside, known, opening_m)) + (inside - counts) * self.opening_per_count_m
+    @property
+    def open_m(self) -> float:
+        """Opening of the open fingers, m."""
+        return self.opening_at(0)
 
-    def counts_for_opening(self, opening_m: float) -> int:
-        """Nearest position count for a finger opening in m: measured (`rig calibrate gripper`), or nominal.
+    @property
+    def closed_m(self) -> float:
+        """Opening of the closed fingers, m."""
+        return self.opening_at(self.steps)
 
-        Beyond what was measured the nominal slope goes on from its end; beyond `widest_m`, open.
+    def opening_at(self, step: float) -> float:
+        """Return the opening in m at a position in steps from open; also beyond the range."""
+        if not self.measured:
+            return self.max_opening_m - step * self.resolution_m
+        known, openings = self._table()
+        inside = float(np.clip(step, known[0], known[-1]))
+        return float(np.interp(inside, known, openings)) + (inside - step) * self.resolution_m
+
+    def step_at(self, opening_m: float) -> int:
+        """Return the position nearest to an opening, in steps from open, within the range.
+
+        It is the inverse of `opening_at` for each whole step of the range.
         """
-        counts = self.min_counts + (self.max_opening_m - opening_m) / self.opening_per_count_m
-        if self.openings:
-            known, opening = (np.array(column) for column in zip(*self.openings, strict=True))
-            inside = float(np.clip(opening_m, opening.min(), opening.max()))
-            counts = float(np.interp(inside, opening[::-1], known[::-1]))
-            counts += (inside - opening_m) / self.opening_per_count_m
-        return int(min(max(round(counts), self.min_counts), self.max_counts))
+        step = (self.max_opening_m - opening_m) / self.resolution_m
+        if self.measured:
+            known, openings = self._table()
+            inside = float(np.clip(opening_m, openings[-1], openings[0]))
+            step = float(np.interp(inside, openings[::-1], known[::-1]))
+            step += (inside - opening_m) / self.resolution_m
+        return min(max(round(step), 0), self.steps)
+
+    def nearest(self, opening_m: float) -> float:
+        """Return the opening of the nearest position within the range, m."""
+        return self.opening_at(self.step_at(opening_m))
+
+    def closer(self, opening_m: float, steps: int = 1) -> float:
+        """Return the opening in m that many steps closer than the position nearest to an opening.
+
+        Negative steps open. The result may be beyond the range.
+        """
+        return self.opening_at(self.step_at(opening_m) + steps)
+
+    def steps_for(self, distance_m: float) -> int:
+        """Return the number of steps nearest to a distance in m, at least 1."""
+        return max(1, round(distance_m / self.resolution_m))
+
+    def require_command(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> None:
+        """Raise `OutOfLimitsError` for a motion beyond the limits; None is the gripper's own default.
+
+        An opening beyond the range by less than half a step is the end of the range.
+        """
+        spare_m = self.resolution_m / 2
+        if not self.closed_m - spare_m < opening_m < self.open_m + spare_m:
+            low, high = 1e3 * self.closed_m, 1e3 * self.open_m
+            raise OutOfLimitsError(
+                f"gripper: an opening of {1e3 * opening_m:.2f} mm is outside {low:.2f} to {high:.2f} mm"
+            )
+        for what, value, (low, high), unit in (
+            ("speed", speed_m_s, self.speed_m_s, "m/s"),
+            ("force", force_n, self.force_n, "N"),
+        ):
+            if value is not None and not low <= value <= high:
+                raise OutOfLimitsError(
+                    f"gripper: a {what} of {value:g} {unit} is outside {low:g} to {high:g} {unit}"
+                )
+
+    def require_possible(self, opening_m: float) -> None:
+        """Raise `InvalidStateError` for an opening that the fingers cannot have.
+
+        Play and calibration error may take it out of the range by `BEYOND_SHARE` of the stroke.
+        """
+        beyond_m = BEYOND_SHARE * self.stroke_m
+        require_number("the gripper's opening_m", opening_m, self.closed_m - beyond_m, self.open_m + beyond_m)
+
+    def _table(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the measured positions, rising, and their openings, strictly falling."""
+        known, openings = (np.array(column, np.float64) for column in zip(*self.measured, strict=True))
+        return known, openings - _TILT_M * (known - known[0])
 
 
 def _require_pose(what: str, pose: object) -> None:

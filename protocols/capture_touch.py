@@ -13,7 +13,7 @@ from protocols.safe_end import safe_end
 from protocols.steps import (
     LOWER_SPEED_M_S,
     MARGIN_M,
-    MAX_STEPS,
+    MOST_CLOSING_M,
     MOTION_TIMEOUT_S,
     approach,
     close_to_contact,
@@ -27,15 +27,16 @@ from protocols.steps import (
 
 REFERENCE_S = 0.2
 SETTLE_S = 0.3
-PAST_CONTACT = 3
-"""Counts past the first contact before the fingers open again: then both gels are surely touched."""
+PAST_CONTACT_M = 0.0019
+"""How far past the first contact the fingers close, m: three steps of a Robotiq 3-Finger. Then both gels are
+surely touched, and the fingers open again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Touch:
     """One closing. gauge: what the operator lays down, as "ball:6.31"; name: for people.
 
-    base_T_grasp: TCP where it closes. width_m: of the gauge. grip_counts: past the first contact.
+    base_T_grasp: TCP where it closes. width_m: of the gauge. grip_m: past the first contact.
     slack_m: how much wider than the gauge the fingers come down around it, on top of the margin.
     """
 
@@ -44,7 +45,7 @@ class Touch:
     name: str
     base_T_grasp: Pose  # noqa: N815 - frame names keep their case
     width_m: float
-    grip_counts: int = 0
+    grip_m: float = 0.0
     slack_m: float = 0.0
 
 
@@ -61,8 +62,8 @@ def capture_presses(
     Raises `GraspError` where the fingers meet nothing, and what a device raises, after a safe end.
     """
 
-    def press(pump: Pump, touch: Touch, contact_counts: int) -> None:
-        tighten(bench, pump, observer, contact_counts, touch.grip_counts)
+    def press(pump: Pump, touch: Touch, contact_m: float) -> None:
+        tighten_by(bench, pump, observer, contact_m, touch.grip_m)
         pump.run_for(SETTLE_S)
         keep(touch)
 
@@ -77,25 +78,33 @@ def capture_openings(
     closed: Callable[[Touch, float], None],
     opened: Callable[[Touch, float], None],
 ) -> None:
-    """Close on blocks of known width and open again, count by count.
+    """Close on blocks of known width and open again, step by step of the gripper's resolution.
 
-    `closed` gets the counts between the last free one and the first that touches, `opened` those
-    between the last that touches and the first free one: there the opening is the block's width.
+    Positions are in steps from open. `closed` gets that between the last free one and the first that touches,
+    `opened` that between the last that touches and the first free one: there the opening is the block's
+    width.
     Raises as `capture_presses` does.
     """
+    spec = bench.gripper.spec
 
-    def measure(pump: Pump, touch: Touch, contact_counts: int) -> None:
-        closed(touch, contact_counts - 0.5)
-        counts = tighten(bench, pump, observer, contact_counts, PAST_CONTACT)
-        for _ in range(MAX_STEPS):
-            counts -= 1
-            step_fingers(bench, pump, observer, counts)
+    def measure(pump: Pump, touch: Touch, contact_m: float) -> None:
+        closed(touch, spec.step_at(contact_m) - 0.5)
+        opening_m = tighten_by(bench, pump, observer, contact_m, PAST_CONTACT_M)
+        for _ in range(spec.steps_for(MOST_CLOSING_M)):
+            opening_m = spec.closer(opening_m, -1)
+            step_fingers(bench, pump, observer, opening_m)
             pump.run_for(SETTLE_S)
             if not all(observer.touching(tip.sensor.serial) for tip in bench.fingertips):
-                opened(touch, counts + 0.5)
+                opened(touch, spec.step_at(opening_m) + 0.5)
                 return
 
     _each(bench, operator, observer, touches, measure)
+
+
+def tighten_by(bench: Bench, pump: Pump, observer: LiftObserver, from_m: float, by_m: float) -> float:
+    """Close in contact by a distance in m, as `tighten` does; return the opening at the end, m."""
+    steps = bench.gripper.spec.steps_for(by_m) if by_m > 0.0 else 0
+    return tighten(bench, pump, observer, from_m, steps)
 
 
 def _each(
@@ -103,7 +112,7 @@ def _each(
     operator: Operator,
     observer: LiftObserver,
     touches: Sequence[Touch],
-    touched: Callable[[Pump, Touch, int], None],
+    touched: Callable[[Pump, Touch, float], None],
 ) -> None:
     """Close on each in turn, with a look at the untouched gels before; open, and rise at the end."""
     make_ready(bench, operator)
@@ -125,7 +134,7 @@ def _each(
 
 def _came_down(bench: Bench, touch: Touch) -> float:
     """How wide the fingers come down around a gauge, m, less the margin: with its slack, if there is room."""
-    room_m = bench.gripper.limits.widest_m - 2 * MARGIN_M
+    room_m = bench.gripper.spec.open_m - 2 * MARGIN_M
     return max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.bench import Bench
-from protocols.capture_touch import REFERENCE_S, Touch
+from protocols.capture_touch import REFERENCE_S, Touch, tighten_by
 from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
 from protocols.readiness import make_ready
@@ -15,7 +15,6 @@ from protocols.steps import (
     close_to_contact,
     lower_and_release,
     start_watching,
-    tighten,
 )
 
 ACCELERATION_M_S2 = 0.8
@@ -43,7 +42,7 @@ def capture_wiggle(
     with safe_end(bench):
         approach(bench, touch.base_T_grasp, touch.width_m, touch.name)
         pump = start_watching(bench, observer, REFERENCE_S)
-        tighten(bench, pump, observer, close_to_contact(bench, pump, observer), touch.grip_counts)
+        tighten_by(bench, pump, observer, close_to_contact(bench, pump, observer), touch.grip_m)
         pump.run_for(SETTLE_S)
         observer.phase(Phase.LIFT, pump.seen_ns)
         for stroke in strokes:

@@ -13,13 +13,15 @@ from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, FingerMotionError
 from drivers.interfaces import Motion
-from drivers.types import GripperLimits, GripperState, Holding
+from drivers.types import GripperSpec, GripperState, Holding
 from protocols.pump import Pump
 
 MOTION_TIMEOUT_S = 15.0
 REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
-(2 x `steps.MARGIN_M`), so fingers within it do not touch the object. Three counts of a Robotiq 3-Finger."""
+(2 x `steps.MARGIN_M`), so fingers within it do not touch the object. Three steps of a Robotiq 3-Finger."""
+_ROUNDING_M = 1e-9
+"""Rounding error of an opening, far below any gripper's resolution."""
 RELEASE_S = 1.0
 """Longest time after an opening until the imprint of the contact has to be gone: a gel recovers slowly."""
 
@@ -31,41 +33,42 @@ def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
     return lambda motion: pump.run_until(motion.done, MOTION_TIMEOUT_S)
 
 
-def move_fingers(bench: Bench, counts: int, pump: Pump | None = None) -> GripperState:
+def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
     """Move the fingers and verify that they arrived; return the gripper's state then.
 
-    counts: gripper counts. pump: delivers frames meanwhile. Fingers that close may stop early where an
-    object resists with the gripper's force (`GripperState.gripping`). Raises `FingerMotionError` for any
-    other position outside `REACHED_M`, after a stop: a Robotiq gripper whose finger met something ignores
-    further commands in the same direction until rGTO is cleared (manual, OBJECT STATUS). If an opening
-    failed, a hand that held an object still holds it if the fingers fell short; any other is unknown.
+    opening_m: distance between the fingertips. pump: delivers frames meanwhile. Fingers that close may stop
+    early where an object resists with the gripper's force (`GripperState.gripping`). Raises
+    `FingerMotionError` for any other position outside `REACHED_M`, after a stop: a Robotiq gripper whose
+    finger met something ignores further commands in the same direction until rGTO is cleared (manual, OBJECT
+    STATUS). If an opening failed, a hand that held an object still holds it if the fingers fell short; any
+    other is unknown.
     """
-    opens = counts < bench.gripper.state().position_counts
-    wait_with(pump)(bench.gripper.move_to(counts))
+    opens = opening_m > bench.gripper.state().opening_m
+    wait_with(pump)(bench.gripper.move_to(opening_m))
     reached = bench.gripper.state()
-    problem = _problem(reached, counts, opens, bench.gripper.limits)
+    problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
         return reached
     with suppress(DeviceError):  # the error below says more
         bench.gripper.stop()
-    fell_short = opens and reached.position_counts > counts
+    fell_short = opens and reached.opening_m < opening_m
     if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
         doubt_hand(bench, f"the fingers {problem}")
     raise FingerMotionError(
-        f"gripper: the fingers {problem} (tolerance {tolerance_counts(bench.gripper.limits)} counts): they "
+        f"gripper: the fingers {problem} (tolerance {1e3 * tolerance_m(bench.gripper.spec):.1f} mm): they "
         "are blocked, or the gripper does not carry out its commands; the arm stays where it is. Look what "
         "is between the fingers and around them, then start again"
     )
 
 
-def release(bench: Bench, counts: int, pump: Pump) -> GripperState:
+def release(bench: Bench, opening_m: float, pump: Pump) -> GripperState:
     """Open the fingers as `move_fingers` does, and wait until no fingertip shows the contact any more.
 
     Raises `FingerMotionError` after `RELEASE_S`; the hand is then unknown: the object may stick to a
     fingertip, or the gripper may report a position that its fingers do not have.
     """
     contacts = pump.contacts()
-    reached = move_fingers(bench, counts, pump)
+    reached = move_fingers(bench, opening_m, pump)
     end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
     pump.run_until(lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
     if touched := pump.still_shown(contacts):
@@ -83,20 +86,20 @@ def doubt_hand(bench: Bench, why: str) -> None:
     bench.hand.note(replace(bench.hand.state, holding=Holding.UNKNOWN, what=why))
 
 
-def tolerance_counts(limits: GripperLimits) -> int:
-    """Return `REACHED_M` in counts of this gripper, at least 1."""
-    return max(1, round(REACHED_M / limits.opening_per_count_m))
+def tolerance_m(spec: GripperSpec) -> float:
+    """Return the tolerance of a reached opening, m: `REACHED_M`, at least one step of this gripper."""
+    return max(REACHED_M, spec.resolution_m)
 
 
-def _problem(state: GripperState, counts: int, opens: bool, limits: GripperLimits) -> str | None:
+def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSpec) -> str | None:
     """Describe how the fingers missed their target; None if they did not."""
-    off = state.position_counts - counts
-    if abs(off) > tolerance_counts(limits):
-        short = (off > 0) == opens
+    off_m = state.opening_m - opening_m
+    if abs(off_m) > tolerance_m(spec) + _ROUNDING_M:
+        short = (off_m < 0) == opens
         if short and not opens and state.gripping:
             return None
         what = "stopped at" if short else "went too far, to"
-        return f"{what} {state.position_counts} instead of {counts} counts"
+        return f"{what} {1e3 * state.opening_m:.1f} instead of {1e3 * opening_m:.1f} mm"
     if opens and state.obstructed:
-        return f"met something while they opened to {counts} counts"
+        return f"met something while they opened to {1e3 * opening_m:.1f} mm"
     return None

@@ -24,7 +24,7 @@ class ReactionStep(StrEnum):
     """Steps of a reaction to slip: commands, and when the parts that they move stood still.
 
     stop: the arm is commanded to stop. stands: the arm stands still. close, closed: the same of the fingers,
-    with their position in counts. rest: the object has stopped turning, the lift goes on. ends: the lift ends
+    with their position. rest: the object has stopped turning, the lift goes on. ends: the lift ends
     at its present height.
     """
 
@@ -51,8 +51,8 @@ class LiftEvents(Protocol):
     def gripper(self, state: GripperState) -> None:
         """The gripper's state, after each command and before each camera frame."""
 
-    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
-        """A step of a reaction to slip. counts: commanded position of the fingers."""
+    def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
+        """A step of a reaction to slip. position: commanded, in the gripper's steps from open."""
 
 
 class LiftObserver(LiftEvents, Protocol):

@@ -14,8 +14,9 @@ from protocols.pump import Pump
 
 MOST_REACTIONS = 8
 """In one lift. The last one ends it: what slips on is lifted no higher."""
-FIRST_STEP_COUNTS = 6
-"""The first closing of a lift; each one after it is twice as far, so that few reach any grip."""
+FIRST_CLOSING_M = 0.0037
+"""The first closing of a lift, m: six steps of a Robotiq 3-Finger. Each one after it is twice as far, so that
+few reach any grip."""
 REST_TIMEOUT_S = 0.5
 """After so long a closing that has not brought the object to rest is followed by the next."""
 
@@ -47,17 +48,21 @@ class SlipSense(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What is to be done, and who says when. largest_grip_counts: beyond first contact, for `TIGHTEN`."""
+    """What is to be done, and who detects the slip.
+
+    largest_grip_steps: for `TIGHTEN`, beyond first contact, in steps of the gripper's resolution.
+    """
 
     kind: ReactionKind
     sense: SlipSense
-    largest_grip_counts: int = 0
+    largest_grip_steps: int = 0
 
 
 class Reflex:
     """Carries out one lift's reactions.
 
-    contact_counts: where the fingers met the object; grip_counts: how far beyond they stand.
+    contact_m: opening at which the fingers met the object. grip_steps: how far beyond they stand, in steps of
+    the gripper's resolution.
     """
 
     def __init__(
@@ -66,17 +71,18 @@ class Reflex:
         pump: Pump,
         observer: LiftEvents,
         reaction: Reaction | None,
-        contact_counts: int,
-        grip_counts: int,
+        contact_m: float,
+        grip_steps: int,
     ) -> None:
         self._bench = bench
         self._pump = pump
         self._observer = observer
         self._reaction = reaction
-        self._counts = contact_counts + grip_counts
-        largest = contact_counts + (reaction.largest_grip_counts if reaction else 0)
-        self._largest = min(largest, bench.gripper.limits.max_counts)
-        self._step = FIRST_STEP_COUNTS
+        spec = bench.gripper.spec
+        contact = spec.step_at(contact_m)
+        self._position = contact + grip_steps
+        self._firmest = min(contact + (reaction.largest_grip_steps if reaction else 0), spec.steps)
+        self._closing = spec.steps_for(FIRST_CLOSING_M)
         self._left = MOST_REACTIONS if reaction and reaction.kind is not ReactionKind.NONE else 0
 
     @property
@@ -117,18 +123,20 @@ class Reflex:
         """
         if self._reaction is None or self._reaction.kind is not ReactionKind.TIGHTEN:
             return False
-        while self._counts < self._largest:
-            self._close(min(self._counts + self._step, self._largest))
-            self._step *= 2
+        while self._position < self._firmest:
+            self._close(min(self._position + self._closing, self._firmest))
+            self._closing *= 2
             if self._comes_to_rest(self._reaction.sense.at_rest):
                 return True
         self._comes_to_rest(self._reaction.sense.at_rest)
         return not self._reaction.sense.another_is_too_much()
 
-    def _close(self, counts: int) -> None:
-        self._counts = counts
+    def _close(self, position: int) -> None:
+        """Close to a position in steps of the gripper's resolution from open."""
+        self._position = position
         self._report(ReactionStep.CLOSE)
-        self._observer.gripper(move_fingers(self._bench, counts, self._pump))
+        opening_m = self._bench.gripper.spec.opening_at(position)
+        self._observer.gripper(move_fingers(self._bench, opening_m, self._pump))
         self._report(ReactionStep.CLOSED)
 
     def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:
@@ -138,4 +146,4 @@ class Reflex:
 
     def _report(self, step: ReactionStep) -> None:
         if self._reaction is not None:
-            self._observer.reaction(step, self._bench.clock.now_ns(), self._counts)
+            self._observer.reaction(step, self._bench.clock.now_ns(), self._position)

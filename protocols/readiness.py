@@ -16,10 +16,11 @@ from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
-OPEN_COUNTS = 3
-"""Fingers that read no more than this above open hold nothing."""
-CLOSED_COUNTS = 2
-"""Fingers that have closed by more since the hand was known to be free were closed by somebody else."""
+OPEN_M = 0.002
+"""Fingers that are closed by no more than this, m, hold nothing: three steps of a Robotiq 3-Finger."""
+CLOSED_M = 0.0015
+"""Fingers that have closed by more, m, since the hand was known to be free were closed by somebody else. It
+lies between two and three steps of a Robotiq 3-Finger."""
 
 
 def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
@@ -46,7 +47,7 @@ def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> No
         _let_go(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")
     elif after_fault:
         operator.look("The last lift ended in a fault; nothing is held. Look at the bench: shall it go on?")
-    bench.hand.note(HandState(Holding.FREE, finger_counts=_finger_counts(bench)))
+    bench.hand.note(HandState(Holding.FREE, finger_opening_m=_finger_opening_m(bench)))
 
 
 def agree_to_carry(bench: Bench, operator: Operator) -> None:
@@ -70,15 +71,15 @@ def look_at_hand(bench: Bench) -> HandState:
         gripper = bench.gripper.state()
     except GripperFaultError:
         return known
-    counts = gripper.position_counts
+    opening_m = gripper.opening_m
     if known.holding is Holding.FREE:
-        closed = known.finger_counts is not None and counts > known.finger_counts + CLOSED_COUNTS
+        closed = known.finger_opening_m is not None and opening_m < known.finger_opening_m - CLOSED_M
         if gripper.gripping or closed:
-            return HandState(Holding.UNKNOWN, f"the fingers were closed to {counts} counts since")
+            return HandState(Holding.UNKNOWN, f"the fingers were closed to {1e3 * opening_m:.1f} mm since")
     elif known.holding is Holding.AROUND:
         if not is_around(bench.arm.state().base_T_tcp, known):
             return HandState(Holding.FREE)
-    elif not gripper.gripping and counts <= bench.gripper.limits.min_counts + OPEN_COUNTS:
+    elif not gripper.gripping and opening_m >= bench.gripper.spec.open_m - OPEN_M:
         # A gripper that lost its power may report wrong positions: not enough to call a held object released.
         if gripper.activated or known.base_T_grasp is None:
             return HandState(Holding.FREE)
@@ -104,8 +105,10 @@ def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None
             f"{why}{_seen(hand)} Hold what may be between the fingers: shall they open now, and the arm rise?"
         )
         bench.hand.note(hand)
-    counts = _open(bench, operator)
-    operator.look(f"The fingers have opened to {counts} counts. Is the hand empty, and may the arm rise?")
+    opening_m = _open(bench, operator)
+    operator.look(
+        f"The fingers have opened to {1e3 * opening_m:.1f} mm. Is the hand empty, and may the arm rise?"
+    )
     bench.hand.note(replace(hand, holding=Holding.AROUND))
     _rise(bench)
 
@@ -120,17 +123,17 @@ def _seen(hand: HandState) -> str:
     }[hand.holding]
 
 
-def _finger_counts(bench: Bench) -> int | None:
+def _finger_opening_m(bench: Bench) -> float | None:
     try:
-        return bench.gripper.state().position_counts
+        return bench.gripper.state().opening_m
     except GripperFaultError:
         return None
 
 
-def _open(bench: Bench, operator: Operator) -> int:
-    """Activate the gripper if that is due, open the fingers, and return the counts that they reached."""
+def _open(bench: Bench, operator: Operator) -> float:
+    """Activate the gripper if that is due, open the fingers, and return the opening that they reached, m."""
     _activate(bench, operator)
-    return move_fingers(bench, bench.gripper.limits.min_counts).position_counts
+    return move_fingers(bench, bench.gripper.spec.open_m).opening_m
 
 
 def _activate(bench: Bench, operator: Operator) -> None:

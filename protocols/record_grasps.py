@@ -17,8 +17,8 @@ CAPTURE_TIMEOUT_S = 4.0
 class CaptureObserver(LiftObserver, Protocol):
     """An observer that takes images when asked to."""
 
-    def want(self, images: int, grip_counts: int) -> None:
-        """Take this many more images, at a grip of so many counts past first contact."""
+    def want(self, images: int, grip_steps: int) -> None:
+        """Take this many more images, at a grip of that many steps past first contact."""
         ...
 
     def satisfied(self) -> bool:
@@ -28,7 +28,10 @@ class CaptureObserver(LiftObserver, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PosePlan:
-    """One grasp pose to record: `grips` pairs counts past first contact with images to take."""
+    """One grasp pose to record.
+
+    grips: pairs of a grip, in steps of the gripper's resolution past first contact, and images to take.
+    """
 
     object_id: str
     object_name: str
@@ -54,9 +57,9 @@ def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None
         pump = Pump(bench, observer)
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump.start()
-        contact_counts = close_to_contact(bench, pump, observer)
-        for grip_counts, images in plan.grips:
-            step_fingers(bench, pump, observer, contact_counts + grip_counts)
-            observer.want(images, grip_counts)
+        contact_m = close_to_contact(bench, pump, observer)
+        for grip_steps, images in plan.grips:
+            step_fingers(bench, pump, observer, bench.gripper.spec.closer(contact_m, grip_steps))
+            observer.want(images, grip_steps)
             pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)

@@ -32,8 +32,8 @@ LIFT_TIMEOUT_S = 8.0
 class LiftPlan:
     """Everything one lift is told.
 
-    base_T_grasp: TCP when closed on the object. grip_counts: gripper counts beyond the first
-    contact of both fingertips. width_m: of the object at the grasp. lift_height_m: of phase B.
+    base_T_grasp: TCP when closed on the object. grip_steps: steps of the gripper's resolution beyond the
+    first contact of both fingertips. width_m: of the object at the grasp. lift_height_m: of phase B.
     """
 
     object_id: str
@@ -41,7 +41,7 @@ class LiftPlan:
     position: str
     base_T_grasp: Pose  # noqa: N815 - frame names keep their case
     width_m: float
-    grip_counts: int
+    grip_steps: int
     lift_height_m: float
 
 
@@ -57,8 +57,8 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
     with safe_end(bench):
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump = start_watching(bench, observer, REFERENCE_S)
-        contact_counts = _grasp(bench, pump, observer, plan)
-        reflex = Reflex(bench, pump, observer, reaction, contact_counts, plan.grip_counts)
+        contact_m = _grasp(bench, pump, observer, plan)
+        reflex = Reflex(bench, pump, observer, reaction, contact_m, plan.grip_steps)
         observer.phase(Phase.LIFT, pump.seen_ns)
         lifted = _rise(bench, pump, plan, reflex)
         observer.phase(Phase.HOLD, pump.seen_ns)
@@ -70,17 +70,17 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
         lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)
 
 
-def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> int:
-    """Close to first contact, a few counts further, and wait until phase A has lasted its time.
+def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> float:
+    """Close to first contact, a few steps further, and wait until phase A has lasted its time.
 
-    Returns the counts at first contact.
+    Returns the opening at first contact, m.
     """
     began_ns = bench.clock.now_ns()
-    contact_counts = close_to_contact(bench, pump, observer)
-    tighten(bench, pump, observer, contact_counts, plan.grip_counts)
+    contact_m = close_to_contact(bench, pump, observer)
+    tighten(bench, pump, observer, contact_m, plan.grip_steps)
     spent_s = (bench.clock.now_ns() - began_ns) / 1e9
     pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
-    return contact_counts
+    return contact_m
 
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:

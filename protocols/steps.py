@@ -6,7 +6,7 @@ from drivers.bench import Bench
 from drivers.errors import FingerMotionError, GraspError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.motion import check_way
-from drivers.types import GripperLimits, GripperState, HandState, Holding, Pose
+from drivers.types import GripperSpec, GripperState, HandState, Holding, Pose
 from protocols.fingers import MOTION_TIMEOUT_S, doubt_hand, move_fingers, release, wait_with
 from protocols.guarded import guarded
 from protocols.observer import LiftObserver, Phase
@@ -24,20 +24,23 @@ MARGIN_M = 0.003
 STEP_SETTLE_S = 0.05
 FIRMER = 1.02
 """Smallest ratio of `Pump.contact_strength` after the last step of tightening to before it. Measured in 36
-simulated lifts that tighten by 2 to 6 counts, half of them on the hard bench: at least 1.046; 0.99 to 1.01
-while the fingers do not move."""
-FIRMER_COUNTS = 2
-"""Smallest tightening, in counts, for which that ratio is required: the smallest that was measured."""
-MAX_STEPS = 24
+simulated lifts that tighten by 2 to 6 steps of 0.62 mm, half of them on the hard bench: at least 1.046; 0.99
+to 1.01 while the fingers do not move."""
+FIRMER_STEP_M = 0.0006
+"""End of the tightening over which that ratio is measured, m: one step of a Robotiq 3-Finger."""
+FIRMER_PARTS = 2
+"""Smallest tightening for which that ratio is required, in such parts: the smallest that was measured."""
+MOST_CLOSING_M = 0.015
+"""How far the fingers close in search of the object, m, unless the caller asks for more."""
 
 
-def require_room(limits: GripperLimits, width_m: float) -> None:
+def require_room(spec: GripperSpec, width_m: float) -> None:
     """Raise `OutOfLimitsError` for an object that the fingers do not open around."""
     needed_m = width_m + 2 * MARGIN_M
-    if needed_m > limits.widest_m:
+    if needed_m > spec.open_m:
         raise OutOfLimitsError(
             f"gripper: {1e3 * width_m:.1f} mm wide is too wide: the fingers come down "
-            f"{1e3 * needed_m:.1f} mm apart and open {1e3 * limits.widest_m:.1f} mm; "
+            f"{1e3 * needed_m:.1f} mm apart and open {1e3 * spec.open_m:.1f} mm; "
             "see the object file and [gripper.limits]"
         )
 
@@ -56,12 +59,12 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
     wide, or if the way leads through a keep-out box of the bench file; `FingerMotionError` before the hand
     comes down if the fingers do not reach that opening.
     """
-    require_room(bench.gripper.limits, width_m)
+    require_room(bench.gripper.spec, width_m)
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
     check_way(bench.arm.limits, way_to(bench.arm.state().base_T_tcp, base_T_grasp))
     _rise_to(bench, above.position_m[2])
     reached = open_around(bench, width_m)
-    bench.hand.note(HandState(Holding.FREE, finger_counts=reached.position_counts))
+    bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
     move(bench, above, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     bench.hand.note(HandState(Holding.AROUND, what, base_T_grasp, width_m))
     move(bench, base_T_grasp, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
@@ -77,55 +80,62 @@ def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> 
     return pump
 
 
-def close_to_contact(bench: Bench, pump: Pump, observer: LiftObserver, most_steps: int = MAX_STEPS) -> int:
-    """Close in one-count steps until both fingertips touch; return the counts at that point.
+def close_to_contact(
+    bench: Bench, pump: Pump, observer: LiftObserver, most_m: float = MOST_CLOSING_M
+) -> float:
+    """Close by steps of the gripper's resolution until both fingertips touch; return the opening there, m.
 
-    The gripper pushes with 15 N at the least when told a force (manual, rFR), ten times too
-    much: position steps with the tactile image as the stop are the light grip.
+    The lowest force that the Robotiq 3-Finger can be commanded is 15 N (manual, rFR), ten times too much:
+    steps with the tactile image as the stop are the light grip. most_m: how far to close at most.
     From then on the hand is known to hold. Raises `GraspError` when the fingers meet nothing.
     """
-    counts = bench.gripper.state().position_counts
-    for _ in range(min(most_steps, bench.gripper.limits.max_counts - counts)):
+    spec = bench.gripper.spec
+    opening_m = spec.nearest(bench.gripper.state().opening_m)
+    for _ in range(min(spec.steps_for(most_m), spec.steps - spec.step_at(opening_m))):
         if all(observer.touching(tip.sensor.serial) for tip in bench.fingertips):
             bench.hand.note(replace(bench.hand.state, holding=Holding.HELD))
-            return counts
-        counts += 1
-        step_fingers(bench, pump, observer, counts)
+            return opening_m
+        opening_m = spec.closer(opening_m)
+        step_fingers(bench, pump, observer, opening_m)
     raise GraspError(
-        f"gripper: no contact on both fingertips, closed step by step to {counts} counts; "
+        f"gripper: no contact on both fingertips, closed step by step to {1e3 * opening_m:.1f} mm; "
         "check that the object lies in its place and that its width in the object file is right"
     )
 
 
-def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_counts: int, by_counts: int) -> int:
-    """Close in contact by `by_counts` counts, one at a time; return the counts at the end.
+def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_m: float, steps: int) -> float:
+    """Close in contact from an opening by steps of the gripper's resolution; return the opening then, m.
 
     Raises `FingerMotionError` if the gripper reports the last step but the fingertips show no firmer contact,
     so an object is never lifted with a grip that exists in the gripper's reports only. The hand is then
     unknown, because a reported opening could not be relied on either.
     """
-    last_counts, before = from_counts + by_counts, 0.0
-    for counts in range(from_counts + 1, last_counts + 1):
-        if counts == last_counts:
+    spec = bench.gripper.spec
+    compared, before, opening_m = spec.steps_for(FIRMER_STEP_M), 0.0, from_m
+    for step in range(steps):
+        if step == steps - compared:
             before = pump.contact_strength()
-        step_fingers(bench, pump, observer, counts)
-    if by_counts >= FIRMER_COUNTS and not (after := pump.contact_strength()) > FIRMER * before:
+        opening_m = spec.closer(opening_m)
+        step_fingers(bench, pump, observer, opening_m)
+    required = steps >= FIRMER_PARTS * compared
+    if required and not (after := pump.contact_strength()) > FIRMER * before:
         doubt_hand(bench, "the fingertips do not show the motion that the gripper reports")
         raise FingerMotionError(
-            f"gripper: it reports {last_counts} counts, but the fingertips show the contact as it was one "
-            f"count before (strength {before:.2f}, now {after:.2f}, required {FIRMER} times as much): the "
+            f"gripper: it reports {1e3 * opening_m:.1f} mm, but the fingertips show the contact as it was "
+            f"{1e3 * compared * spec.resolution_m:.1f} mm before (strength {before:.2f}, now {after:.2f}, "
+            f"required {FIRMER} times as much): the "
             "fingers may not move as reported; the arm stays where it is. Look at the fingers, then start "
             "again"
         )
-    return last_counts
+    return opening_m
 
 
-def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, counts: int) -> None:
-    """Move the fingers to `counts` while frames keep coming, and let the gel settle.
+def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, opening_m: float) -> None:
+    """Move the fingers to an opening while frames keep coming, and let the gel settle.
 
     Raises `FingerMotionError` if they do not get there, as `move_fingers` does.
     """
-    observer.gripper(move_fingers(bench, counts, pump))
+    observer.gripper(move_fingers(bench, opening_m, pump))
     pump.run_for(STEP_SETTLE_S)
 
 
@@ -162,7 +172,7 @@ def open_and_rise(
     bench.hand.note(replace(bench.hand.state, holding=Holding.AROUND))
     clear_m = base_T_grasp.position_m[2] + CLEARANCE_M
     _rise_to(bench, clear_m, TRAVEL_SPEED_M_S)
-    bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+    bench.hand.note(HandState(Holding.FREE, finger_opening_m=bench.gripper.state().opening_m))
 
 
 def open_around(bench: Bench, width_m: float, pump: Pump | None = None) -> GripperState:
@@ -171,8 +181,8 @@ def open_around(bench: Bench, width_m: float, pump: Pump | None = None) -> Gripp
     pump: of a grasp, which is then verified to have ended. Raises `FingerMotionError` as `move_fingers` and
     `release` do.
     """
-    counts = bench.gripper.limits.counts_for_opening(width_m + 2 * MARGIN_M)
-    return move_fingers(bench, counts) if pump is None else release(bench, counts, pump)
+    opening_m = bench.gripper.spec.nearest(width_m + 2 * MARGIN_M)
+    return move_fingers(bench, opening_m) if pump is None else release(bench, opening_m, pump)
 
 
 def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) -> None:

@@ -108,8 +108,8 @@ def _step(bench: Bench, target: Pose) -> None:
 
 def open_hand(bench: Bench) -> None:
     """Open a free hand as wide as it goes, before it is brought around something."""
-    reached = move_fingers(bench, bench.gripper.limits.min_counts)
-    bench.hand.note(HandState(Holding.FREE, finger_counts=reached.position_counts))
+    reached = move_fingers(bench, bench.gripper.spec.open_m)
+    bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
 
 
 def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
@@ -118,12 +118,11 @@ def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
     Raises `GraspError` where nothing is there, `DeviceError`; the hand ends as `safe_end` says.
     """
     pose = bench.arm.state().base_T_tcp
-    widest_m = bench.gripper.limits.widest_m
-    bench.hand.note(HandState(Holding.AROUND, what, pose, widest_m))
+    spec = bench.gripper.spec
+    bench.hand.note(HandState(Holding.AROUND, what, pose, spec.open_m))
     with safe_end(bench):
         pump = start_watching(bench, observer, REFERENCE_S)
-        counts = close_to_contact(bench, pump, observer, bench.gripper.limits.max_counts)
-        width_m = bench.gripper.limits.opening_at(counts)
+        width_m = close_to_contact(bench, pump, observer, spec.stroke_m)
         open_around(bench, width_m, pump)
         bench.hand.note(HandState(Holding.AROUND, what, pose, width_m))
     return Taught(pose, width_m)

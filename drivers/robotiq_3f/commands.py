@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.clock import to_ns
-from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError, OutOfLimitsError
+from drivers.errors import DeviceTimeoutError, GripperFaultError, InputError
 from drivers.robotiq_3f.registers import (
     AXES,
     FINGERS,
@@ -21,7 +21,7 @@ from drivers.robotiq_3f.registers import (
     force_counts,
     speed_counts,
 )
-from drivers.types import GripperLimits
+from drivers.types import GripperSpec
 
 ECHO_TIMEOUT_S = 0.8
 """How soon the gripper has to show what it was told; it refreshes its registers every 5 ms."""
@@ -30,24 +30,37 @@ NOT_ACTIVE = (FaultCode.ACTIVATION_NEEDED, FaultCode.NOT_ACTIVATED)
 
 @dataclass(frozen=True, slots=True)
 class GripperCommands:
-    """Which fingers grasp, how far they go, and the speed and force (rSP, rFR) they go with."""
+    """Which fingers grasp, what they can do, and the speed and force (rSP, rFR) of a motion without its own.
+
+    open_counts: position of the open fingers. A step of `spec` is one count, so the counts of an opening are
+    `open_counts` and its step.
+    """
 
     fingers: tuple[str, ...]
-    limits: GripperLimits
+    spec: GripperSpec
+    open_counts: int
     effort: AxisRequest
 
     @classmethod
     def of(
-        cls, fingers: Sequence[str], limits: GripperLimits, speed_m_s: float, force_n: float
+        cls, fingers: Sequence[str], spec: GripperSpec, open_counts: int, speed_m_s: float, force_n: float
     ) -> "GripperCommands":
         """Check and build. Raises `InputError` and `OutOfLimitsError`."""
         if len(fingers) < 2 or len(set(fingers)) < len(fingers) or not set(fingers) <= set(FINGERS):
             raise InputError(f"gripper: fingers {list(fingers)}: name two or three of A, B and C")
-        if not 0 <= limits.min_counts < limits.max_counts <= 255:
-            raise InputError(
-                f"gripper: limits {limits.min_counts} to {limits.max_counts}: not within 0 to 255"
-            )
-        return cls(tuple(fingers), limits, AxisRequest(0, speed_counts(speed_m_s), force_counts(force_n)))
+        closed_counts = open_counts + spec.steps
+        if not 0 <= open_counts < closed_counts <= 255:
+            raise InputError(f"gripper: positions {open_counts} to {closed_counts}: not within 0 to 255")
+        effort = AxisRequest(0, speed_counts(speed_m_s), force_counts(force_n))
+        return cls(tuple(fingers), spec, open_counts, effort)
+
+    def counts_at(self, opening_m: float) -> int:
+        """Return the counts nearest to an opening, within the range."""
+        return self.open_counts + self.spec.step_at(opening_m)
+
+    def opening_at(self, counts: int) -> float:
+        """Return the opening in m that counts stand for."""
+        return self.spec.opening_at(counts - self.open_counts)
 
     def grasping(self, status: Status) -> list[AxisState]:
         """The axes that grasp: the fingers, or the scissor axis in its own mode."""
@@ -58,16 +71,25 @@ class GripperCommands:
         """Positions of the fingers that do not grasp."""
         return {name: status.axis(name).position for name in FINGERS if name not in self.fingers}
 
-    def motion(self, position_counts: int, mode: GraspMode, parked: Mapping[str, int]) -> Command:
-        """Return the command for a motion; `parked` fingers are told to stay at their counts.
+    def motion(
+        self,
+        opening_m: float,
+        speed_m_s: float | None,
+        force_n: float | None,
+        mode: GraspMode,
+        parked: Mapping[str, int],
+    ) -> Command:
+        """Return the command for a motion; `parked` fingers are commanded to stay at their counts.
 
-        Where all fingers move alike, or the scissor grasps, A's request is for the whole hand
-        (manual, POSITION REQUEST). Raises `OutOfLimitsError`.
+        speed_m_s, force_n: of `effort` if None. If all fingers move alike, or the scissor grasps, A's request
+        is for the whole hand (manual, POSITION REQUEST). Raises `OutOfLimitsError`.
         """
-        low, high = self.limits.min_counts, self.limits.max_counts
-        if not (low <= position_counts <= high and position_counts == int(position_counts)):
-            raise OutOfLimitsError(f"gripper: position {position_counts} is outside {low} to {high} counts")
-        asked = replace(self.effort, position=int(position_counts))
+        self.spec.require_command(opening_m, speed_m_s, force_n)
+        asked = AxisRequest(
+            self.counts_at(opening_m),
+            self.effort.speed if speed_m_s is None else speed_counts(speed_m_s),
+            self.effort.force if force_n is None else force_counts(force_n),
+        )
         command = Command(activate=True, mode=mode, go_to=True)
         if mode is GraspMode.SCISSOR or len(self.fingers) == len(FINGERS):
             return replace(command, axes=(asked, *command.axes[1:]))

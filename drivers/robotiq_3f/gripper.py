@@ -1,9 +1,10 @@
 """The Robotiq 3-Finger gripper over Modbus TCP or RTU.
 
-Two of its three fingers grasp, each told its own position (individual control, rICF); the third
-is told to stay where it stands. Light grips are made of one-count steps of `move_to` with the
-tactile image as the stop (`protocols/steps.py`): rFR = 0 already pushes with 15 N, and one
-count is about 0.6 mm of opening if the stroke is 155 mm.
+Two of its three fingers grasp, each commanded its own position (individual control, rICF); the third
+is commanded to stay where it stands. Openings in m become position counts here and nowhere else
+(`commands.py`). Light grips are made of steps of one count with the tactile image as the stop
+(`protocols/steps.py`): rFR = 0 already pushes with 15 N, and one count is about 0.6 mm of opening if
+the stroke is 155 mm.
 
 A finger that met an object at the force limit stays there until it is sent the other way, the
 force is raised, or rGTO is cleared and set again (manual, OBJECT STATUS): sending it further
@@ -29,13 +30,31 @@ from drivers.robotiq_3f.commands import (
 )
 from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
 from drivers.robotiq_3f.poller import GripperLine, StatusSample
-from drivers.robotiq_3f.registers import Command, ObjectStatus, Stage, Status, pack_command
-from drivers.types import GripperLimits, GripperState
+from drivers.robotiq_3f.registers import (
+    MAX_FORCE_N,
+    MAX_SPEED_M_S,
+    MIN_FORCE_N,
+    MIN_SPEED_M_S,
+    Command,
+    ObjectStatus,
+    Stage,
+    Status,
+    pack_command,
+)
+from drivers.types import GripperSpec, GripperState
 
-__all__ = ["NOMINAL_LIMITS", "Robotiq3F", "rtu_link", "tcp_link"]
+__all__ = ["NOMINAL_SPEC", "OPEN_COUNTS", "Robotiq3F", "rtu_link", "tcp_link"]
 
-NOMINAL_LIMITS = GripperLimits(6, 255, max_opening_m=0.155, opening_per_count_m=0.155 / 249)
-"""Bare fingers; 6 is what an open finger reads (manual, status example after opening)."""
+OPEN_COUNTS = 6
+"""What an open finger reads (manual, status example after opening)."""
+NOMINAL_SPEC = GripperSpec(
+    max_opening_m=0.155,
+    stroke_m=0.155,
+    resolution_m=0.155 / 249,
+    speed_m_s=(MIN_SPEED_M_S, MAX_SPEED_M_S),
+    force_n=(MIN_FORCE_N, MAX_FORCE_N),
+)
+"""Bare fingers: 155 mm over the 249 counts from 6 to 255."""
 ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
 ACTIVATION_TIMEOUT_S = 30.0
@@ -46,22 +65,24 @@ fault 0x0E after 20 s (manual, FAULT STATUS)."""
 class Robotiq3F(Gripper):
     """Drives a gripper over a `tcp_link` or `rtu_link`; usable from several threads.
 
-    fingers: those that grasp, two or three of A, B, C. limits: counts and opening of this unit.
-    speed_m_s, force_n: rSP and rFR of every motion (0.022 to 0.110 m/s, 15 to 60 N).
-    Raises `InputError` and `OutOfLimitsError` for what the gripper cannot be told.
+    fingers: those that grasp, two or three of A, B, C. spec: openings of this unit; a step is one count.
+    open_counts: position of the open fingers. speed_m_s, force_n: rSP and rFR of motions without their own
+    (0.022 to 0.110 m/s, 15 to 60 N). Raises `InputError` and `OutOfLimitsError` for what the gripper cannot
+    be commanded.
     """
 
     def __init__(
         self,
         link: Link,
         fingers: Sequence[str] = ("B", "C"),
-        limits: GripperLimits = NOMINAL_LIMITS,
+        spec: GripperSpec = NOMINAL_SPEC,
         clock: Clock | None = None,
         speed_m_s: float = 0.06,
         force_n: float = 15.0,
+        open_counts: int = OPEN_COUNTS,
     ) -> None:
         self._link = link
-        self._commands = GripperCommands.of(fingers, limits, speed_m_s, force_n)
+        self._commands = GripperCommands.of(fingers, spec, open_counts, speed_m_s, force_n)
         self._clock = clock or SystemClock()
         self._line: GripperLine | None = None
         self._lock = threading.Lock()
@@ -76,9 +97,9 @@ class Robotiq3F(Gripper):
         self._was_ready = False
 
     @property
-    def limits(self) -> GripperLimits:
-        """Range of the fingers."""
-        return self._commands.limits
+    def spec(self) -> GripperSpec:
+        """Range and resolution of the fingers, range of speed and force."""
+        return self._commands.spec
 
     def connect(self) -> None:
         """Reach the gripper without moving it; anew if it was connected. Raises `DeviceError`."""
@@ -117,7 +138,9 @@ class Robotiq3F(Gripper):
     def state(self) -> GripperState:
         """Newest state, from the last 10 ms while the line is good.
 
-        `position_counts` is the mean of the grasping fingers. `moving` is also true while the
+        `opening_m` is that of the mean position of the grasping fingers; `raw` has this mean in counts
+        (`position_counts`) and the larger motor current register (`current_counts`), whose unit is unknown:
+        the manual and the ROS driver disagree. `moving` is also true while the
         gripper has not shown yet that it took up a motion: until it echoes the request its
         status still tells of the motion before. Raises `GripperFaultError` for a fault code
         and for an activation that got lost (5), `DeviceTimeoutError` when the line or the echo
@@ -126,19 +149,25 @@ class Robotiq3F(Gripper):
         sample = self._connected().sample()
         status = self._sound(sample.status)
         grasping = self._commands.grasping(status)
+        counts = round(sum(axis.position for axis in grasping) / len(grasping))
         return GripperState(
             time_ns=sample.time_ns,
             activated=status.ready or status.stage is Stage.CHANGING_MODE,
             moving=self._awaits_echo(sample) or under_way(status),
-            position_counts=round(sum(axis.position for axis in grasping) / len(grasping)),
-            current_counts=max(axis.current for axis in grasping),
+            opening_m=self._commands.opening_at(counts),
             fault_code=status.fault,
             gripping=any(axis.status is ObjectStatus.CONTACT_CLOSING for axis in grasping),
             obstructed=any(axis.status is ObjectStatus.CONTACT_OPENING for axis in grasping),
+            raw={
+                "position_counts": counts,
+                "current_counts": max(axis.current for axis in grasping),
+            },
         )
 
-    def move_to(self, position_counts: int) -> PolledMotion:
-        """Start moving the grasping fingers and return at once.
+    def move_to(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> PolledMotion:
+        """Start moving the grasping fingers to the counts nearest to an opening and return at once.
 
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
         `OutOfLimitsError` before anything is sent.
@@ -146,7 +175,7 @@ class Robotiq3F(Gripper):
         status = self._status()
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._commands.standing(status)
-        self._send(self._commands.motion(position_counts, status.mode, parked))
+        self._send(self._commands.motion(opening_m, speed_m_s, force_n, status.mode, parked))
         return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:

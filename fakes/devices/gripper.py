@@ -1,4 +1,4 @@
-"""A simulated Robotiq 3-Finger gripper: activation, travel in counts, contact by object width."""
+"""A simulated Robotiq 3-Finger gripper: activation, travel in whole counts, contact by object width."""
 
 import math
 
@@ -7,28 +7,37 @@ from drivers.errors import (
     DeviceError,
     GripperFaultError,
     NotConnectedError,
-    OutOfLimitsError,
 )
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.types import GripperLimits, GripperState
+from drivers.types import GripperSpec, GripperState
 from fakes.faults import OVERSHOOT_COUNTS, FaultScript
 from fakes.world.motion import FingerPath, TrapezoidProfile
+from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0
 """About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
 ACCELERATION_COUNTS_S2 = 2000.0
+SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
+"""Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
 ACTIVATION_S = 3.0
 ACTIVATION_NEEDED = 0x05
 ACTIVATION_FAULT = 0x0D
 
 
+def nominal_spec(layout: BenchLayout) -> GripperSpec:
+    """Return the range of the fingers of a simulated bench, not measured."""
+    step_m = layout.opening_per_count_m
+    stroke_m = (layout.closed_counts - layout.open_counts) * step_m
+    return GripperSpec(layout.max_opening_m, stroke_m, step_m, SPEED_M_S, FORCE_N)
+
+
 class FakeGripper(Gripper):
     """Moves the world's fingers; the third finger stays parked.
 
-    openings: measured, see `GripperLimits`. period_s: of the line that carries commands and states: fingers
-    begin and stop one late, and what is read of them is one old.
+    spec: range of the fingers, by default the world's nominal one; a step is one count. period_s: of the line
+    that carries commands and states: fingers begin and stop one period late, and states are one period old.
     """
 
     def __init__(
@@ -36,10 +45,10 @@ class FakeGripper(Gripper):
         world: World,
         clock: Clock,
         faults: FaultScript,
-        openings: tuple[tuple[float, float], ...] = (),
+        spec: GripperSpec | None = None,
         period_s: float = 0.0,
     ) -> None:
-        self._openings = openings
+        self._spec = spec or nominal_spec(world.layout)
         self._period_ns = to_ns(period_s)
         self._world = world
         self._clock = clock
@@ -48,18 +57,12 @@ class FakeGripper(Gripper):
         self._activated = False
         self._requested = world.layout.open_counts
         self._stalls = False
+        self._force_n = STALL_FORCE_N
 
     @property
-    def limits(self) -> GripperLimits:
-        """Range of the simulated fingers."""
-        layout = self._world.layout
-        return GripperLimits(
-            layout.open_counts,
-            layout.closed_counts,
-            layout.max_opening_m,
-            layout.opening_per_count_m,
-            self._openings,
-        )
+    def spec(self) -> GripperSpec:
+        """Range and resolution of the simulated fingers."""
+        return self._spec
 
     def connect(self) -> None:
         """Reach the gripper, anew if it was connected."""
@@ -77,7 +80,7 @@ class FakeGripper(Gripper):
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated = True
-        self.move_to(self._world.layout.open_counts).wait(timeout_s=5.0)
+        self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         """State now."""
@@ -85,37 +88,42 @@ class FakeGripper(Gripper):
         now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
-        blocked, stalled = self._has("blocked"), squeeze * FINGER_STIFFNESS_N_M >= STALL_FORCE_N
+        shown = self._requested if self._has("false_success") else counts
+        blocked, stalled = self._has("blocked"), squeeze * FINGER_STIFFNESS_N_M >= self._force_n
         return GripperState(
             time_ns=now,
             activated=self._activated,
             moving=not self._world.fingers.profile.done_at(now),
-            position_counts=self._requested if self._has("false_success") else counts,
-            current_counts=round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
-            fault_code=0,
+            opening_m=self._spec.opening_at(shown - self._world.layout.open_counts),
             gripping=stalled or self._stalls or (blocked and self._requested > counts),
             obstructed=blocked and self._requested < counts,
+            raw={
+                "position_counts": shown,
+                "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
+            },
         )
 
-    def move_to(self, position_counts: int) -> PolledMotion:
-        """Start moving the fingers; they stall where an object resists with 15 N."""
+    def move_to(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> PolledMotion:
+        """Start moving the fingers; they stall where an object resists with the force, 15 N by default."""
         self._require_usable()
         if not self._activated:
             raise GripperFaultError(
                 "gripper: not activated; ask for activation first (the fingers will sweep their range)",
                 ACTIVATION_NEEDED,
             )
-        lowest, highest = self._world.layout.open_counts, self._world.layout.closed_counts
-        if not lowest <= position_counts <= highest:
-            raise OutOfLimitsError(
-                f"gripper: position {position_counts} is outside {lowest} to {highest} counts"
-            )
+        self._spec.require_command(opening_m, speed_m_s, force_n)
+        layout = self._world.layout
+        position_counts = layout.open_counts + self._spec.step_at(opening_m)
+        self._force_n = STALL_FORCE_N if force_n is None else force_n
+        speed = SPEED_COUNTS_S if speed_m_s is None else speed_m_s / layout.opening_per_count_m
         now = self._clock.now_ns() + self._period_ns
         start = self._world.fingers.position_at(now)
         end = self._end(start, position_counts, now)
         self._requested = position_counts
         self._stalls = self._stall_counts(now) <= end < position_counts
-        profile = TrapezoidProfile(now, abs(end - start), SPEED_COUNTS_S, ACCELERATION_COUNTS_S2)
+        profile = TrapezoidProfile(now, abs(end - start), speed, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, profile)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
@@ -146,7 +154,7 @@ class FakeGripper(Gripper):
         squeeze = self._world.squeeze_at(time_ns)
         if squeeze <= 0.0:
             return float(self._world.layout.closed_counts)
-        spare_m = STALL_FORCE_N / FINGER_STIFFNESS_N_M - squeeze
+        spare_m = self._force_n / FINGER_STIFFNESS_N_M - squeeze
         return self._world.fingers.position_at(time_ns) + spare_m / self._world.layout.opening_per_count_m
 
     def _require_usable(self) -> None:

@@ -60,7 +60,7 @@ def build_bench(
         simulated=True,
         clock=clock,
         arm=arm,
-        gripper=FakeGripper(world, clock, faults, config.calibrations.opening, config.gripper.period_s),
+        gripper=FakeGripper(world, clock, faults, config.gripper_spec(), config.gripper.period_s),
         fingertips=tuple(
             Fingertip(
                 replace(digit.slowed(seed), variation_seed=variation_seed).make(world, clock, faults),
@@ -158,7 +158,9 @@ def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
         link = rtu_link(gripper.device or "")
     else:
         link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
-    return Robotiq3F(link, gripper.fingers, config.gripper_limits(), clock)
+    return Robotiq3F(
+        link, gripper.fingers, config.gripper_spec(), clock, open_counts=gripper.limits.min_counts
+    )
 
 
 def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:

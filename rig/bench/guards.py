@@ -17,18 +17,17 @@ from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     InvalidStateError,
-    OutOfLimitsError,
     RigError,
 )
 from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
 from drivers.motion import check_motion, check_way
-from drivers.types import ArmLimits, ArmState, Frame, GripperLimits, GripperState, Pose
+from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 from drivers.values import require_fraction, require_integer
 
 AHEAD_S = 0.05
 """By how much a state's time may be ahead of the clock, as a controller's time is mapped with an error."""
 Answer = TypeVar("Answer")
-Limits = TypeVar("Limits", ArmLimits, GripperLimits)
+Limits = TypeVar("Limits", ArmLimits, GripperSpec)
 _log = logging.getLogger("rig.bench.guard")
 
 
@@ -133,11 +132,6 @@ class GuardedActuator(Guard, Generic[Limits]):
         super().__init__(self.kind, driver, named)
         self._limits, self._clock = limits, clock
 
-    @property
-    def limits(self) -> Limits:
-        """The bench file's limits, whatever the driver's own are."""
-        return self._limits
-
     def stop(self) -> None:
         """Stop the device as fast as it can; log as critical if the driver fails to."""
         try:
@@ -167,6 +161,11 @@ class GuardedArm(GuardedActuator[ArmLimits], Arm):
     """A lab's own arm, within the bench file's limits."""
 
     kind, stale_s = "arm", 0.4
+
+    @property
+    def limits(self) -> ArmLimits:
+        """The bench file's limits, whatever the driver's own are."""
+        return self._limits
 
     def state(self) -> ArmState:
         """Newest state. Raises `DeviceError`."""
@@ -212,29 +211,34 @@ class GuardedArm(GuardedActuator[ArmLimits], Arm):
         self._ask("recover", confirm)
 
 
-class GuardedGripper(GuardedActuator[GripperLimits], Gripper):
+class GuardedGripper(GuardedActuator[GripperSpec], Gripper):
     """A lab's own gripper, within the bench file's limits."""
 
     kind, stale_s = "gripper", 0.9
+
+    @property
+    def spec(self) -> GripperSpec:
+        """The bench file's range and resolution, whatever the driver's own are."""
+        return self._limits
 
     def activate(self) -> None:
         """Run the activation sequence, on request only."""
         self._ask("activate")
 
     def state(self) -> GripperState:
-        """Newest state. Raises `DeviceError`, also for a position that the bench file's range excludes."""
+        """Newest state. Raises `DeviceError`, also for an opening that the bench file's range excludes."""
         state = self._typed("state", self._ask("state"), GripperState)
         with doing(self._whose, "state"):
-            self._limits.require_possible(state.position_counts)
+            self._limits.require_possible(state.opening_m)
         self._require_current(state.time_ns)
         return state
 
-    def move_to(self, position_counts: int) -> Motion:
+    def move_to(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> Motion:
         """Start moving the fingers. Raises `OutOfLimitsError` before the driver is called."""
-        low, high = self._limits.min_counts, self._limits.max_counts
-        if not low <= position_counts <= high:
-            raise OutOfLimitsError(f"gripper: {position_counts} counts is outside {low} to {high}")
-        return self._move("move_to", position_counts)
+        self._limits.require_command(opening_m, speed_m_s, force_n)
+        return self._move("move_to", opening_m, speed_m_s, force_n)
 
 
 class GuardedSource(Guard, TactileSensor):

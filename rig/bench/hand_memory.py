@@ -95,8 +95,10 @@ def _packed(state: HandState) -> dict[str, Any]:
 def _unpacked(values: dict[str, Any]) -> HandState:
     place = values["base_T_grasp"]
     pose = None if place is None else Pose(tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
-    counts, holding = values["finger_counts"], Holding(values["holding"])
-    return HandState(holding, str(values["what"]), pose, float(values["width_m"]), counts)
+    holding, opening_m = Holding(values["holding"]), values.get("finger_opening_m")
+    if holding is Holding.FREE and values.get("finger_counts") is not None:
+        return HandState(Holding.UNKNOWN, "stored by an earlier version, which gave the fingers in counts")
+    return HandState(holding, str(values["what"]), pose, float(values["width_m"]), opening_m)
 
 
 def _file_name(text: str) -> str:

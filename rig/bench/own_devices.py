@@ -48,13 +48,13 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
     """Make a lab's own gripper. Raises `InputError`.
 
-    Its constructor has limits, and of host, port, device, transport, preset, fingers and clock what it needs.
+    Its constructor has spec, and of host, port, device, transport, preset, fingers and clock what it needs.
     """
-    own, limits, kind = config.gripper, config.gripper_limits(), (Gripper, GRIPPER_METHODS)
+    own, spec, kind = config.gripper, config.gripper_spec(), (Gripper, GRIPPER_METHODS)
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
-    driver = _made("gripper", own.driver, kind, {"limits": limits}, known, own.model_fields_set, own.options)
-    return GuardedGripper(driver, own.driver, limits, clock)
+    driver = _made("gripper", own.driver, kind, {"spec": spec}, known, own.model_fields_set, own.options)
+    return GuardedGripper(driver, own.driver, spec, clock)
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:

@@ -25,7 +25,7 @@ UNGUARDED = (
 class PlannedMotion:
     """One place the hand goes to: `way` ends there, or leads through it, straight from pose to pose.
 
-    what: for people, as "t1/1 wrench, 5 counts past contact". base_T_tcp: where the fingers close, or the
+    what: for people, as "t1/1 wrench, 5 steps past contact". base_T_tcp: where the fingers close, or the
     picture is taken. speed_m_s: the highest on the way.
     """
 
@@ -81,7 +81,7 @@ def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
 
 
 def _limits(config: BenchConfig) -> list[str]:
-    arm, fingers = config.arm_limits(), config.gripper_limits()
+    arm, fingers = config.arm_limits(), config.gripper_spec()
     joints = config.arm.limits
     reach = "" if is_class_name(config.arm.driver) else f"reach {ARM_REACH_M:g} m, "
     boxes = [f"{b.name} {_point(b.min_m)} to {_point(b.max_m)} m" for b in arm.keep_out]
@@ -90,8 +90,8 @@ def _limits(config: BenchConfig) -> list[str]:
         f"Limits: workspace {_point(arm.workspace_min_m)} to {_point(arm.workspace_max_m)} m, "
         f"{arm.max_speed_m_s:g} m/s, {arm.max_acceleration_m_s2:g} m/s2, {force} on "
         f"the way down, {reach}joints {_angles(joints.joint_min_deg)} to "
-        f"{_angles(joints.joint_max_deg)} deg, fingers {fingers.min_counts} to {fingers.max_counts} counts, "
-        f"open {1e3 * fingers.widest_m:.0f} mm.",
+        f"{_angles(joints.joint_max_deg)} deg, fingers open {1e3 * fingers.open_m:.0f} mm, closing by "
+        f"{1e3 * fingers.stroke_m:.0f} mm in steps of {1e3 * fingers.resolution_m:.2f} mm.",
         f"The hand is kept out of: {'; '.join(boxes) or 'nothing'}.",
     ]
 

@@ -63,7 +63,7 @@ def _fingers_of(gripper: Gripper) -> str:
     finally:
         gripper.disconnect()
     active = "activated" if state.activated else "not activated: asked for first"
-    return f"fingers at {state.position_counts} counts, {active}"
+    return f"fingers {1e3 * state.opening_m:.1f} mm apart, {active}"
 
 
 def _slider_of(arm: Arm) -> str:

@@ -27,8 +27,8 @@ _HEIGHTS_M = (0.002, 0.014)
 _SPEEDS_M_S = (0.02, 0.09)
 _STROKES = 36
 _SMALL = (24, 32)
-_FIRM = 6
-"""Counts past contact that hold a block at its middle without slip."""
+_FIRM_M = 0.0037
+"""Closing past contact, m, six steps of a Robotiq 3-Finger: holds a block at its middle without slip."""
 
 
 def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
@@ -69,13 +69,13 @@ def _touch(config: BenchConfig, name: str) -> Touch:
         except ValueError as error:
             raise InputError(f"--object '{name}': give the block's width in mm, as gauge:30") from error
         return Touch(
-            "wiggle", name, f"block {size} mm wide with the markers", grasp_at(config), width_m, _FIRM
+            "wiggle", name, f"block {size} mm wide with the markers", grasp_at(config), width_m, _FIRM_M
         )
     grasps = find_grasp_file(name, config.objects)
     refuse_undrawn(config, grasps)
     place = min(grasps.position, key=lambda p: abs(p.offset_m))
     pose = grasp_at(config, place.offset_m, place.height_m)
-    return Touch("wiggle", grasps.id, grasps.name, pose, place.width_m, grasps.grip_counts[1])
+    return Touch("wiggle", grasps.id, grasps.name, pose, place.width_m, grasps.grip_m[1])
 
 
 def strokes(seed: int) -> list[Stroke]:

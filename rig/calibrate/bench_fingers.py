@@ -22,9 +22,11 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
     if not blocks_mm or min(blocks_mm) < 3.0 or max(blocks_mm) > widest_mm:
         raise InputError(f"blocks of {list(blocks_mm)} mm: between the fingers fit 3 to {widest_mm:.0f} mm")
     raw = station.raw("gripper")
+    open_counts = config.gripper.limits.min_counts
     rows: list[str] = []
 
-    def note(touch: Touch, counts: float, direction: str) -> None:
+    def note(touch: Touch, steps: float, direction: str) -> None:
+        counts = open_counts + steps
         rows.append(f"{counts:g},{1e3 * touch.width_m:g},{direction}")
         station.note(f"{touch.name}: {counts:g} counts {direction}", len(rows), 2 * len(touches))
 
@@ -43,8 +45,8 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
         watch = TouchObserver(tuple(tip.sensor.serial for tip in bench.fingertips), shown=station.show)
         capture_openings(
             bench, operator, watch, touches,
-            lambda touch, counts: note(touch, counts, "closing"),
-            lambda touch, counts: note(touch, counts, "opening"),
+            lambda touch, steps: note(touch, steps, "closing"),
+            lambda touch, steps: note(touch, steps, "opening"),
         )  # fmt: skip
     write_table(raw / "gripper.csv", "counts,opening_mm,direction", rows)
     return gripper_from_folder(raw, config.name).marked(config.simulated)

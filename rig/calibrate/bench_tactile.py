@@ -19,7 +19,8 @@ from rig.config import BenchConfig
 _FRAMES = 30
 _REACH_MM = (3.6, 5.6)
 """How far from the gel's middle balls are pressed, across and along it."""
-_GRIP_COUNTS = (1, 4)
+_GRIP_M = (0.0006, 0.0025)
+"""Lightest and firmest press past contact, m: one and four steps of a Robotiq 3-Finger."""
 _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
@@ -57,7 +58,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
     with station.connected(
         f"The fingers will close gently on a ball on its post, {count} times for each of "
         f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
-        f"{_GRIP_COUNTS[1]} counts past contact.",
+        f"{1e3 * _GRIP_M[1]:.1f} mm past contact.",
         from_home=True,
         motions=touch_motions(config, touches),
     ) as (bench, operator):
@@ -84,14 +85,16 @@ def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[
     """Places spread over the gels, pressed more and less deep."""
     rng = np.random.default_rng((seed, 33, round(100 * ball_mm)))
     first = rng.uniform()
+    spec = config.gripper_spec()
+    lightest, firmest = map(spec.steps_for, _GRIP_M)
     touches = []
     for i in range(count):
         # a Fibonacci lattice: along the gel step by step, across it by the golden ratio
         x, z = 2.0 * ((first + i * _GOLDEN) % 1.0) - 1.0, 2.0 * (i + 0.5) / count - 1.0
         pose = grasp_at(config, 1e-3 * float(x) * _REACH_MM[0], 1e-3 * float(z) * _REACH_MM[1])
-        grip = int(rng.integers(_GRIP_COUNTS[0], _GRIP_COUNTS[1] + 1))
+        grip_m = int(rng.integers(lightest, firmest + 1)) * spec.resolution_m
         name = f"ball of {ball_mm:g} mm on its post"
-        touches.append(Touch(f"{ball_mm:g}-{i:02d}", f"ball:{ball_mm:g}", name, pose, ball_mm / 1e3, grip))
+        touches.append(Touch(f"{ball_mm:g}-{i:02d}", f"ball:{ball_mm:g}", name, pose, ball_mm / 1e3, grip_m))
     return touches
 
 

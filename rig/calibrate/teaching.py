@@ -101,7 +101,7 @@ def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> Taug
     operator.look(f"Position '{name}': the fingers will open wide. Is nothing in their way, and shall they?")
     open_hand(bench)
     _bring(lesson, bench, operator, f"Bring the open fingers around {lesson.grasps.name} at '{name}'.", where)
-    operator.look("The fingers will close, count by count, until both fingertips touch. Shall they?")
+    operator.look("The fingers will close, step by step, until both fingertips touch. Shall they?")
     taught = measure_width(
         bench, TouchObserver(tuple(t.sensor.serial for t in bench.fingertips)), lesson.grasps.name
     )
@@ -113,7 +113,7 @@ def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> Taug
         lift_m = risen.position_m[2] - taught.base_T_grasp.position_m[2]
     with safe_end(bench):
         go_home(bench)
-        bench.hand.note(HandState(Holding.FREE, finger_counts=bench.gripper.state().position_counts))
+        bench.hand.note(HandState(Holding.FREE, finger_opening_m=bench.gripper.state().opening_m))
     return judged(lesson.config, name, taught, lift_m)
 
 
@@ -158,7 +158,7 @@ def _refused(config: BenchConfig, place: Position) -> Sequence[str]:
     way = (*way_to(home, grasp), grasp.translated(z_m=place.lift_height_m))
     found = list(make_plan(config, [], [PlannedMotion(place.name, grasp, way, TRAVEL_SPEED_M_S)]).refused)
     try:
-        require_room(config.gripper_limits(), place.width_m)
+        require_room(config.gripper_spec(), place.width_m)
     except OutOfLimitsError as error:
         found.append(str(error))
     return found

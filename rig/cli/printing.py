@@ -184,7 +184,7 @@ def object_table(summary: TrialSummary, simulated: str, react: str = "none") -> 
 def reaction_text(reacting: ReactingSummary) -> str:
     """Say what reactions to slip were worth, and that their lifts' errors stand apart."""
     added = reacting.added_counts
-    grip = f", grip added {median(added):g} counts in the middle, {max(added)} at most" if added else ""
+    grip = f", grip added {median(added):g} steps in the middle, {max(added)} at most" if added else ""
     turn = f", end turn {median(reacting.turns_deg):.1f} deg in the middle" if reacting.turns_deg else ""
     return (
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "

@@ -48,8 +48,18 @@ def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
 def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
     if gripper.fingers[0] == gripper.fingers[1]:
         yield ("gripper", "fingers"), "names one finger twice"
-    if gripper.limits.max_counts <= gripper.limits.min_counts:
+    limits = gripper.limits
+    if limits.max_counts <= limits.min_counts:
         yield ("gripper", "limits", "max_counts"), "is not above min_counts"
+    if (limits.stroke_m is None) != (limits.resolution_m is None):
+        has, lacks = ("stroke_m", "resolution_m") if limits.stroke_m else ("resolution_m", "stroke_m")
+        yield ("gripper", "limits", has), f"needs {lacks} beside it"
+    elif limits.stroke_m is not None and not limits.spec().steps:
+        yield ("gripper", "limits", "stroke_m"), "is less than one step of resolution_m"
+    for key in ("speed_m_s", "force_n"):
+        low, high = getattr(limits, key)
+        if high < low:
+            yield ("gripper", "limits", key), "is not a range: the lowest first"
     if gripper.preset is not None and (gripper.preset == "rtu") != (gripper.transport == "rtu"):
         yield ("gripper", "preset"), f"'{gripper.preset}' is not a map of transport '{gripper.transport}'"
 

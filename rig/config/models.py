@@ -9,7 +9,7 @@ from pydantic import Field
 from calibration.camera.model import CameraModel
 from drivers.formats import without_passwords
 from drivers.named_classes import is_class_name
-from drivers.types import ArmLimits, Box, GripperLimits, Pose
+from drivers.types import ArmLimits, Box, GripperSpec, Pose
 from protocols.grasps import GraspFile
 from rig.config.fields import (
     BenchSection,
@@ -244,9 +244,9 @@ class BenchConfig(BenchSection):
         limits = replace(self.arm.limits.arm_limits(), keep_out=grown)
         return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
 
-    def gripper_limits(self) -> GripperLimits:
-        """The gripper's range, with its measured openings where there are any."""
-        return replace(self.gripper.limits.gripper_limits(), openings=self.calibrations.opening)
+    def gripper_spec(self) -> GripperSpec:
+        """The gripper's range and resolution, with its measured openings if there are any."""
+        return self.gripper.limits.spec(self.calibrations.opening)
 
     @property
     def drivers(self) -> frozenset[str]:

@@ -53,6 +53,13 @@ def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
 
 
 def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
+    limits, where = gripper.limits, ("gripper", "limits")
+    if not is_class_name(gripper.driver):
+        why = f"is not for driver '{gripper.driver}', whose counts give stroke and resolution; remove it"
+        yield from _written(limits, where, ["stroke_m", "resolution_m"], why)
+    elif limits.stroke_m is not None:
+        why = "has no effect beside stroke_m and resolution_m; remove it"
+        yield from _written(limits, where, ["min_counts", "max_counts", "opening_per_count_m"], why)
     if gripper.driver == "fake":
         keys = ["transport", "host", "port", "device", "preset"]
         yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))

@@ -92,7 +92,7 @@ def make_ready_to_move(bench: Bench, config: BenchConfig, needed: frozenset[str]
     if "gripper" in needed:
         if not bench.gripper.state().activated:
             bench.gripper.activate()
-        bench.gripper.move_to(bench.gripper.limits.min_counts).wait(MOTION_S)
+        bench.gripper.move_to(bench.gripper.spec.open_m).wait(MOTION_S)
     if "arm" in needed:
         bench.arm.recover(lambda question: None)
         home = Pose.from_rotation(config.arm.home_m, TOOL_DOWN)

@@ -50,7 +50,7 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
         return [unreachable("gripper", error)]
     findings = [reached("gripper", bench.gripper, (bench.clock.now_ns() - began) / NS_PER_S)]
     activated = "activated" if state.activated else "not activated (each trial asks first)"
-    seen = f"{activated}, fingers at {state.position_counts} counts"
+    seen = f"{activated}, fingers {1e3 * state.opening_m:.1f} mm apart"
     findings.append(Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen))
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)

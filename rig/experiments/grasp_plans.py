@@ -27,6 +27,6 @@ def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) ->
     """Raise `InputError` for what the fingers do not open around, or a simulated bench cannot draw."""
     refuse_undrawn(bench, grasps)
     try:
-        require_room(bench.gripper_limits(), place.width_m)
+        require_room(bench.gripper_spec(), place.width_m)
     except OutOfLimitsError as error:
         raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error

@@ -124,7 +124,9 @@ def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurem
     if settings.react is ReactionKind.NONE:
         return None
     grasps = find_grasp_file(task.object_id, settings.bench.objects)
-    largest = grasps.require_largest_grip() if settings.react is ReactionKind.TIGHTEN else 0
+    if settings.react is not ReactionKind.TIGHTEN:
+        return Reaction(settings.react, measurement)
+    largest = settings.bench.gripper_spec().steps_for(grasps.require_largest_grip())
     return Reaction(settings.react, measurement, largest)
 
 

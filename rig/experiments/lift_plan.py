@@ -30,14 +30,14 @@ MAX_TRIAL_TURN_DEG = 15.0
 class LiftTask:
     """One lift to do: its number in the session, its object, its number for that object (from 1).
 
-    grip_counts: beyond first contact; drawn from the seed if None.
+    grip_steps: beyond first contact, in steps of the gripper's resolution; drawn from the seed if None.
     """
 
     number: int
     object_id: str
     lift: int
     attempt: int = 0
-    grip_counts: int | None = None
+    grip_steps: int | None = None
 
     @property
     def name(self) -> str:
@@ -82,7 +82,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
             "cannot lift it: write how high, as lift_height_m = 0.05"
         )
     place = places[int(rng.integers(len(places)))]
-    low, high = grasps.grip_counts
+    low, high = map(settings.bench.gripper_spec().steps_for, grasps.grip_m)
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
     drawn = int(rng.integers(low, high + 1))
     refuse_impossible(settings.bench, grasps, place)
@@ -92,7 +92,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
         position=place.name,
         base_T_grasp=grasp_pose(base_T_table, place, turn),
         width_m=place.width_m,
-        grip_counts=drawn if task.grip_counts is None else task.grip_counts,
+        grip_steps=drawn if task.grip_steps is None else task.grip_steps,
         lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
     )
 
@@ -106,7 +106,7 @@ def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings
         name=plan.object_name,
         lift=task.lift,
         position=plan.position,
-        grip_counts=plan.grip_counts,
+        grip_counts=plan.grip_steps,
         lift_height_m=plan.lift_height_m,
         seed=seed,
         simulated=settings.bench.simulated,

@@ -73,7 +73,7 @@ class PoseTask:
 def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
     """Plan one pose: its images spread over grips from the lightest to the firmest."""
     refuse_impossible(settings.bench, settings.grasps, pose.position)
-    low, high = settings.grasps.grip_counts
+    low, high = map(settings.bench.gripper_spec().steps_for, settings.grasps.grip_m)
     levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
     share = [images // len(levels) + (i < images % len(levels)) for i in range(len(levels))]
     return PosePlan(
@@ -149,7 +149,7 @@ def _images(
     """Return what the row says of the images taken, and their files by name, true masks among them."""
     images: list[PoseImage] = []
     files: dict[str, bytes] = {}
-    for number, (frame, grip_counts, area) in enumerate(observer.taken):
+    for number, (frame, grip_steps, area) in enumerate(observer.taken):
         name = f"{object_folder(grasps)}/image_label/p{pose:02d}_{number + 1:02d}_{frame.serial}.png"
         files[name] = encode_png(frame.image)
         if frame.serial in observer.true_masks:
@@ -157,7 +157,7 @@ def _images(
         images.append(
             PoseImage(
                 file=name,
-                grip_counts=grip_counts,
+                grip_counts=grip_steps,
                 serial=frame.serial,
                 time_s=frame.time_ns / 1e9,
                 contact_area_px=area,

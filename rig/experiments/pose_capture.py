@@ -27,15 +27,15 @@ class PoseCapture(CaptureObserver):
     masks: list[Image] = field(default_factory=list)
     rejected: int = 0
     shown: Callable[[Frame], None] | None = None
-    _grip_counts: int = 0
+    _grip_steps: int = 0
     _wanted: int = 0
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _areas: dict[str, float] = field(default_factory=dict)
     _last: dict[str, int] = field(default_factory=dict)
 
-    def want(self, images: int, grip_counts: int) -> None:
+    def want(self, images: int, grip_steps: int) -> None:
         """Take this many more images at a grip."""
-        self._wanted, self._grip_counts = len(self.taken) + images, grip_counts
+        self._wanted, self._grip_steps = len(self.taken) + images, grip_steps
 
     def satisfied(self) -> bool:
         """Whether they have been taken."""
@@ -60,7 +60,7 @@ class PoseCapture(CaptureObserver):
         if self.satisfied() or not self._due(frame):
             return
         if area > 0:
-            self.taken.append((frame, self._grip_counts, area))
+            self.taken.append((frame, self._grip_steps, area))
             if frame.serial in self.true_masks:
                 self.masks.append(self.true_masks[frame.serial](frame.time_ns))
         else:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from drivers.errors import InputError
 from protocols.grasps import find_grasp_file
-from protocols.reaction import FIRST_STEP_COUNTS, MOST_REACTIONS, ReactionKind
+from protocols.reaction import FIRST_CLOSING_M, MOST_REACTIONS, ReactionKind
 from rig.experiments.lift_plan import TrialSettings
 from rig.lift.tip_watch import sigmas_for
 from rig.tactile.estimators import WITH_RATE
@@ -44,8 +44,8 @@ def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[s
     if settings.react is ReactionKind.LOWER:
         return [f"{head} and sets the object down."]
     grasps = [find_grasp_file(object_id, settings.bench.objects) for object_id in objects]
-    largest = ", ".join(f"{g.id} {g.name} {g.require_largest_grip()}" for g in grasps)
+    largest = ", ".join(f"{g.id} {g.name} {1e3 * g.require_largest_grip():.1f}" for g in grasps)
     return [
-        f"{head} the fingers close step by step ({FIRST_STEP_COUNTS} counts, then twice as many each time), "
-        f"and the lift goes on. At most, in counts past contact: {largest}."
+        f"{head} the fingers close step by step ({1e3 * FIRST_CLOSING_M:.1f} mm, then twice as far each "
+        f"time), and the lift goes on. At most, in mm past contact: {largest}."
     ]

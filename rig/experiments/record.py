@@ -78,7 +78,7 @@ def recording_plan(settings: RecordSettings) -> Plan:
         plan = plan_pose(settings, task.pose, task.images, table)
         what = (
             f"{task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg, "
-            f"up to {plan.grips[-1][0]} counts past contact"
+            f"up to {plan.grips[-1][0]} steps past contact"
         )
         way = way_to(home, plan.base_T_grasp)
         motions.append(PlannedMotion(what, plan.base_T_grasp, way, TRAVEL_SPEED_M_S))

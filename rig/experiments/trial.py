@@ -76,15 +76,18 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
         *describe_reaction(settings, objects),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
     ]
+    step_m = settings.bench.gripper_spec().resolution_m
     motions = [
-        _lift_motion(task, plan_lift(settings, task, table), home) for task in all_tasks(objects, lifts)
+        _lift_motion(task, plan_lift(settings, task, table), home, step_m)
+        for task in all_tasks(objects, lifts)
     ]
     return make_plan(settings.bench, head, motions)
 
 
-def _lift_motion(task: LiftTask, plan: LiftPlan, home: Pose) -> PlannedMotion:
+def _lift_motion(task: LiftTask, plan: LiftPlan, home: Pose, step_m: float) -> PlannedMotion:
+    """step_m: resolution of the gripper."""
     what = (
-        f"{task.name:>6} {plan.object_name}, {plan.grip_counts} counts past contact, lifted "
+        f"{task.name:>6} {plan.object_name}, {1e3 * plan.grip_steps * step_m:.1f} mm past contact, lifted "
         f"{plan.lift_height_m:.3f} m in {LIFT_S} s"
     )
     rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)

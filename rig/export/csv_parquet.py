@@ -48,7 +48,10 @@ POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 JOINTS = tuple(f"joint{i}_rad" for i in range(1, 7))
 WRENCH = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 ARM_COLUMNS: Columns = {**WHEN, **dict.fromkeys((*POSE, *JOINTS, *WRENCH), float), "mode": str}
-GRIPPER_COLUMNS: Columns = {**WHEN, "position_counts": int, "current_counts": int, "moving": bool}
+GRIPPER_COLUMNS: Columns = {
+    **WHEN, "opening_m": float, "current_a": float, "position_counts": int, "current_counts": int,
+    "moving": bool,
+}  # fmt: skip
 FRAME_COLUMNS: Columns = {**WHEN, "source": str, "sequence": int}
 POSE_COLUMNS: Columns = {
     "session": str, "pose": int, "attempt": int, "position": str, "orientation_deg": float,

@@ -34,12 +34,14 @@ class Episode:
     """A lift from the grasp until it is set down, N steps of 1/rate.
 
     images: by serial, N stored JPEGs. state: (N, 8) float32, TCP position in m, quaternion xyzw,
-    gripper counts. estimate_deg, truth_deg: (N,) float32, the last answer (0 before the first);
-    estimate_known, truth_known: (N,) bool, whether there was one at that step.
+    position of the gripper, which `gripper` names with its unit. estimate_deg, truth_deg: (N,) float32, the
+    last answer (0 before the first); estimate_known, truth_known: (N,) bool, whether there was one at that
+    step.
     """
 
     images: dict[str, list[bytes]]
     state: NDArray[np.float32]
+    gripper: str
     estimate_deg: NDArray[np.float32]
     estimate_known: NDArray[np.bool_]
     truth_deg: NDArray[np.float32]
@@ -88,10 +90,11 @@ def read_episode(recording: Path, rate_hz: int) -> Episode:
     times = [start + step * NS_PER_S // rate_hz for step in range(count)]
     estimate, estimate_known = _angles(tracks.get(FUSED_TOPIC), times)
     truth, truth_known = _angles(tracks.get(TRUTH_TOPIC), times)
-    state = [(*tracks[ARM_TOPIC].at(t), tracks[GRIPPER_TOPIC].at(t)) for t in times]
+    state = [(*tracks[ARM_TOPIC].at(t), tracks[GRIPPER_TOPIC].at(t)[1]) for t in times]
     return Episode(
         {serial: [tracks[image_topic(serial)].at(t) for t in times] for serial in sorted(serials)},
         np.array(state, np.float32),
+        tracks[GRIPPER_TOPIC].at(start)[0],
         estimate,
         estimate_known,
         truth,
@@ -106,7 +109,10 @@ def _value(topic: str, data: bytes, path: Path) -> Any:
         pose = recorded_pose(data, path)
         return (*pose.position_m, *pose.quaternion_xyzw)
     if topic == GRIPPER_TOPIC:
-        return recorded_gripper(data, path).position_counts
+        kept = recorded_gripper(data, path)
+        if kept.position_counts is None:
+            return "gripper_opening_m", kept.opening_m
+        return "gripper_counts", kept.position_counts
     if topic in (FUSED_TOPIC, TRUTH_TOPIC):
         return (recorded_angle(data, path, 0).angle_deg,)
     return None

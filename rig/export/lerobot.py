@@ -22,7 +22,7 @@ from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Line, pyarrow_modules
 
-STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "gripper_counts")
+STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 SCALARS = {
     "angle.estimate_deg": "float32",
     "angle.estimate_known": "bool",
@@ -86,7 +86,8 @@ def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:
     for serial, pictures in episode.images.items():
         height, width = decode_stored(pictures[0]).shape[:2]
         features[keys[serial]] = Feature("image", [height, width, 3], ["height", "width", "channels"])
-    vector = Feature("float32", [len(STATE_NAMES)], list(STATE_NAMES))
+    names = [*STATE_NAMES, episode.gripper]
+    vector = Feature("float32", [len(names)], names)
     features |= {"observation.state": vector, "action": vector}
     return features | {name: Feature(dtype, [1], None) for name, dtype in {**SCALARS, **COUNTERS}.items()}
 

@@ -17,7 +17,8 @@ CARD = """# {session}
 
 {mark}slip trial, an episode per lift: from the grasp until the object is set down again.
 
-- `observation.state`: TCP in the base frame (m, quaternion xyzw) and the gripper's counts.
+- `observation.state`: TCP in the base frame (m, quaternion xyzw) and the gripper's counts, or
+  its opening in m if it has none.
 - `action`: the state one step later. Commands are not recorded, so this is where the rig went.
 - `angle.estimate_deg`, `angle.truth_deg`: the object's turn since the grasp, estimated from the
   fingertips and measured from its markers, degrees, counter-clockwise as the camera sees it. Where

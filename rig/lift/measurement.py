@@ -111,10 +111,10 @@ class LiftMeasurement(LiftObserver):
         elif self._tcp is not None and self._since_grasp(frame):
             self.truth.update(frame.image, frame.time_ns, self._tcp)
 
-    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+    def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
         """Take a step of a reaction to slip."""
         if self.watch is not None:
-            self.watch.reacted(step, time_ns, counts)
+            self.watch.reacted(step, time_ns, position)
         if step is ReactionStep.CLOSED:
             for tip in self._tips.values():
                 if tip.estimator is not None:

@@ -55,7 +55,7 @@ def _event(events: Sequence[SlipEvent], since_ns: int, until_ns: int) -> SlipEve
 def _record(
     steps: Sequence[Step], event: SlipEvent | None, truth: TruthSeries, lift_ns: int, span: tuple[int, int]
 ) -> ReactionRecord:
-    (_, command_ns, counts), (last, end_ns, end_counts) = steps[0], steps[-1]
+    (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
     onset_ns = _onset_ns(truth, *span)
     event_ns = None if event is None else event.raised_ns
     still_ns = max(t for s, t, _ in steps if s in (ReactionStep.STANDS, ReactionStep.CLOSED))
@@ -67,7 +67,7 @@ def _record(
         command_s=(command_ns - lift_ns) / NS_PER_S,
         standstill_s=(still_ns - lift_ns) / NS_PER_S,
         rest_s=_since(rest_ns, lift_ns),
-        counts_added=end_counts - counts,
+        counts_added=end_position - position,
         onset_turn_deg=_turn(truth, onset_ns),
         event_turn_deg=_turn(truth, event_ns),
         command_turn_deg=_turn(truth, command_ns),

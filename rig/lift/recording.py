@@ -77,10 +77,10 @@ class LiftObservers(LiftObserver):
         for observer in self._observers:
             observer.gripper(state)
 
-    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+    def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
         """Pass a step of a reaction on."""
         for observer in self._observers:
-            observer.reaction(step, time_ns, counts)
+            observer.reaction(step, time_ns, position)
 
     def touching(self, serial: str) -> bool:
         """Whether a fingertip is in contact."""

@@ -49,7 +49,7 @@ class SlipEvent:
 class SlipWatch:
     """The fingertips' slip events of one lift, and what was done about them.
 
-    `events` and `steps` are what the lift's row tells of; steps: (step, time in ns, finger counts).
+    `events` and `steps` are what the lift's row tells of; steps: (step, time in ns, position of the fingers).
     """
 
     def __init__(self, settings: SlipSettings) -> None:
@@ -112,9 +112,9 @@ class SlipWatch:
         turned_deg, largest_deg = self._turned_deg + now_deg, max(self._largest_deg, abs(now_deg))
         return abs(turned_deg) + RESERVE * largest_deg > (self.max_turn_deg or CAUGHT_DEG)
 
-    def reacted(self, step: ReactionStep, time_ns: int, counts: int) -> None:
+    def reacted(self, step: ReactionStep, time_ns: int, position: int) -> None:
         """Take a step of a reaction; after the last one the fingertips look for the next slip."""
-        self.steps.append((step, time_ns, counts))
+        self.steps.append((step, time_ns, position))
         if step in (ReactionStep.CLOSE, ReactionStep.REST, ReactionStep.ENDS):
             self._count()
         if step is ReactionStep.CLOSED:

@@ -58,9 +58,7 @@ def _faults(trial: Trial) -> list[Notice]:
 
 def _fallen(trial: Trial) -> list[Notice]:
     names = [lift.name for lift in trial.lifts if lift.row.outcome is LiftOutcome.FALLEN]
-    advice = (
-        "Grip firmer (grip_counts in the object's file) or lift less high, so that the whole turn is seen."
-    )
+    advice = "Grip firmer (grip_mm in the object's file) or lift less high, so that the whole turn is seen."
     return [Notice("warn", f"The object fell in {joined(names)}.", advice)] if names else []
 
 

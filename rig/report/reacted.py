@@ -53,7 +53,7 @@ def _same(row: FinishedLift) -> tuple[str, int, int]:
 
 
 def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
-    columns = ("lift", "true end turn without, °", "with, °", "reactions", "counts added", "outcome")
+    columns = ("lift", "true end turn without, °", "with, °", "reactions", "grip steps added", "outcome")
     rows = [
         [
             lift.name,
@@ -87,7 +87,7 @@ def _chart(lift: Lift) -> Chart | None:
     first = row.reactions[0].command_s
     told = (
         f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
-        f"{counted(_added(row), 'count')} added"
+        f"{counted(_added(row), 'grip step')} added"
     )
     return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {told}")
 

@@ -175,7 +175,7 @@ def _sensors(taken: Sequence[Taken]) -> str:
 
 def _grips(taken: Sequence[Taken]) -> str:
     counts = [image.about.grip_counts for image in taken]
-    return f"{min(counts)} to {max(counts)} counts past contact"
+    return f"{min(counts)} to {max(counts)} steps past contact"
 
 
 def montage(taken: Sequence[Taken]) -> Image:
@@ -196,7 +196,7 @@ def _row(taken: Sequence[Taken]) -> Image:
     for x, image in enumerate(taken):
         left = x * width
         row[:height, left : left + THUMB_PX[0]] = _thumb(image)
-        row[height:, left : left + width] = _written(f"{image.about.grip_counts} counts", width)
+        row[height:, left : left + width] = _written(f"{image.about.grip_counts} steps", width)
     return row
 
 

@@ -42,7 +42,7 @@ class ReplayRow:
     accepted: bool = field(metadata={"doc": "whether the lift counts", "in_csv": IN_CSV})
     outcome: str | None = lift_column("how the lift ended", IN_CSV)
     fault: str | None = lift_column("fault that ended the lift", IN_CSV)
-    grip_counts: int | None = lift_column("grip beyond first contact", IN_CSV)
+    grip_counts: int | None = lift_column("grip beyond first contact, in steps of the gripper", IN_CSV)
     lift_height_m: float | None = lift_column("height of the lift", IN_CSV)
     final_estimate_deg: float | None = lift_column("mean estimate over the last 0.3 s of phase C", IN_CSV)
     final_truth_deg: float | None = lift_column("mean true angle over the last 0.3 s of phase C", IN_CSV)

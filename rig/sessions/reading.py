@@ -44,11 +44,27 @@ class _Phase:
 
 
 @dataclass(frozen=True)
-class _Reaction:
+class RecordedReaction:
+    """A step of a reaction to slip.
+
+    position_steps: commanded, in the gripper's steps from open. counts: the same in the Robotiq's counts, in
+    recordings of versions up to 1.0.
+    """
+
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     step: ReactionStep
-    counts: int
+    position_steps: int | None = None
+    counts: int | None = None
+
+    def __post_init__(self) -> None:
+        if (self.position_steps is None) == (self.counts is None):
+            raise ValueError("must have either position_steps or counts")
+
+    @property
+    def position(self) -> int:
+        """The commanded position; only differences within a lift are used."""
+        return next(value for value in (self.position_steps, self.counts) if value is not None)
 
 
 @dataclass(frozen=True)
@@ -67,13 +83,23 @@ class RecordedJoints:
 
 @dataclass(frozen=True)
 class RecordedGripper:
-    """What a recording holds of the gripper."""
+    """What a recording holds of the gripper.
+
+    opening_m: None in recordings of versions that kept counts alone. current_a, position_counts,
+    current_counts: None for a gripper without them.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    position_counts: Annotated[int, Field(ge=0)]
-    current_counts: int
     moving: bool
+    opening_m: float | None = None
+    current_a: float | None = None
+    position_counts: Annotated[int, Field(ge=0)] | None = None
+    current_counts: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.opening_m is None and self.position_counts is None:
+            raise ValueError("has neither opening_m nor position_counts")
 
 
 @dataclass(frozen=True)
@@ -87,7 +113,7 @@ class _Angle:
 
 
 _PHASE: Codec[_Phase] = Codec(_Phase)
-_REACTION: Codec[_Reaction] = Codec(_Reaction)
+_REACTION: Codec[RecordedReaction] = Codec(RecordedReaction)
 _JOINTS: Codec[RecordedJoints] = Codec(RecordedJoints)
 _GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
 _ANGLE: Codec[_Angle] = Codec(_Angle)
@@ -122,14 +148,16 @@ def show_again(
         if topic == PHASE_TOPIC:
             begin(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == REACTION_TOPIC:
-            done = _parsed(_REACTION, data, path)
-            observer.reaction(done.step, time_ns, done.counts)
+            done = recorded_reaction(data, path)
+            observer.reaction(done.step, time_ns, done.position)
         elif topic == ARM_TOPIC:
             pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC and (pose is not None or not gaps):
             observer.arm(_arm_state(pose, data, path, time_ns))
         elif topic == GRIPPER_TOPIC:
-            observer.gripper(_gripper_state(data, path, time_ns))
+            kept = recorded_gripper(data, path)
+            if kept.opening_m is not None:  # nothing that is measured again depends on the gripper
+                observer.gripper(GripperState(time_ns, True, kept.moving, kept.opening_m))
         elif topic.startswith(image_topic("")):
             observer.frame(_frame(data, path, time_ns, sequence))
     for name, begins_ns in hidden.items():
@@ -165,7 +193,7 @@ def recorded_arm_states(path: Path) -> Iterator[ArmState]:
 def recorded_reactions(path: Path) -> list[tuple[ReactionStep, int]]:
     """Return what was done about slips, each step with its time in ns. Raises `SessionError`."""
     messages = recorded_messages(path, REACTION_TOPIC)
-    return [(_parsed(_REACTION, data, path).step, time_ns) for _, time_ns, _, data in messages]
+    return [(recorded_reaction(data, path).step, time_ns) for _, time_ns, _, data in messages]
 
 
 def phase_times(path: Path) -> dict[str, int]:
@@ -201,10 +229,9 @@ def recorded_joints(data: bytes, path: Path) -> RecordedJoints:
     return _parsed(_JOINTS, data, path)
 
 
-def _gripper_state(data: bytes, path: Path, time_ns: int) -> GripperState:
-    """What is recorded of the gripper; one that was not activated moved nothing."""
-    kept = recorded_gripper(data, path)
-    return GripperState(time_ns, True, kept.moving, kept.position_counts, kept.current_counts, 0)
+def recorded_reaction(data: bytes, path: Path) -> RecordedReaction:
+    """Return a message of the reactions' topic. Raises `SessionError`."""
+    return _parsed(_REACTION, data, path)
 
 
 def recorded_gripper(data: bytes, path: Path) -> RecordedGripper:

@@ -48,19 +48,23 @@ CHUNK_BYTES = 128 * 1024
 """A chunk is written once it holds more than this: 4 to 8 frames, 1/25 s of a lift."""
 _LARGEST_STEP_NS = NS_PER_S
 """From a message to the next at most: one wrong stamp moves no other message's log time far."""
+RAW_COUNTS = ("position_counts", "current_counts")
+"""Readings of a Robotiq gripper that are recorded beside the opening."""
 _NUMBER = {"type": ["number", "null"]}
 _SCHEMAS: dict[str, dict[str, object]] = {
     "rig.Phase": {"phase": {"type": "string"}},
-    "rig.Reaction": {"step": {"type": "string"}, "counts": {"type": "integer"}},
+    "rig.Reaction": {"step": {"type": "string"}, "position_steps": {"type": "integer"}},
     "rig.Joints": {
         "joints_rad": {"type": "array", "items": {"type": "number"}},
         "wrench": {"type": "array", "items": {"type": "number"}},
         "mode": {"type": "string"},
     },
     "rig.Gripper": {
+        "opening_m": {"type": "number"},
+        "current_a": {"type": "number"},
+        "moving": {"type": "boolean"},
         "position_counts": {"type": "integer"},
         "current_counts": {"type": "integer"},
-        "moving": {"type": "boolean"},
     },
     "rig.Angle": {
         "angle_deg": _NUMBER,
@@ -166,12 +170,10 @@ class LiftRecorder(LiftEvents):
         self._json(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
 
     def gripper(self, state: GripperState) -> None:
-        """Keep the gripper's state."""
-        value = {
-            "position_counts": state.position_counts,
-            "current_counts": state.current_counts,
-            "moving": state.moving,
-        }
+        """Keep the gripper's state: opening, current if known, and of its own readings the counts."""
+        counts = {name: state.raw[name] for name in RAW_COUNTS if name in state.raw}
+        current = {} if state.current_a is None else {"current_a": state.current_a}
+        value = {"opening_m": state.opening_m, "moving": state.moving, **current, **counts}
         self._json(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
 
     def phase(self, phase: str, time_ns: int) -> None:
@@ -179,9 +181,9 @@ class LiftRecorder(LiftEvents):
         self._describe_once(time_ns)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
-    def reaction(self, step: str, time_ns: int, counts: int) -> None:
-        """Keep a step of a reaction to slip, with where the fingers were told to be or stood."""
-        self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "counts": counts})
+    def reaction(self, step: str, time_ns: int, position: int) -> None:
+        """Keep a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
+        self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "position_steps": position})
 
     def angle(self, topic: str, angle: RecordedAngle) -> None:
         """Keep an angle, of a fingertip, fused, or of the markers."""

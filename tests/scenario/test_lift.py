@@ -139,7 +139,7 @@ def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> 
 
 
 def test_final_angles_of_a_fallen_lift_are_those_before_the_fall() -> None:
-    row = attempt_lift(settings(), LiftTask(1, "t1", 2, grip_counts=2)).row
+    row = attempt_lift(settings(), LiftTask(1, "t1", 2, grip_steps=2)).row
     assert isinstance(row, FinishedLift)
     assert row.outcome is LiftOutcome.FALLEN
     assert row.final_truth_deg is not None
@@ -181,10 +181,10 @@ def test_an_operators_stop_sets_the_object_down_first() -> None:
         with pytest.raises(OperatorStopError) as raised:
             run_lift(bench, plan, Stopping(new_measurement(config)))
         height = bench.arm.state().base_T_tcp.position_m[2]
-        opening = bench.gripper.state().position_counts
+        opening_m = bench.gripper.state().opening_m
     assert "set down" in raised.value.__notes__[0]
     assert height == pytest.approx(plan.base_T_grasp.position_m[2] + 0.10, abs=1e-3)
-    assert opening <= bench.gripper.limits.counts_for_opening(plan.width_m)
+    assert opening_m >= bench.gripper.spec.nearest(plan.width_m)
 
 
 @pytest.fixture

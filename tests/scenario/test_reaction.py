@@ -154,7 +154,7 @@ def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
     tighten = settings("tighten")
     require_reaction(tighten, ["t1", "t2"])
     require_reaction(settings("none"), ["3"])
-    with pytest.raises(InputError, match="no largest_grip_counts"):
+    with pytest.raises(InputError, match="no largest_grip_mm"):
         require_reaction(tighten, ["t1", "3"])
     with pytest.raises(InputError, match="tells no rate"):
         require_reaction(replace(tighten, estimator=choose_estimator("pca")), ["t1"])
@@ -179,14 +179,14 @@ def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
 def test_plan_lists_what_the_reaction_may_do() -> None:
     text = "\n".join(describe_reaction(settings("tighten", 5.0), ["t1", "t2"]))
     assert "more than 5 degrees" in text
-    assert "t1 wrench 120, t2 toothbrush 14" in text
+    assert "t1 wrench 74.7, t2 toothbrush 8.7" in text
     assert describe_reaction(settings("none"), ["t1"]) == []
 
 
 def test_object_without_largest_grip_is_rejected_before_the_session(tmp_path: Path) -> None:
     done = rig("trial", "--object", "orange", "--react", "tighten", "--out", tmp_path / "s")
     assert done.returncode == 2
-    assert "largest_grip_counts" in done.stderr
+    assert "largest_grip_mm" in done.stderr
     assert not (tmp_path / "s").exists()
 
 

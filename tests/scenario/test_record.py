@@ -25,7 +25,7 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
     pressed = empty.copy()
     cv2.ellipse(pressed, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
     observer = PoseCapture({"L": ContactFinder(empty), "R": ContactFinder(empty)})
-    observer.want(4, grip_counts=2)
+    observer.want(4, grip_steps=2)
     for number in range(8 * FRAMES_APART):
         for serial in ("L", "R"):
             picture = pressed if number >= 2 * FRAMES_APART else empty

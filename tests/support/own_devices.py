@@ -26,8 +26,8 @@ class Wrist(UR5e):
 class Hand(Robotiq3F):
     """The rig's gripper, made in another way."""
 
-    def __init__(self, host, port, limits, fingers, clock, registers="tcp"):
-        super().__init__(tcp_link(host, port, registers), fingers, limits, clock)
+    def __init__(self, host, port, spec, fingers, clock, registers="tcp"):
+        super().__init__(tcp_link(host, port, registers), fingers, spec, clock)
 
 
 class Finger(Digit):
@@ -91,7 +91,7 @@ class Plain(Arm):
 
 
 class Fingers(Gripper):
-    def __init__(self, limits, *, at=6, ahead_s=0.0):
+    def __init__(self, spec, *, at=0.12, ahead_s=0.0):
         self.at, self.ahead_s = at, ahead_s
 
     def connect(self):
@@ -105,12 +105,12 @@ class Fingers(Gripper):
 
     def state(self):
         time_ns = time.monotonic_ns() + round(1e9 * self.ahead_s)
-        return GripperState(time_ns, True, False, self.at, 0, 0)
+        return GripperState(time_ns, True, False, self.at)
 
-    def move_to(self, position_counts):
-        self.at = position_counts
+    def move_to(self, opening_m, speed_m_s=None, force_n=None):
+        self.at = opening_m
         self.stuck = False
-        return Motion(self, position_counts)
+        return Motion(self, opening_m)
 
     def stop(self):
         pass

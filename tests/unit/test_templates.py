@@ -63,6 +63,7 @@ def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) 
     values["arm"]["limits"] = {key: value for key, value in limits.items() if "joint" not in key}
     values["arm"]["force_sensor"] = False
     values["arm"]["driver"], values["gripper"]["driver"] = "lab_arm:LabArm", "lab_gripper:LabGripper"
+    values["gripper"]["limits"] = {"max_opening_m": 0.085, "stroke_m": 0.08, "resolution_m": 0.0005}
     for tactile in values["tactile"]:
         tactile["driver"], tactile["options"] = "lab_sensor:LabSensor", {"grey": 100}
     values["camera"]["driver"] = "lab_camera:LabCamera"

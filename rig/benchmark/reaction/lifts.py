@@ -41,8 +41,9 @@ class ReactedLift:
     """One lift.
 
     turn_deg: at its end; None if no marker was detected or a fault ended it. damaged: the fingers left a mark
-    on the object. holds_from: the loosest grip, in counts, at which friction carries the object's torque;
-    None if the largest allowed grip does not. late: the object turned by half a degree without an event.
+    on the object. holds_from: the loosest grip, in steps of the gripper, at which friction carries the
+    object's torque; None if the largest allowed grip does not. late: the object turned by half a degree
+    without an event.
     """
 
     object_id: str
@@ -99,7 +100,7 @@ def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     grasps = find_grasp_file(task.object_id, settings.bench.objects)
     offset_m = next(p.offset_m for p in grasps.position if p.name == row.position)
     (world,) = worlds
-    furthest = grasps.largest_grip_counts or max(grasps.grip_counts)
+    furthest = settings.bench.gripper_spec().steps_for(grasps.largest_grip_m or max(grasps.grip_m))
     finished = row if isinstance(row, FinishedLift) else None
     reactions = _reactions(finished, world.slipped_between) if finished else ()
     turn_deg = finished.final_truth_deg if finished else None

@@ -60,7 +60,7 @@ def watch_at_rest(settings: TrialSettings, task: LiftTask) -> Rest:
         operator.place(plan.object_id, plan.object_name)
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump: Pump = start_watching(bench, measurement, REFERENCE_S)
-        tighten(bench, pump, measurement, close_to_contact(bench, pump, measurement), plan.grip_counts)
+        tighten(bench, pump, measurement, close_to_contact(bench, pump, measurement), plan.grip_steps)
         pump.run_for(GRASP_S)
         measurement.phase(Phase.LIFT, pump.seen_ns)
         pump.run_for(RESTS_S)

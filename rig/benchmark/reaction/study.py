@@ -33,8 +33,8 @@ MOST_FALSE = 1.0 / 45.0
 HELD_DEG = 0.5
 """A lift holds if it ends with a smaller turn without a reaction."""
 HOURS = 2.0
-SPARE_COUNTS = 2
-"""Grip beyond the loosest that holds, in counts, of the lifts that just hold."""
+SPARE_STEPS = 2
+"""Grip beyond the loosest that holds, in steps of the gripper, of the lifts that just hold."""
 Pair = tuple[ReactedLift, ReactedLift]
 """One lift without and with a reaction."""
 
@@ -200,7 +200,7 @@ def _full_limits(settings: TrialSettings, lifted: Mapping[LiftTask, ReactedLift]
 def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
     """Return the lifts that a grip can hold, each with a grip that just holds."""
     return [
-        replace(task, grip_counts=lift.holds_from + SPARE_COUNTS)
+        replace(task, grip_steps=lift.holds_from + SPARE_STEPS)
         for task, lift in lifted.items()
         if lift.holds_from is not None
     ]

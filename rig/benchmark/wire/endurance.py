@@ -110,7 +110,7 @@ def measure_endurance(
         with safe_end(bench):
             approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
             pump = start_watching(bench, observer, REFERENCE_S)
-            tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_counts)
+            tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_steps)
             pump.run_for(SETTLE_S)
             observer.begin_minute()
             for number in range(1, minutes + 1):

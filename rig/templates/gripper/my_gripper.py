@@ -1,12 +1,13 @@
-"""A gripper of your own: replace what pretends. As it is, two fingers in this program that nobody sees."""
+"""A parallel gripper of your own: replace what pretends. As it is, two simulated fingers in this program."""
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import GripperFaultError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.types import GripperLimits, GripperState
+from drivers.types import GripperSpec, GripperState
 
-COUNTS_PER_S = 110.0
+SPEED_M_S = 0.07
+"""Speed of a motion that is commanded without one."""
 NOT_ACTIVATED = 5
 """Fault codes are your maker's."""
 
@@ -14,27 +15,30 @@ NOT_ACTIVATED = 5
 class MyGripper(Gripper):
     """Called with keys of the bench file: these, `host`, `port` or `device` if you add them, and `options`.
 
-    Positions are in counts, `min_counts` open to `max_counts` closed, within 0 to 255: scale yours. A
-    position that is clearly outside this range is an error. Raise `drivers.errors.DeviceError` for failures.
+    Openings between the fingertips are in m, speeds in m/s, forces in N. `spec` has the keys of
+    [gripper.limits]: max_opening_m, stroke_m, resolution_m, speed_m_s, force_n. A command outside these
+    ranges is refused before `move_to` is called. A reported opening that is clearly outside is an error.
+    Raise `drivers.errors.DeviceError` for failures.
     """
 
-    def __init__(self, limits: GripperLimits, clock: Clock) -> None:
-        self._limits, self._clock = limits, clock
+    def __init__(self, spec: GripperSpec, clock: Clock) -> None:
+        self._spec, self._clock = spec, clock
         self._connected = self._activated = False
-        self._from = self._to = float(limits.min_counts)
+        self._from_m = self._to_m = spec.open_m
+        self._speed_m_s = SPEED_M_S
         self._began_ns = self._ends_ns = 0
 
     @property
-    def limits(self) -> GripperLimits:
-        """Range of the fingers."""
-        return self._limits
+    def spec(self) -> GripperSpec:
+        """Range and resolution of the fingers, range of speed and force."""
+        return self._spec
 
     def connect(self) -> None:
         """Reach the gripper; nothing moves, and nothing is activated."""
         self._connected = True
 
     def disconnect(self) -> None:
-        """Let go; the fingers stay as they are."""
+        """Close the connection; the fingers stay as they are."""
         self._connected = False
 
     def activate(self) -> None:
@@ -42,25 +46,28 @@ class MyGripper(Gripper):
         self._activated = True
 
     def state(self) -> GripperState:
-        """Newest state: time, activated, moving, counts, current, fault code."""
+        """Newest state. Add `gripping` and `obstructed` if your gripper detects objects, and `current_a`."""
         if not self._connected:
             raise NotConnectedError("gripper: used before connect; connect the bench first")
         now_ns = self._clock.now_ns()
-        return GripperState(now_ns, self._activated, now_ns < self._ends_ns, round(self._counts()), 0, 0)
+        return GripperState(now_ns, self._activated, now_ns < self._ends_ns, self._opening_m())
 
-    def move_to(self, position_counts: int) -> PolledMotion:
-        """Start moving the fingers and return at once."""
+    def move_to(
+        self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
+    ) -> PolledMotion:
+        """Start moving the fingers and return at once. Use your own speed and force if they are None."""
         if not self.state().activated:
             raise GripperFaultError("gripper: not activated; the next trial asks for it", NOT_ACTIVATED)
-        self._from, self._to, self._began_ns = self._counts(), float(position_counts), self._clock.now_ns()
-        self._ends_ns = self._began_ns + to_ns(abs(self._to - self._from) / COUNTS_PER_S)
+        self._from_m, self._to_m = self._opening_m(), opening_m
+        self._speed_m_s, self._began_ns = speed_m_s or SPEED_M_S, self._clock.now_ns()
+        self._ends_ns = self._began_ns + to_ns(abs(self._to_m - self._from_m) / self._speed_m_s)
         return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
-        self._from = self._to = self._counts()
+        self._from_m = self._to_m = self._opening_m()
         self._ends_ns = self._clock.now_ns()
 
-    def _counts(self) -> float:
-        gone = COUNTS_PER_S * (self._clock.now_ns() - self._began_ns) / NS_PER_S
-        return self._from + max(-gone, min(gone, self._to - self._from))
+    def _opening_m(self) -> float:
+        travelled_m = self._speed_m_s * (self._clock.now_ns() - self._began_ns) / NS_PER_S
+        return self._from_m + max(-travelled_m, min(travelled_m, self._to_m - self._from_m))

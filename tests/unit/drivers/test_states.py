@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import fields, replace
+from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -9,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import DeviceError, InvalidStateError
-from drivers.types import ArmMode, ArmState, GripperLimits, GripperState, HandState, Holding, Pose
+from drivers.errors import DeviceError, InvalidStateError, OutOfLimitsError
+from drivers.types import ArmMode, ArmState, GripperSpec, GripperState, HandState, Holding, Pose
 
 AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ARM = ArmState(1, Pose((0.4, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0)), AT_REST, AT_REST, ArmMode.RUNNING, 1.0)
-GRIPPER = GripperState(1, True, False, 120, 4, 0)
-HAND = HandState(Holding.HELD, "wrench", ARM.base_T_tcp, 0.012, 120)
+GRIPPER = GripperState(1, True, False, 0.05, 0, current_a=0.1, raw=MappingProxyType({"position_counts": 120}))
+HAND = HandState(Holding.HELD, "wrench", ARM.base_T_tcp, 0.012, 0.05)
 
 NOT_FINITE = st.sampled_from([math.nan, math.inf, -math.inf, np.float64("nan")])
 NO_NUMBER = st.one_of(st.booleans(), st.text(max_size=3), st.just(np.float32(1.0)), st.just([1.0]))
@@ -59,18 +61,19 @@ INVALID: dict[Any, dict[str, st.SearchStrategy[Any]]] = {
         "time_ns": INVALID_INTEGER,
         "activated": BOOLS,
         "moving": BOOLS,
-        "position_counts": st.one_of(INVALID_INTEGER, st.integers(max_value=-1)),
-        "current_counts": INVALID_INTEGER,
+        "opening_m": st.one_of(INVALID_NUMBER, st.floats(1.1), st.integers(2), st.integers(max_value=-2)),
         "fault_code": INVALID_INTEGER,
         "gripping": BOOLS,
         "obstructed": BOOLS,
+        "current_a": INVALID_NUMBER,
+        "raw": st.one_of(st.none(), INVALID_INTEGER.map(lambda value: {"position_counts": value})),
     },
     HAND: {
         "holding": st.sampled_from([None, "held", True]),
         "what": st.sampled_from([None, 1]),
         "base_T_grasp": INVALID_POSE,
         "width_m": INVALID_NUMBER,
-        "finger_counts": INVALID_INTEGER,
+        "finger_opening_m": INVALID_NUMBER,
     },
 }
 FIELDS = [(state, field.name) for state in INVALID for field in fields(state)]
@@ -100,10 +103,53 @@ def test_arm_state_without_a_required_value_is_rejected(name: str) -> None:
         replace(ARM, **{name: None})
 
 
-@pytest.mark.parametrize(("counts", "possible"), [(0, False), (15, True), (1005, True), (1100, False)])
-def test_position_far_outside_the_range_of_the_fingers_is_rejected(counts: int, possible: bool) -> None:
-    limits = GripperLimits(20, 1000, 0.1, 1e-4)
+SPEC = GripperSpec(0.1, 0.098, 1e-4, (0.01, 0.1), (10.0, 50.0))
+
+
+@pytest.mark.parametrize(
+    ("opening_m", "possible"), [(0.102, False), (0.1005, True), (0.0015, True), (-0.001, False)]
+)
+def test_opening_far_outside_the_range_of_the_fingers_is_rejected(opening_m: float, possible: bool) -> None:
     if possible:
-        return limits.require_possible(counts)
-    with pytest.raises(InvalidStateError, match="position_counts"):
-        limits.require_possible(counts)
+        return SPEC.require_possible(opening_m)
+    with pytest.raises(InvalidStateError, match="opening_m"):
+        SPEC.require_possible(opening_m)
+
+
+@st.composite
+def specs(draw: st.DrawFn) -> GripperSpec:
+    """Grippers with a nominal or a measured range, the measured openings in part equal."""
+    steps = draw(st.integers(1, 400))
+    resolution_m = draw(st.floats(1e-4, 2e-3))
+    at = sorted(draw(st.sets(st.integers(0, 2 * steps), max_size=6)))
+    measured_m = sorted((draw(st.integers(0, 100)) / 1e3 for _ in at), reverse=True)
+    measured = tuple((half / 2, opening_m) for half, opening_m in zip(at, measured_m, strict=True))
+    return GripperSpec(0.1, steps * resolution_m, resolution_m, (0.01, 0.1), (10.0, 50.0), measured)
+
+
+@given(spec=specs())
+def test_opening_of_a_position_stands_for_that_position(spec: GripperSpec) -> None:
+    """Whatever was measured, openings fall strictly, and each one is turned back into its position."""
+    openings = [spec.opening_at(step) for step in range(spec.steps + 1)]
+    assert [spec.step_at(opening_m) for opening_m in openings] == list(range(spec.steps + 1))
+    assert all(more > less for more, less in pairwise(openings))
+    assert (spec.open_m, spec.closed_m) == (openings[0], openings[-1])
+    for opening_m in (spec.open_m, spec.closed_m):
+        spec.require_command(opening_m)
+
+
+@given(spec=specs(), opening_m=st.floats(allow_nan=True))
+def test_command_outside_the_range_is_refused(spec: GripperSpec, opening_m: float) -> None:
+    if spec.closed_m - spec.resolution_m / 2 < opening_m < spec.open_m + spec.resolution_m / 2:
+        return spec.require_command(opening_m)
+    with pytest.raises(OutOfLimitsError, match="mm"):
+        spec.require_command(opening_m)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "force_n"), [(0.2, None), (math.nan, None), (None, 5.0), (None, math.inf), (0.0, 20.0)]
+)
+def test_speed_or_force_outside_the_range_is_refused(speed_m_s: float | None, force_n: float | None) -> None:
+    SPEC.require_command(0.05, 0.1, 10.0)
+    with pytest.raises(OutOfLimitsError, match=r"m/s|N is"):
+        SPEC.require_command(0.05, speed_m_s, force_n)

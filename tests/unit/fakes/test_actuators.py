@@ -8,9 +8,12 @@ from fakes.clock import SimulatedClock
 from fakes.devices.arm import STOP_DECELERATION_M_S2, FakeArm
 from fakes.devices.gripper import ACCELERATION_COUNTS_S2, SPEED_COUNTS_S, FakeGripper
 from fakes.faults import FaultScript
+from fakes.objects.catalogue import find_object
+from fakes.world.motion import ToolPath
 from fakes.world.state import BenchLayout
-from fakes.world.world import World
+from fakes.world.world import FINGER_STIFFNESS_N_M, World
 from rig.bench.assembly import TOOL_DOWN
+from support.finger_counts import OPEN_COUNTS, counts_of, opening_m
 
 PERIOD_S = 0.01
 
@@ -32,33 +35,53 @@ def gripper(period_s: float) -> tuple[FakeGripper, SimulatedClock]:
 def test_fingers_begin_a_line_period_late_and_stand_a_period_before_it_is_seen(counts: int) -> None:
     made, clock = gripper(PERIOD_S)
     began = clock.now_ns()
-    motion = made.move_to(made.limits.min_counts + counts)
+    motion = made.move_to(opening_m(made, OPEN_COUNTS + counts))
     clock.sleep_until(began + to_ns(PERIOD_S))
-    assert made.state().position_counts == made.limits.min_counts
+    assert counts_of(made) == OPEN_COUNTS
     assert made.state().moving
     motion.wait(5.0)
     ramp_s = min(SPEED_COUNTS_S / ACCELERATION_COUNTS_S2, (counts / ACCELERATION_COUNTS_S2) ** 0.5)
     closing_s = 2 * ramp_s + max(counts - ACCELERATION_COUNTS_S2 * ramp_s**2, 0.0) / SPEED_COUNTS_S
     assert (clock.now_ns() - began) / 1e9 == pytest.approx(closing_s + 2 * PERIOD_S, abs=0.005)
-    assert made.state().position_counts == made.limits.min_counts + counts
+    assert counts_of(made) == OPEN_COUNTS + counts
 
 
 def test_fingers_told_to_stop_go_on_for_a_line_period() -> None:
     made, clock = gripper(PERIOD_S)
     began = clock.now_ns()
-    made.move_to(100)
+    made.move_to(opening_m(made, 100))
     clock.sleep_until(began + to_ns(0.3))
     made.stop()
     clock.sleep_until(began + to_ns(1.0))
-    late = made.state().position_counts
+    late = counts_of(made)
     prompt, clock = gripper(0.0)
     began = clock.now_ns()
-    prompt.move_to(100)
+    prompt.move_to(opening_m(prompt, 100))
     clock.sleep_until(began + to_ns(0.3))
     prompt.stop()
     clock.sleep_until(began + to_ns(1.0))
-    assert late == prompt.state().position_counts  # begun as late as ended
-    assert late > made.limits.min_counts + 20
+    assert late == counts_of(prompt)  # begun as late as ended
+    assert late > OPEN_COUNTS + 20
+
+
+def test_fingers_go_at_the_speed_and_stall_at_the_force_that_is_commanded() -> None:
+    made, clock = gripper(0.0)
+    began = clock.now_ns()
+    made.move_to(made.spec.open_m - 0.05, speed_m_s=0.05).wait(5.0)
+    assert (clock.now_ns() - began) / 1e9 == pytest.approx(1.0, abs=0.05)
+    pressed_n = []
+    for force_n in (15.0, 18.0):
+        bench, clock = world(), SimulatedClock()
+        bench.place(find_object("t1"))
+        bench.tool = ToolPath.resting(Pose((0.45, 0.0, 0.05), (1.0, 0.0, 0.0, 0.0)))
+        made = FakeGripper(bench, clock, FaultScript(()))
+        made.connect()
+        made.activate()
+        made.move_to(0.0).wait(10.0)  # in contact
+        made.move_to(made.spec.closed_m, force_n=force_n).wait(10.0)
+        assert made.state().gripping
+        pressed_n.append(FINGER_STIFFNESS_N_M * bench.squeeze_at(clock.now_ns()))
+    assert pressed_n == pytest.approx([15.0, 18.0], abs=0.1)
 
 
 def test_an_arm_told_to_stop_goes_on_for_its_braking_distance() -> None:

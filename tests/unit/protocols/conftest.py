@@ -17,6 +17,7 @@ from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.tactile.estimators import choose_estimator
+from support.finger_counts import counts_of
 
 When = Callable[[], bool]
 WATCHED_NS = 8_000_000
@@ -74,7 +75,7 @@ class LiftOf:
 
     @property
     def counts(self) -> int:
-        return self.bench.gripper.state().position_counts
+        return counts_of(self.bench.gripper)
 
     @property
     def held(self) -> bool:
@@ -110,7 +111,10 @@ class LiftOf:
 
 @pytest.fixture
 def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
-    """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`."""
+    """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`.
+
+    step_m: resolution of the gripper, that of a Robotiq 3-Finger if None.
+    """
     lifts: list[LiftOf] = []
     SwitchedFaults.on.clear()
     passes = SimulatedClock.sleep_until
@@ -125,8 +129,13 @@ def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
 
     monkeypatch.setattr(SimulatedClock, "sleep_until", sleep_until)
 
-    def make(object_id: str = "t1") -> LiftOf:
+    def make(object_id: str = "t1", step_m: float | None = None) -> LiftOf:
         config = load_bench("fake")
+        if step_m is not None:
+            steps = {"max_counts": 6 + round(0.155 / step_m), "opening_per_count_m": step_m}
+            limits = config.gripper.limits.model_copy(update=steps)
+            gripper = config.gripper.model_copy(update={"limits": limits})
+            config = config.model_copy(update={"gripper": gripper})
         made = build_learning_bench(config, 3, None, SwitchedFaults())
         settings = TrialSettings(config, 0, choose_estimator())
         plan = plan_lift(settings, LiftTask(1, object_id, 1), made.bench.base_T_table)

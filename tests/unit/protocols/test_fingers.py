@@ -1,18 +1,22 @@
 """Finger motions are verified: a gripper that disobeys never leads to a moving arm."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from drivers.errors import FingerMotionError, OperatorStopError
 from drivers.types import GripperState, HandState, Holding
-from protocols.fingers import REACHED_M, move_fingers, tolerance_counts
+from protocols.fingers import REACHED_M, move_fingers, tolerance_m
+from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from protocols.readiness import make_ready
 from protocols.slip_trial import run_lift
 from protocols.steps import MARGIN_M
 from rig.bench.operators import ConsoleOperator
+from support.finger_counts import opening_m
 
 LiftOf = Callable[..., Any]
 MOTIONLESS = ("blocked", "stuck", "false_success")
@@ -91,7 +95,7 @@ def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
 def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf, real_counts: int) -> None:
     """The fault begins at the first contact, or after one or two of the three counts of tightening."""
     lift = lift_of()
-    assert lift.plan.grip_counts == 3
+    assert lift.plan.grip_steps == 3
     note, seen = lift.bench.hand.note, lift.observer.gripper
     contact_counts: list[int] = []
 
@@ -111,7 +115,7 @@ def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf, rea
 
     lift.bench.hand.note = note_and_break
     lift.observer.gripper = see_and_break
-    with pytest.raises(FingerMotionError, match="one count before"):
+    with pytest.raises(FingerMotionError, match=r"0\.6 mm before"):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert lift.height_m == pytest.approx(0.0, abs=1e-4)
 
@@ -127,7 +131,7 @@ def test_gripper_that_opens_too_far_ends_the_lift_with_an_unknown_hand(lift_of: 
 @pytest.mark.parametrize("kind", MOTIONLESS)
 def test_fingers_that_do_not_open_to_the_grasp_keep_the_hand_up(lift_of: LiftOf, kind: str) -> None:
     lift = lift_of()
-    move_fingers(lift.bench, 200)
+    move_fingers(lift.bench, opening_m(lift.bench.gripper, 200))
     lift.break_gripper(kind)
     lift.run()
     if kind != "false_success":  # undetectable without contact: the guard against contact force remains
@@ -166,8 +170,9 @@ def test_opening_tolerance_is_below_twice_the_margin() -> None:
 
 
 def test_tolerance_follows_the_resolution_of_the_gripper(lift_of: LiftOf) -> None:
-    limits = lift_of().bench.gripper.limits
-    assert tolerance_counts(limits) == 3
+    spec = lift_of().bench.gripper.spec
+    assert tolerance_m(spec) // spec.resolution_m == 3
+    assert tolerance_m(replace(spec, resolution_m=0.004)) == 0.004
 
 
 def test_closing_onto_an_object_may_stop_early(lift_of: LiftOf) -> None:
@@ -177,16 +182,30 @@ def test_closing_onto_an_object_may_stop_early(lift_of: LiftOf) -> None:
     lift.interrupt(lambda: True)
     lift.run()
     lift.interruptions.clear()
-    state = move_fingers(lift.bench, lift.bench.gripper.limits.max_counts)
+    state = move_fingers(lift.bench, lift.bench.gripper.spec.closed_m)
     assert state.gripping
-    assert state.position_counts < lift.bench.gripper.limits.max_counts
+    assert state.opening_m > lift.bench.gripper.spec.closed_m + REACHED_M
 
 
 def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None:
     lift = lift_of()
-    move_fingers(lift.bench, 100)
+    move_fingers(lift.bench, opening_m(lift.bench.gripper, 100))
     lift.bench.hand.note(HandState(Holding.FREE))
     lift.break_gripper("stuck")
-    with pytest.raises(FingerMotionError, match="stopped at 100 instead of 50 counts"):
-        move_fingers(lift.bench, 50)
+    with pytest.raises(FingerMotionError, match=r"stopped at 61\.5 instead of 92\.6 mm .*2\.0 mm"):
+        move_fingers(lift.bench, opening_m(lift.bench.gripper, 50))
     assert lift.bench.hand.state.holding is Holding.UNKNOWN
+
+
+@pytest.mark.parametrize("step_m", [0.0002, 0.001])
+def test_grips_are_distances_whatever_the_resolution_of_the_gripper(lift_of: LiftOf, step_m: float) -> None:
+    """The wrench's file says 1.9 to 3.7 mm; the fingers close in steps of another gripper."""
+    lift = lift_of(step_m=step_m)
+    least_m, most_m = find_grasp_file("t1").grip_m
+    assert least_m - step_m <= lift.plan.grip_steps * step_m <= most_m + step_m
+    openings_m: list[float] = []
+    lift.observer.gripper = lambda state: openings_m.append(state.opening_m)
+    assert lift.run() == "done"
+    closings_m = [before - after for before, after in pairwise(openings_m) if after < before]
+    assert closings_m == pytest.approx([step_m] * len(closings_m))
+    assert lift.plan.width_m - min(openings_m) == pytest.approx(lift.plan.grip_steps * step_m, abs=0.002)

@@ -9,7 +9,6 @@ from fakes.objects.catalogue import find_object
 from protocols import grasps
 from protocols.grasps import TRIAL_OBJECTS, find_grasp_file, load_grasp_files
 
-COUNTS_M = 0.155 / 249.0
 STIFFNESS_N_M = 420.0
 
 
@@ -17,13 +16,13 @@ STIFFNESS_N_M = 420.0
 def test_the_largest_grip_of_a_trial_object_is_above_its_light_ones_and_marks_nothing(object_id: str) -> None:
     grasp_file, model = find_grasp_file(object_id), find_object(object_id)
     largest = grasp_file.require_largest_grip()
-    assert largest > max(grasp_file.grip_counts)
-    swaying_n = 1.2 * STIFFNESS_N_M * COUNTS_M * largest
+    assert largest > max(grasp_file.grip_m)
+    swaying_n = 1.2 * STIFFNESS_N_M * largest
     assert model.marked_above_n is None or swaying_n < model.marked_above_n
 
 
 def test_an_object_without_a_largest_grip_is_refused_with_what_to_do() -> None:
-    with pytest.raises(InputError, match=r"3 orange.*no largest_grip_counts.*--react stop"):
+    with pytest.raises(InputError, match=r"3 orange.*no largest_grip_mm.*--react stop"):
         find_grasp_file("orange").require_largest_grip()
 
 
@@ -31,11 +30,11 @@ def test_a_largest_grip_below_the_light_ones_is_refused_by_its_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = next(grasps.OBJECTS_FOLDER.glob("t2_*")).read_text()
-    (tmp_path / "t2.toml").write_text(text.replace("largest_grip_counts = 14", "largest_grip_counts = 4"))
+    (tmp_path / "t2.toml").write_text(text.replace("largest_grip_mm = 8.7", "largest_grip_mm = 2.5"))
     monkeypatch.setattr(grasps, "OBJECTS_FOLDER", tmp_path)
     load_grasp_files.cache_clear()
     try:
-        with pytest.raises(InputError, match=r"t2\.toml: largest_grip_counts: .*4 is below grip_counts, 5"):
+        with pytest.raises(InputError, match=r"t2\.toml: largest_grip_mm: .*2\.5 is below grip_mm, 3\.1"):
             load_grasp_files()
     finally:
         load_grasp_files.cache_clear()

@@ -152,13 +152,13 @@ def test_moving_fingers_stop_if_their_state_becomes_invalid(
     lift = lift_of()
     gripper, clock = lift.bench.gripper, lift.bench.clock
     lift.bench.hand.note(HandState(Holding.HELD, "wrench", lift.pose))
-    gripper.move_to(gripper.limits.max_counts)
+    gripper.move_to(gripper.spec.closed_m)
     clock.sleep_until(clock.now_ns() + to_ns(0.2))
     with monkeypatch.context() as broken:
-        broken.setattr(FakeGripper, "state", lambda _: GripperState(0, True, True, -5, 0, 0))
-        with pytest.raises(InvalidStateError, match="position_counts") as ended, safe_end(lift.bench):
+        broken.setattr(FakeGripper, "state", lambda _: GripperState(0, True, True, float("nan")))
+        with pytest.raises(InvalidStateError, match="opening_m") as ended, safe_end(lift.bench):
             gripper.state()
     assert "still holding wrench" in ended.value.__notes__[0]
-    stopped = gripper.state().position_counts
+    stopped_m = gripper.state().opening_m
     clock.sleep_until(clock.now_ns() + to_ns(1.0))
-    assert gripper.state().position_counts <= stopped + 2
+    assert gripper.state().opening_m >= stopped_m - 2 * gripper.spec.resolution_m

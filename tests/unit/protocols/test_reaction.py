@@ -10,13 +10,13 @@ from drivers.errors import DeviceError
 from drivers.types import Holding
 from protocols.observer import Phase, ReactionStep
 from protocols.reaction import (
-    FIRST_STEP_COUNTS,
     MOST_REACTIONS,
     Reaction,
     ReactionKind,
 )
 from protocols.slip_trial import run_lift
 
+FIRST_CLOSING_STEPS = 6
 LiftOf = Callable[..., Any]
 STEP = ReactionStep
 
@@ -45,16 +45,16 @@ class Script:
     def another_is_too_much(self) -> bool:
         return self.too_much
 
-    def reaction(self, step: ReactionStep, time_ns: int, counts: int) -> None:
-        self.steps.append((step, time_ns, counts))
+    def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
+        self.steps.append((step, time_ns, position))
         self.heights_m.append(self.lift.height_m)
         self.closed += step is STEP.CLOSED
         if step in (STEP.REST, STEP.ENDS):
             self.at_m.pop(0)
             self.closed = 0
 
-    def counts(self, step: ReactionStep) -> list[int]:
-        return [counts for s, _, counts in self.steps if s is step]
+    def positions(self, step: ReactionStep) -> list[int]:
+        return [position for s, _, position in self.steps if s is step]
 
 
 def reacted(lift: Any, kind: ReactionKind, script: Script, largest: int = 40) -> Script:
@@ -77,23 +77,23 @@ def test_tighten_stands_while_it_closes_and_then_lifts_on_to_full_height(lift_of
     assert script.heights_m[0] == pytest.approx(0.010, abs=0.002)
     assert script.heights_m[1] - script.heights_m[0] < 0.001
     assert max(script.heights_m[1:]) == min(script.heights_m[1:])
-    assert script.counts(STEP.REST)[0] - script.counts(STEP.STOP)[0] == FIRST_STEP_COUNTS
+    assert script.positions(STEP.REST)[0] - script.positions(STEP.STOP)[0] == FIRST_CLOSING_STEPS
     assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
 
 
 def test_each_closing_is_twice_as_far_as_the_one_before(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.005, 0.010], closings=2), largest=200)
-    before = script.counts(STEP.STOP)[0]
-    assert [c - before for c in script.counts(STEP.CLOSED)] == [6, 18, 42, 70]  # 255 ends it
+    before = script.positions(STEP.STOP)[0]
+    assert [c - before for c in script.positions(STEP.CLOSED)] == [6, 18, 42, 70]  # the closed end
 
 
 def test_it_never_closes_beyond_the_largest_grip(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.005, 0.010, 0.015])
-    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_counts + 10)
-    before = script.counts(STEP.STOP)[0]
-    assert max(counts for _, _, counts in script.steps) == before + 10
+    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps + 10)
+    before = script.positions(STEP.STOP)[0]
+    assert max(position for _, _, position in script.steps) == before + 10
     assert script.steps[-1][0] is STEP.REST
     assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
 
@@ -101,16 +101,16 @@ def test_it_never_closes_beyond_the_largest_grip(lift_of: LiftOf) -> None:
 def test_a_slip_at_the_largest_grip_ends_the_lift_where_one_more_would_be_too_much(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.006, 0.010, 0.014], too_much=True)
-    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_counts + FIRST_STEP_COUNTS)
+    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps + FIRST_CLOSING_STEPS)
     assert [s for s, _, _ in script.steps][-3:] == [STEP.STOP, STEP.STANDS, STEP.ENDS]
-    assert len(script.counts(STEP.STOP)) == 2
+    assert len(script.positions(STEP.STOP)) == 2
     assert script.reached_m < 0.012 < lift.plan.lift_height_m
 
 
 def test_an_object_that_slips_too_often_is_lifted_no_higher(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.004] * 20, closings=0), largest=250)
-    stops = script.counts(STEP.STOP)
+    stops = script.positions(STEP.STOP)
     assert len(stops) <= MOST_REACTIONS
     assert script.steps[-1][0] is STEP.ENDS
     assert script.reached_m < 0.01
@@ -119,7 +119,7 @@ def test_an_object_that_slips_too_often_is_lifted_no_higher(lift_of: LiftOf) -> 
 def test_a_slip_at_the_largest_grip_that_ends_by_itself_lets_the_lift_go_on(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.010], closings=0)
-    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_counts)
+    script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps)
     assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.REST]
     assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
 
@@ -129,7 +129,7 @@ def test_stop_and_lower_end_the_lift_and_leave_the_grip_as_it_is(kind: ReactionK
     lift = lift_of()
     script = reacted(lift, kind, Script(lift, [0.010, 0.010]))
     assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.ENDS]
-    assert len({counts for _, _, counts in script.steps}) == 1
+    assert len({position for _, _, position in script.steps}) == 1
     assert script.reached_m < 0.012
 
 
@@ -152,7 +152,7 @@ def test_a_slip_while_it_is_held_is_answered_as_well(lift_of: LiftOf) -> None:
 def test_a_fault_in_a_reaction_ends_as_any_other(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = Script(lift, [0.010])
-    lift.interrupt(lambda: bool(script.counts(STEP.CLOSE)), DeviceError("arm: gone"))
+    lift.interrupt(lambda: bool(script.positions(STEP.CLOSE)), DeviceError("arm: gone"))
     lift.observer.reaction = script.reaction
     with pytest.raises(DeviceError, match="gone") as raised:
         run_lift(lift.bench, lift.plan, lift.observer, Reaction(ReactionKind.TIGHTEN, script, 40))

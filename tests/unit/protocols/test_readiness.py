@@ -44,7 +44,7 @@ def test_free_hand_needs_no_question(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     make_ready(lift.bench, person)
     assert person.asked == []
-    assert lift.bench.hand.state == HandState(Holding.FREE, finger_counts=lift.counts)
+    assert lift.bench.hand.state == HandState(Holding.FREE, finger_opening_m=lift.bench.gripper.spec.open_m)
 
 
 def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf) -> None:
@@ -71,7 +71,7 @@ def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> N
 
 def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
-    for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_counts=20)):
+    for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_opening_m=0.11)):
         refusing = Person(says=False)
         with pytest.raises(OperatorStopError):
             free_hand(restarted(lift, known), refusing)
@@ -105,20 +105,20 @@ def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf
 def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     lift.bench.arm.move_linear(lift.plan.base_T_grasp, 0.25, 1.0).wait(5.0)
-    lift.bench.gripper.move_to(255).wait(10.0)  # closes until it stalls at 15 N
+    lift.bench.gripper.move_to(lift.bench.gripper.spec.closed_m).wait(10.0)  # closes until it stalls at 15 N
     assert lift.bench.gripper.state().gripping
     with pytest.raises(OperatorStopError):
         free_hand(restarted(lift, HandState(Holding.FREE)), person)
     assert lift.held
 
 
-def test_low_counts_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: LiftOf) -> None:
+def test_open_fingers_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     known = lift.bench.hand.state
 
     class PowerLost(type(lift.bench.gripper)):
         def state(self) -> GripperState:
-            return GripperState(lift.bench.clock.now_ns(), False, False, 6, 0, 0)
+            return GripperState(lift.bench.clock.now_ns(), False, False, self.spec.open_m)
 
     lift.bench.gripper.__class__ = PowerLost
     assert look_at_hand(lift.bench) == known

@@ -13,6 +13,7 @@ from drivers.robotiq_3f.modbus import Link
 from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import BenchLayout, World
+from support.finger_counts import counts_of
 
 Wire = GripperServer | GripperRtu
 
@@ -91,7 +92,7 @@ def reach() -> Callable[[Robotiq3F, int], None]:
     """Wait until the fingers have passed a position on their way."""
 
     def wait(gripper: Robotiq3F, counts: int) -> None:
-        while gripper.state().position_counts <= counts:
+        while counts_of(gripper) <= counts:
             time.sleep(0.005)
 
     return wait

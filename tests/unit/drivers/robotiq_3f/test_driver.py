@@ -21,6 +21,7 @@ from drivers.robotiq_3f.modbus import Link
 from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_command, unpack_status
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import World
+from support.finger_counts import counts_of, opening_m
 
 Wire = GripperServer | GripperRtu
 RaisedBy = Callable[[Callable[[], object]], DeviceError]
@@ -39,25 +40,25 @@ def test_it_activates_moves_and_stops_on_every_line(
     assert not gripper.state().activated
     gripper.activate()
     assert gripper.state().activated
-    motion = gripper.move_to(20)
+    motion = gripper.move_to(opening_m(gripper, 20))
     assert gripper.state().moving
     motion.wait(5.0)
-    assert gripper.state().position_counts == 20
-    gripper.move_to(255)
+    assert counts_of(gripper) == 20
+    gripper.move_to(opening_m(gripper, 255))
     reach(gripper, 22)
     gripper.stop()
     held = gripper.state()
     assert not held.moving
-    assert 20 < held.position_counts < 255
+    assert 20 < held.raw["position_counts"] < 255
     time.sleep(0.1)
-    assert gripper.state().position_counts == held.position_counts
+    assert counts_of(gripper) == held.raw["position_counts"]
     gripper.disconnect()
 
 
 def test_the_finger_that_does_not_grasp_stays_where_it_stands(
     gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
-    gripper.move_to(60).wait(5.0)
+    gripper.move_to(opening_m(gripper, 60)).wait(5.0)
     command, status = written(server), bytes.fromhex(server.snapshot()["status"])
     assert command[1] == 4, "rICF"
     assert (command[3], command[6], command[9]) == (6, 60, 60)
@@ -71,10 +72,10 @@ def test_the_fingers_that_grasp_are_the_users_choice(
     gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
     gripper.connect()
     gripper.activate()
-    gripper.move_to(50).wait(5.0)
+    gripper.move_to(opening_m(gripper, 50)).wait(5.0)
     command = written(server)
     assert (command[3], command[6], command[9]) == requests
-    assert gripper.state().position_counts == 50
+    assert counts_of(gripper) == 50
     gripper.disconnect()
 
 
@@ -82,9 +83,9 @@ def test_a_status_without_the_echo_is_not_believed(
     gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
 ) -> None:
     """The gripper acknowledges, and goes on telling of the motion before."""
-    gripper.move_to(20).wait(5.0)
+    gripper.move_to(opening_m(gripper, 20)).wait(5.0)
     server.inject("deaf")
-    motion = gripper.move_to(30)
+    motion = gripper.move_to(opening_m(gripper, 30))
     assert not motion.done()
     error = raised_by(motion.done)
     assert isinstance(error, DeviceTimeoutError)
@@ -107,7 +108,7 @@ def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
     """Ask for a motion until the driver has seen the mode change end too: meanwhile it is refused."""
     while True:
         try:
-            return gripper.move_to(counts)
+            return gripper.move_to(opening_m(gripper, counts))
         except GripperFaultError as error:
             if error.code != FaultCode.MODE_CHANGE_PENDING:
                 raise
@@ -123,7 +124,7 @@ def test_modes_change_only_on_request_and_motions_keep_them(
     assert written(server)[0] == 0b1101
     set_mode(server, GraspMode.SCISSOR)
     moved_after_the_change(gripper, 90).wait(5.0)
-    assert gripper.state().position_counts == 90, "in scissor mode the scissor axis grasps"
+    assert counts_of(gripper) == 90, "in scissor mode the scissor axis grasps"
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
 
 
@@ -161,23 +162,23 @@ def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, wri
 def test_connecting_keeps_an_activated_gripper_as_it_is(
     gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
-    gripper.move_to(30).wait(5.0)
+    gripper.move_to(opening_m(gripper, 30)).wait(5.0)
     before = written(server)
     gripper.connect()
     assert written(server) == before
     assert gripper.state().activated
-    assert gripper.state().position_counts == 30
+    assert counts_of(gripper) == 30
 
 
 @pytest.mark.usefixtures("gripper")
 def test_a_motion_that_takes_too_long_is_stopped(server: GripperServer) -> None:
     slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
     slow.connect()
-    motion = slow.move_to(255)
+    motion = slow.move_to(opening_m(slow, 255))
     with pytest.raises(DeviceTimeoutError, match="stopped it"):
         motion.wait(0.05)
     assert motion.done()
-    assert slow.state().position_counts < 255
+    assert counts_of(slow) < 255
     slow.disconnect()
 
 
@@ -185,9 +186,12 @@ def test_positions_outside_the_limits_are_never_sent(
     gripper: Robotiq3F, server: GripperServer, written: Written
 ) -> None:
     before = written(server)
-    for position in (-1, 5, 256, 10**6, 50.5, float("nan")):
-        with pytest.raises(OutOfLimitsError, match="counts"):
-            gripper.move_to(position)  # type: ignore[arg-type]
+    for counts in (-1, 5, 256, 10**6, float("nan"), float("inf")):
+        with pytest.raises(OutOfLimitsError, match="mm"):
+            gripper.move_to(opening_m(gripper, counts))
+    for speed_m_s, force_n in ((0.2, 20.0), (0.0, 20.0), (0.05, 100.0), (0.05, 1.0), (float("nan"), 20.0)):
+        with pytest.raises(OutOfLimitsError, match=r"m/s|N is"):
+            gripper.move_to(opening_m(gripper, 50), speed_m_s, force_n)
     assert written(server) == before
 
 
@@ -210,7 +214,7 @@ def test_many_threads_may_use_one_gripper(gripper: Robotiq3F) -> None:
             for step in range(20):
                 gripper.state()
                 if number == 0:
-                    gripper.move_to(20 + step)
+                    gripper.move_to(opening_m(gripper, 20 + step))
         except BaseException as error:
             errors.append(error)
 

@@ -11,6 +11,7 @@ from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, N
 from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from fakes.wire.gripper.server import GripperRtu, GripperServer
+from support.finger_counts import counts_of, opening_m
 
 Wire = GripperServer | GripperRtu
 RaisedBy = Callable[[Callable[[], object]], DeviceError]
@@ -43,7 +44,7 @@ def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
     gripper = Robotiq3F(link, speed_m_s=0.022)
     gripper.connect()
     gripper.activate()
-    motion = gripper.move_to(255)
+    motion = gripper.move_to(opening_m(gripper, 255))
     fake.inject(kind, **arguments)
     error = raised_by(motion.done)
     assert isinstance(error, expected)
@@ -53,8 +54,8 @@ def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
     time.sleep(0.05)
     gripper.connect()
     gripper.activate()
-    gripper.move_to(20).wait(5.0)
-    assert gripper.state().position_counts == 20
+    gripper.move_to(opening_m(gripper, 20)).wait(5.0)
+    assert counts_of(gripper) == 20
     gripper.disconnect()
 
 
@@ -67,7 +68,7 @@ def test_a_lost_activation_is_an_error_until_somebody_activates(
         assert isinstance(error, GripperFaultError)
         assert error.code == 5
     with pytest.raises(GripperFaultError, match="activate again"):
-        gripper.move_to(50)
+        gripper.move_to(opening_m(gripper, 50))
     assert written(server) == bytes(16), "nothing is sent to a gripper that lost its activation"
     gripper.activate()
     assert gripper.state().activated
@@ -89,19 +90,19 @@ def test_something_in_the_way_of_the_activation_is_fault_13(server: GripperServe
 def test_reading_goes_on_by_itself_when_the_line_comes_back(
     gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
 ) -> None:
-    gripper.move_to(30).wait(5.0)
+    gripper.move_to(opening_m(gripper, 30)).wait(5.0)
     server.inject("silent")
     assert isinstance(raised_by(gripper.state), DeviceTimeoutError)
     server.inject("clear")
     time.sleep(0.6)
-    assert gripper.state().position_counts == 30
+    assert counts_of(gripper) == 30
 
 
 @pytest.mark.usefixtures("gripper")
 def test_letting_go_in_mid_motion_stops_the_fingers(server: GripperServer, reach: Reach) -> None:
     slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
     slow.connect()
-    slow.move_to(255)
+    slow.move_to(opening_m(slow, 255))
     reach(slow, 10)
     slow.disconnect()
     slow.disconnect()

@@ -12,6 +12,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.errors import DeviceError
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
+from support.finger_counts import counts_of, opening_m
 
 REFRESH_S = 0.06
 COUNTS_PER_S = 300.0
@@ -96,12 +97,12 @@ def test_a_slow_gripper_is_never_believed_too_early(foreign: tuple[SlowGripper, 
     assert len(simulated.writes) == 1, "connecting writes nothing"
     gripper.activate()
     for counts in (100, 101, 102, 20, 20, 60):
-        gripper.move_to(counts).wait(5.0)
+        gripper.move_to(opening_m(gripper, counts)).wait(5.0)
         assert (simulated.positions[6], simulated.positions[9]) == (counts, counts)
-        assert gripper.state().position_counts == counts
+        assert counts_of(gripper) == counts
     assert simulated.positions[3] == 7.0, "the parked finger keeps its own position"
-    gripper.move_to(250)
-    while gripper.state().position_counts < 70:
+    gripper.move_to(opening_m(gripper, 250))
+    while counts_of(gripper) < 70:
         time.sleep(0.005)
     gripper.stop()
     held = simulated.positions[6]
@@ -117,13 +118,13 @@ def test_letting_go_stops_a_motion_that_the_status_does_not_show_yet(
     gripper = Robotiq3F(tcp_link("127.0.0.1", port))
     gripper.connect()
     gripper.activate()
-    gripper.move_to(250)
+    gripper.move_to(opening_m(gripper, 250))
     gripper.disconnect()
     assert not simulated.writes[-1][1][0] & 8, "the last word is not to go on"
     gripper.connect()
     time.sleep(3 * REFRESH_S)
     assert not gripper.state().moving
-    assert gripper.state().position_counts < 100
+    assert counts_of(gripper) < 100
     gripper.disconnect()
 
 

@@ -19,6 +19,7 @@ from fakes.devices.gripper import FakeGripper
 from fakes.faults import FaultScript
 from fakes.wire.gripper.server import GripperServer
 from fakes.world.world import BenchLayout, World
+from support.finger_counts import opening_m
 
 OPEN, CLOSED = 6, 255
 
@@ -58,7 +59,7 @@ class GripperRun(RuleBasedStateMachine):
         if under_way:  # letting go stops them, also where the status did not show yet that they move
             state = self.gripper.state()
             assert not state.moving
-            self.at = state.position_counts
+            self.at = state.raw["position_counts"]
         self.connected, self.motion = True, None
 
     @rule()
@@ -78,14 +79,15 @@ class GripperRun(RuleBasedStateMachine):
 
     @rule(position=st.one_of(st.integers(OPEN, CLOSED), st.integers(-3, 300)))
     def move(self, position: int) -> None:
+        to_m = opening_m(self.gripper, position)
         if not self.connected:
-            self.refuses(NotConnectedError, lambda: self.gripper.move_to(position))
+            self.refuses(NotConnectedError, lambda: self.gripper.move_to(to_m))
         elif not self.activated:
-            self.refuses(GripperFaultError, lambda: self.gripper.move_to(position), code=5)
+            self.refuses(GripperFaultError, lambda: self.gripper.move_to(to_m), code=5)
         elif not OPEN <= position <= CLOSED:
-            self.refuses(OutOfLimitsError, lambda: self.gripper.move_to(position))
+            self.refuses(OutOfLimitsError, lambda: self.gripper.move_to(to_m))
         else:
-            self.motion, self.at = self.gripper.move_to(position), None
+            self.motion, self.at = self.gripper.move_to(to_m), None
             self.target = position
 
     @precondition(lambda self: self.motion is not None)
@@ -103,7 +105,7 @@ class GripperRun(RuleBasedStateMachine):
         assert not state.moving
         if self.motion is not None:
             assert self.motion.done()
-            self.at, self.motion = state.position_counts, None
+            self.at, self.motion = state.raw["position_counts"], None
 
     @rule()
     def pass_time(self) -> None:
@@ -116,11 +118,12 @@ class GripperRun(RuleBasedStateMachine):
             return
         state = self.look()
         assert state.activated == self.activated
-        assert OPEN <= state.position_counts <= CLOSED
+        assert state.opening_m == opening_m(self.gripper, state.raw["position_counts"])
+        assert OPEN <= state.raw["position_counts"] <= CLOSED
         assert state.fault_code == 0
         if self.at is not None:
             assert not state.moving
-            assert state.position_counts == self.at
+            assert state.raw["position_counts"] == self.at
 
     def look(self) -> GripperState:
         return self.gripper.state()
@@ -160,7 +163,8 @@ class WireRun(GripperRun):
         else:
             self.server.inject("power_lost", duration_s=0.0)
         self.refuses(GripperFaultError, self.look_until_refused, code=code or 5)
-        self.refuses(GripperFaultError, lambda: self.gripper.move_to(50), code=code or 5)
+        to_m = opening_m(self.gripper, 50)
+        self.refuses(GripperFaultError, lambda: self.gripper.move_to(to_m), code=code or 5)
         self.activate()
 
     def look_until_refused(self) -> None:

@@ -15,6 +15,7 @@ from drivers.video.glitches import MAX_SHIFTED, GlitchCheck, is_green
 from fakes.gel.sensor import GelSensor
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
+from support.finger_counts import opening_m
 
 SHIFTS = (3, 5, 12, 37, 160, 317)
 
@@ -45,7 +46,7 @@ def test_a_shift_is_seen_while_an_object_is_touched_after_jpeg() -> None:
         home = bench.arm.state().base_T_tcp
         grasp = Pose(table.translated(x_m=-0.05).position_m, home.quaternion_xyzw)
         bench.arm.move_linear(grasp, 0.25, 1.0).wait(10.0)
-        bench.gripper.move_to(186).wait(10.0)
+        bench.gripper.move_to(opening_m(bench.gripper, 186)).wait(10.0)
         for tip in bench.fingertips:
             one, two = (tip.sensor.newest_frame(1.0).image, tip.sensor.next_frame(1.0).image)
             for shift in (*SHIFTS[1:], 250, 283, 300):

@@ -30,6 +30,7 @@ from rig.config import BenchConfig, load_bench
 from rig.config.load import parse_bench
 from rig.config.objects import new_object_text, parse_object
 from rig.config.write import bench_text
+from support.finger_counts import opening_m
 
 PLAIN = laid_as([parse_object(new_object_text("lever"), "lever.toml")], "lever")
 """An object that only its file describes."""
@@ -255,7 +256,7 @@ def test_the_gripper_is_served_as_the_bench_file_has_it(
         driver.connect()
         try:
             driver.activate()
-            driver.move_to(100).wait(5.0)
+            driver.move_to(opening_m(driver, 100)).wait(5.0)
             status = Control(served.fakes.control).call("status")  # type: ignore[union-attr]
         finally:
             driver.disconnect()

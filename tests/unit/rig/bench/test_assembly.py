@@ -44,13 +44,13 @@ def test_the_grippers_range_is_that_of_the_file() -> None:
     limits = {"min_counts": 10, "max_counts": 230, "max_opening_m": 0.1, "opening_per_count_m": 0.0005}
     config = bench_with(lambda v: v["gripper"]["limits"].update(limits))
     bench, _ = build_bench(config)
-    assert bench.gripper.limits == config.gripper_limits()
+    assert bench.gripper.spec == config.gripper_spec()
     with bench.connected():
-        assert bench.gripper.state().position_counts == 10
+        assert bench.gripper.state().raw["position_counts"] == 10
         bench.gripper.activate()
-        for beyond in (9, 231):
-            with pytest.raises(OutOfLimitsError, match="outside 10 to 230 counts"):
-                bench.gripper.move_to(beyond)
+        for beyond_m in (0.1005, -0.0105):
+            with pytest.raises(OutOfLimitsError, match=r"outside -10\.00 to 100\.00 mm"):
+                bench.gripper.move_to(beyond_m)
 
 
 def test_a_file_without_limits_gives_the_simulated_cell_it_always_gave() -> None:

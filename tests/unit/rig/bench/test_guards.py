@@ -13,7 +13,7 @@ from drivers.types import (
     ArmMode,
     ArmState,
     Frame,
-    GripperLimits,
+    GripperSpec,
     GripperState,
     Pose,
 )
@@ -24,16 +24,16 @@ CLOCK = SimulatedClock()
 AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 POSE = Pose((0.4, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
 ARM_LIMITS = ArmLimits((0.0, -1.0, 0.0), (1.0, 1.0, 1.0), 0.5, 1.0, 5.0)
-GRIPPER_LIMITS = GripperLimits(6, 255, 0.1, 1e-4)
+GRIPPER_SPEC = GripperSpec(0.1, 0.1, 1e-4, (0.01, 0.1), (10.0, 50.0))
 ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "move_linear": (POSE, 0.1, 0.5),
     "recover": (lambda question: None,),
-    "move_to": (100,),
+    "move_to": (0.05, 0.05, 20.0),
     "next_frame": (0.1,),
     "newest_frame": (0.1,),
     "set_light": (1.0, 1.0, 1.0),
 }
-FROM_THE_BENCH_FILE = {"limits", "serial", "rate_hz"}
+FROM_THE_BENCH_FILE = {"limits", "spec", "serial", "rate_hz"}
 """Members that a guard answers itself, whatever the driver says."""
 
 
@@ -82,7 +82,7 @@ def guarded_arm(driver: Any) -> Guard:
 
 
 def guarded_gripper(driver: Any) -> Guard:
-    return GuardedGripper(driver, "lab:Gripper", GRIPPER_LIMITS, CLOCK)
+    return GuardedGripper(driver, "lab:Gripper", GRIPPER_SPEC, CLOCK)
 
 
 def guarded_source(driver: Any) -> Guard:
@@ -91,7 +91,7 @@ def guarded_source(driver: Any) -> Guard:
 
 DEVICES: list[tuple[Any, Callable[[Any], Guard], Any]] = [
     (Arm, guarded_arm, ArmState(1, POSE, AT_REST, AT_REST, ArmMode.RUNNING)),
-    (Gripper, guarded_gripper, GripperState(1, True, False, 100, 0, 0)),
+    (Gripper, guarded_gripper, GripperState(1, True, False, 0.05)),
     (TactileSensor, guarded_source, None),
     (Camera, guarded_source, None),
 ]
@@ -112,7 +112,7 @@ def test_guard_forwards_member(guard: Callable[[Any], Guard], state: Any, name: 
     driver = Recorder(state)
     made = guard(driver)
     if name in FROM_THE_BENCH_FILE:
-        assert getattr(made, name) in (ARM_LIMITS, GRIPPER_LIMITS, "S1", 30.0)
+        assert getattr(made, name) in (ARM_LIMITS, GRIPPER_SPEC, "S1", 30.0)
         assert driver.called == []
         return
     answer = getattr(made, name)(*ARGUMENTS.get(name, ()))

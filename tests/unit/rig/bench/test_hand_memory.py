@@ -45,12 +45,12 @@ def test_the_next_program_knows_what_this_one_held() -> None:
     hand = Hand(memory.recall(), memory.keep)
     hand.note(HELD)
     assert HandMemory("192.0.2.10").recall() == HELD
-    hand.note(HandState(Holding.FREE, finger_counts=171))
-    assert HandMemory("192.0.2.10").recall() == HandState(Holding.FREE, finger_counts=171)
+    hand.note(HandState(Holding.FREE, finger_opening_m=0.0173))
+    assert HandMemory("192.0.2.10").recall() == HandState(Holding.FREE, finger_opening_m=0.0173)
     assert HandMemory("192.0.2.11").recall().holding is Holding.UNKNOWN
 
 
-FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "finger_counts": %s}'
+FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "%s": %s}'
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "f
         '{"holding": "free"}',
         '{"holding": "so"}',
         "\xff",
-        *(FREE % it for it in ("true", '"9"')),
+        *(FREE % ("finger_opening_m", value) for value in ("true", '"9"')),
     ],
 )
 def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
@@ -73,6 +73,20 @@ def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
     recalled = HandMemory("arm").recall()
     assert recalled.holding is Holding.UNKNOWN
     assert "damaged" in recalled.what
+
+
+def test_free_hand_whose_fingers_are_known_in_counts_is_unknown(state_home: Path) -> None:
+    """Files of earlier versions; a hand that held something keeps its place."""
+    HandMemory("arm").recall()
+    HandMemory("arm").keep(HELD)
+    (file,) = (state_home / "visuotactile-slip-rig" / "hands").iterdir()
+    held = file.read_text()
+    file.write_text(FREE % ("finger_counts", "171"))
+    recalled = HandMemory("arm").recall()
+    assert recalled.holding is Holding.UNKNOWN
+    assert "earlier version" in recalled.what
+    file.write_text(held.replace("finger_opening_m", "finger_counts"))
+    assert HandMemory("arm").recall() == HELD
 
 
 def test_where_nothing_can_be_kept_no_run_begins_but_one_under_way_goes_on(

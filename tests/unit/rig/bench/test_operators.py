@@ -39,7 +39,7 @@ def test_the_plan_says_what_will_move() -> None:
     assert not plan.refused
     for part in (
         "m/s",
-        "counts past contact",
+        "mm past contact",
         "lifted 0.",
         "t1/1",
         "t1/2",
@@ -48,7 +48,13 @@ def test_the_plan_says_what_will_move() -> None:
         "deg",
     ):
         assert part in plan.text()
-    for part in ("workspace (0.150,", "0.5 m/s", "joints -360 to 360 deg", "counts, open", "kept out of"):
+    for part in (
+        "workspace (0.150,",
+        "0.5 m/s",
+        "joints -360 to 360 deg",
+        "steps of 0.62 mm",
+        "kept out of",
+    ):
         assert part in plan.text()
 
 

@@ -152,12 +152,15 @@ def test_limits_of_the_file_are_checked_before_the_driver_hears_of_a_motion() ->
     arm.move_linear(TARGET, 0.1, 0.5).wait(1.0)
     assert arm._driver.heard == ["move"]  # type: ignore[attr-defined]
     gripper = bench().gripper
-    for counts in (-1, 256):
-        with pytest.raises(OutOfLimitsError, match="counts"):
-            gripper.move_to(counts)
-    assert gripper.state().position_counts == 6
-    gripper.move_to(100).wait(1.0)
-    assert gripper.state().position_counts == 100
+    for opening_m in (0.121, -0.036, 100.0, float("nan")):
+        with pytest.raises(OutOfLimitsError, match="mm"):
+            gripper.move_to(opening_m)
+    for speed_m_s, force_n in ((0.5, 20.0), (0.05, 5.0)):
+        with pytest.raises(OutOfLimitsError, match=r"m/s|N is"):
+            gripper.move_to(0.05, speed_m_s, force_n)
+    assert gripper.state().opening_m == 0.12
+    gripper.move_to(0.05).wait(1.0)
+    assert gripper.state().opening_m == 0.05
 
 
 def test_what_a_driver_raises_or_answers_amiss_is_a_device_error_that_names_it() -> None:
@@ -171,14 +174,12 @@ def test_what_a_driver_raises_or_answers_amiss_is_a_device_error_that_names_it()
         stuck.move_linear(TARGET, 0.1, 0.5).wait(1.0)
 
 
-@pytest.mark.parametrize("counts", [float("nan"), -5, 0, True, 300, 6.0])
-def test_invalid_counts_never_free_a_hand_that_holds(counts: Any) -> None:
-    made = bench(gripper={"at": counts})
+@pytest.mark.parametrize("opening_m", [float("nan"), -5, 0.124, True, 120.0, "0.12"])
+def test_invalid_opening_never_frees_a_hand_that_holds(opening_m: Any) -> None:
+    made = bench(gripper={"at": opening_m})
     held = HandState(Holding.HELD, "wrench", TARGET, 0.012)
     made.hand.note(held)
-    with pytest.raises(
-        InvalidStateError, match=f"gripper: driver '{MODULE}:Fingers': state: .*position_counts"
-    ):
+    with pytest.raises(InvalidStateError, match=f"gripper: driver '{MODULE}:Fingers': state: .*opening_m"):
         look_at_hand(made)
     assert made.hand.state == held
 

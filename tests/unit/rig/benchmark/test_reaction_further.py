@@ -7,7 +7,7 @@ import numpy as np
 from drivers.types import Pose
 from rig.benchmark.reaction.lifts import ReactedLift
 from rig.benchmark.reaction.rest import Rest, at_rest, false_reactions
-from rig.benchmark.reaction.study import SPARE_COUNTS, judge_faults, just_holding
+from rig.benchmark.reaction.study import SPARE_STEPS, judge_faults, just_holding
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultyLift, row_of
 from rig.benchmark.wire.moments import Stage, StageWatch
@@ -72,8 +72,8 @@ def test_given_grip_replaces_the_drawn_one(light_bench: BenchConfig) -> None:
     settings = TrialSettings(light_bench, 0, choose_estimator("slip"))
     table = Pose(light_bench.table.position_m)
     drawn = plan_lift(settings, LiftTask(1, "t1", 1), table)
-    given = plan_lift(settings, LiftTask(1, "t1", 1, grip_counts=40), table)
-    assert given == replace(drawn, grip_counts=40)
+    given = plan_lift(settings, LiftTask(1, "t1", 1, grip_steps=40), table)
+    assert given == replace(drawn, grip_steps=40)
 
 
 def test_lifts_that_can_hold_are_repeated_with_a_grip_that_just_holds() -> None:
@@ -81,4 +81,4 @@ def test_lifts_that_can_hold_are_repeated_with_a_grip_that_just_holds() -> None:
         ReactedLift("t1", 1, LiftOutcome.SLIPPED, 12.0, (), False, grip, False) for grip in (9, None)
     )
     lifted = {LiftTask(1, "t1", 1): held, LiftTask(2, "t1", 2): never}
-    assert just_holding(lifted) == [LiftTask(1, "t1", 1, grip_counts=9 + SPARE_COUNTS)]
+    assert just_holding(lifted) == [LiftTask(1, "t1", 1, grip_steps=9 + SPARE_STEPS)]

@@ -13,10 +13,10 @@ from calibration.camera.model import CameraModel
 from calibration.store import CalibrationFile, save
 from calibration.verdict import Assessment
 from drivers.errors import CalibrationError, SessionError
-from drivers.types import GripperLimits
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
+from rig.config.limits import GripperLimitsConfig
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.stored_trial import stored_trial
@@ -181,11 +181,10 @@ def test_simulated_calibration_is_rejected_on_a_real_bench(tmp_path: Path) -> No
 
 
 def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond() -> None:
-    limits = GripperLimits(6, 255, 0.120, 0.0006, ((50.0, 0.090), (100.0, 0.065), (150.0, 0.030)))
-    assert limits.counts_for_opening(0.065) == 100
-    assert limits.counts_for_opening(0.0475) == 125
-    assert limits.counts_for_opening(0.096) == 40
-    assert limits.counts_for_opening(0.024) == 160
+    limits = GripperLimitsConfig(min_counts=6, max_opening_m=0.120, opening_per_count_m=0.0006)
+    spec = limits.spec(((50.0, 0.090), (100.0, 0.065), (150.0, 0.030)))
+    for counts, opening_m in ((100, 0.065), (125, 0.0475), (40, 0.096), (160, 0.024)):
+        assert 6 + spec.step_at(opening_m) == counts
 
 
 def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, tmp_path: Path) -> None:

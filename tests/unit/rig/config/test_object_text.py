@@ -42,7 +42,7 @@ def test_a_new_position_stands_behind_the_others_and_before_other_tables() -> No
 
 def test_file_with_inline_tables_is_rejected() -> None:
     text = (
-        'id = "box"\nname = "box"\norientations_deg = [0]\ngrip_counts = [2, 4]\n'
+        'id = "box"\nname = "box"\norientations_deg = [0]\ngrip_mm = [1.2, 2.5]\n'
         'position = [{ name = "middle", offset_m = 0.0, width_m = 0.03 }]\n'
     )
     with pytest.raises(InputError, match=r"box.toml"):

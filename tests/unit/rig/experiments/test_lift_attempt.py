@@ -61,7 +61,7 @@ def test_reaction_knows_the_largest_grip_of_a_lab_s_own_object(
     bench = light_bench.model_copy(update={"objects": (parse_object(CUP, "cup.toml"),)})
     settings = TrialSettings(bench, 0, choose_estimator(), react=ReactionKind.TIGHTEN)
     assert attempt_lift(settings, LiftTask(1, "cup", 1)).row.object == "cup"
-    assert reactions[0].largest_grip_counts == 17
+    assert reactions[0].largest_grip_steps == 17
 
 
 @pytest.mark.parametrize("estimator", ["slip", "toskov"])

@@ -240,7 +240,7 @@ def test_a_recording_shows_its_poses_contacts_and_failed_attempts(
     assert found.images == 2
     assert sum("Where contacts fell" in name for name in found.figures) == 2
     assert "T1 was never touched" in found.text
-    assert "6 images of T1 and T2, grips of 0 to 5 counts past contact" in found.text
+    assert "6 images of T1 and T2, grips of 0 to 5 steps past contact" in found.text
 
 
 def test_a_recording_of_all_poses_is_not_warned_of_what_its_pose_file_fixes(

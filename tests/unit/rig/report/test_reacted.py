@@ -55,7 +55,7 @@ def test_a_caught_lift_stands_beside_the_same_lift_that_was_not(
         part = page.partition("With and without a reaction to slip</h2>")[2].partition("<h2")[0]
         assert part.count("<svg") == 2
         assert part.index("without a reaction: turned") < part.index("with 'tighten': turned +0.9")
-        assert "6 counts added" in part
+        assert "6 grip steps added" in part
         assert part.count("wrench, lift 2") == 1  # in the table alone: it was not caught
 
 

@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -17,7 +18,14 @@ from drivers.errors import SessionError
 from protocols.observer import LiftObserver
 from rig.results.listing import SessionState, list_session
 from rig.sessions import recording_chunks
-from rig.sessions.reading import phase_times, recorded_angles, recorded_frames, show_again
+from rig.sessions.reading import (
+    phase_times,
+    recorded_angles,
+    recorded_frames,
+    recorded_gripper,
+    recorded_reaction,
+    show_again,
+)
 from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.recording_chunks import MOST_CHUNK
 from rig.sessions.recording_file import check_recording, recorded_messages
@@ -88,6 +96,35 @@ def test_each_byte_of_a_small_recording_counts(tmp_path: Path) -> None:
             check_recording(path)
     path.write_bytes(whole)
     check_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ('{"position_counts":120,"current_counts":4,"moving":false}', (None, None, 120, 4)),
+        ('{"opening_m":0.05,"moving":false,"position_counts":120,"current_counts":4}', (0.05, None, 120, 4)),
+        ('{"opening_m":0.05,"moving":false,"current_a":0.2}', (0.05, 0.2, None, None)),
+    ],
+)
+def test_gripper_messages_of_every_version_are_read(message: str, expected: tuple[Any, ...]) -> None:
+    kept = recorded_gripper(message.encode(), Path("001.mcap"))
+    assert (kept.opening_m, kept.current_a, kept.position_counts, kept.current_counts) == expected
+
+
+@pytest.mark.parametrize("key", ["position_steps", "counts"])
+def test_reaction_messages_of_every_version_are_read(key: str) -> None:
+    message = f'{{"step":"closed","{key}":120}}'
+    assert recorded_reaction(message.encode(), Path("001.mcap")).position == 120
+
+
+def test_reaction_message_without_position_is_damaged() -> None:
+    with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged"):
+        recorded_reaction(b'{"step":"closed"}', Path("001.mcap"))
+
+
+def test_gripper_message_without_position_is_damaged() -> None:
+    with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged"):
+        recorded_gripper(b'{"moving":false}', Path("001.mcap"))
 
 
 def test_messages_equal_those_of_the_mcap_library(whole: bytes, tmp_path: Path) -> None:

@@ -1,0 +1,47 @@
+"""The checks of every gripper, on the parallel gripper that `rig new gripper` writes."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.bench import Bench
+from fakes.clock import SimulatedClock
+from rig import templates
+from rig.bench.assembly import build_bench
+from rig.bench.own_devices import own_gripper
+from rig.config import load_bench
+from rig.config.limits import GripperLimitsConfig
+from rig.contract_checks.test_gripper import *  # noqa: F403
+
+LIMITS = GripperLimitsConfig(
+    max_opening_m=0.085, stroke_m=0.080, resolution_m=0.0005, speed_m_s=(0.02, 0.15), force_n=(20.0, 235.0)
+)
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.syspath_prepend(Path(next(iter(templates.__path__))) / "gripper")
+    config = load_bench("fake")
+    keys = {"driver": "my_gripper:MyGripper", "limits": LIMITS}
+    config = config.model_copy(update={"gripper": config.gripper.model_copy(update=keys)})
+    made, _ = build_bench(load_bench("fake"), seed=7)
+    clock = SimulatedClock()
+    made = replace(made, clock=clock, gripper=own_gripper(config, clock))  # type: ignore[arg-type]
+    made.gripper.connect()
+    if request.node.get_closest_marker("moves") is not None:
+        made.gripper.activate()
+    yield made
+    made.gripper.disconnect()
+
+
+@pytest.fixture
+def inactive_bench(bench: Bench) -> Bench:
+    return bench
+
+
+def test_range_is_that_of_the_bench_file(bench: Bench) -> None:
+    spec = bench.gripper.spec
+    assert (spec.open_m, spec.closed_m, spec.steps) == (0.085, pytest.approx(0.005), 160)
+    assert (spec.speed_m_s, spec.force_n) == ((0.02, 0.15), (20.0, 235.0))

@@ -26,7 +26,7 @@ NEEDS = {
     r"HOST:PORT": "needs a cluster",
     r"^rig label-angle|^rig label ": "needs somebody who draws",
     r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",
-    r"my_lab|shared_objects|monday|/data/": "needs files of yours",
+    r"my_lab|my_bag|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
     r"benchmark clips": "needs labels that somebody drew",
     r"TactileTracking|digit-pose-estimation": "needs a public set",

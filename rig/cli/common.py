@@ -40,6 +40,12 @@ ObjectsOption = Annotated[
     Path | None,
     typer.Option("--objects", help="Folder of your own objects; default: objects/ beside the bench file."),
 ]
+TopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--topic", help="Of a ROS bag: the topic of the images. Default: the only topic of images in it."
+    ),
+]
 NameOption = Annotated[str | None, typer.Option("--name", help="What the session is called, in one line.")]
 NoteOption = Annotated[str | None, typer.Option("--note", help="A line kept with the session.")]
 TagOption = Annotated[

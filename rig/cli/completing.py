@@ -10,7 +10,7 @@ ESTIMATOR_NAMES = (
     "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published", "ecc",
     "polar", "kolamuri", "anglenet", "toskov",
 )  # fmt: skip
-FORMAT_NAMES = ("csv", "parquet", "coco", "labelme", "lerobot")
+FORMAT_NAMES = ("csv", "parquet", "coco", "labelme", "lerobot", "rosbag2")
 PACKAGE = Path(__file__).parents[2]
 
 

@@ -8,7 +8,7 @@ import typer
 
 from drivers.errors import InputError, counted
 from rig.cli import common
-from rig.cli.common import JsonOption
+from rig.cli.common import JsonOption, TopicOption
 from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ class SourceOptions:
         Path,
         typer.Argument(
             help="Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
-            "(.npy or .npz: T, H, W, 3, uint8, RGB), recording of a lift (.mcap) or session folder; a trial "
-            "of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
+            "(.npy or .npz: T, H, W, 3, uint8, RGB), ROS bag, recording of a lift (.mcap) or session folder; "
+            "a trial of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
         ),
     ]
     sensor: Annotated[
@@ -38,6 +38,7 @@ class SourceOptions:
     fps: Annotated[
         float | None, typer.Option(help="Frame rate in Hz. Default: a video's own; images 60.")
     ] = None
+    topic: TopicOption = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +135,8 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
       rig estimate frames/ --background empty.png --estimator ellipse --json
 
+      rig estimate bag/ --topic /digit_left/image_raw/compressed
+
       rig estimate TactileTracking/key0 --out key0.csv
 
     """
@@ -147,6 +150,8 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
     of_rig = is_session(frames) or is_recording(frames)
     if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
         raise InputError(f"{frames} has its own times: leave --timestamps, --fps and --lift-from out")
+    if of_rig and source.topic is not None:
+        raise InputError(f"{frames} is not a ROS bag: leave --topic out, or choose a --sensor")
     folder_place(to.out if is_session(frames) else to.out and to.out.parent)  # created if it is missing
     if is_session(frames):
         _session(source, run, to)
@@ -167,7 +172,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None
 
     path = source.frames
     begin_phase(f"reading {path}")
-    series = read_frames(path, source.timestamps, source.fps)
+    series = read_frames(path, source.timestamps, source.fps, source.topic)
     for note in series.notes:
         common.say(note)
     begin_phase(f"estimating with {run.choice.name}")

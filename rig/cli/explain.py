@@ -5,18 +5,19 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import JsonOption, TopicOption, emit_json, say
 from rig.cli.places import file_place
 
 
 def explain(
     frames: Annotated[
-        Path, typer.Argument(help="Folder of images (sorted by name), video, or session of a trial.")
+        Path, typer.Argument(help="Folder of images (sorted by name), video, ROS bag, or session of a trial.")
     ],
     out: Annotated[Path, typer.Option("--out", help="The picture, a .png.", callback=file_place)],
     background: Annotated[
         str | None, typer.Option("--background", help="Frame without contact, as rig estimate takes it.")
     ] = None,
+    topic: TopicOption = None,
     lift: Annotated[int, typer.Option("--lift", min=1, help="Of a session: number of the lift.")] = 1,
     serial: Annotated[
         str | None, typer.Option("--serial", help="Of a session: the sensor. Default: the first.")
@@ -45,13 +46,12 @@ def explain(
     from rig.sessions.manifest import is_session
 
     if is_session(frames):
-        if background is not None or pixel_aspect is not None:
-            raise InputError(
-                f"{frames} is a session, which has its own: leave --background and --pixel-aspect out"
-            )
+        if background is not None or pixel_aspect is not None or topic is not None:
+            own = "--background, --pixel-aspect and --topic"
+            raise InputError(f"{frames} is a session, which has its own: leave {own} out")
         picture, turn = explained_lift(frames, lift, serial)
     else:
-        picture, turn = explained_frames(frames, background, pixel_aspect)
+        picture, turn = explained_frames(frames, background, pixel_aspect, topic)
     write_file(out, encode_png(picture))
     say(f"turned by {turn.angle_deg:+.2f} deg in {turn.apart_s:.2f} s, image angle")
     if json:

@@ -11,7 +11,7 @@ from rig.cli.places import folder_place
 
 def export(
     session: Annotated[Path, typer.Argument(help="Session folder of a trial or a recording.")],
-    to: Annotated[str, typer.Option("--to", help="csv, parquet, coco, labelme or lerobot.")],
+    to: Annotated[str, typer.Option("--to", help="csv, parquet, coco, labelme, lerobot or rosbag2.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -32,6 +32,8 @@ def export(
     recordings, else proposals; the files say which.
 
     lerobot: a LeRobotDataset v3.0, an episode per lift.
+
+    rosbag2: a ROS 2 bag per lift (MCAP), with standard messages.
 
     The recordings themselves, lifts/NNN.mcap, open in MCAP viewers as they are.
 

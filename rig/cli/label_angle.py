@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.errors import counted
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import JsonOption, TopicOption, emit_json, say
 
 if TYPE_CHECKING:
     from drivers.types import Image
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 def label_angle(
     clip: Annotated[
         Path,
-        typer.Argument(help="Folder with frames/ or one video, and background.png, a frame without contact."),
+        typer.Argument(
+            help="Folder with frames/, one video or ROS bag, and background.png, a frame without contact."
+        ),
     ],
     count: Annotated[
         int | None, typer.Option("--count", min=2, max=200, help="Frames to label. Default: 10.")
@@ -34,6 +36,7 @@ def label_angle(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a labels.csv that was not drawn here.")
     ] = False,
+    topic: TopicOption = None,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
     json: JsonOption = False,
 ) -> None:
@@ -56,7 +59,7 @@ def label_angle(
     from rig.labels.angle_clip import load_clip
     from rig.labels.angle_server import AngleServer, way_to
 
-    series = read_frames(clip_frames(clip))
+    series = read_frames(clip_frames(clip), topic=topic)
     drawn = read_drawn(clip / LINES)
     _check_labels(clip / LABELS, drawn, overwrite)
     background = _background(clip, series)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.errors import InputError, counted
-from rig.cli.common import JsonOption, emit_json, report_broken, say
+from rig.cli.common import JsonOption, TopicOption, emit_json, report_broken, say
 from rig.cli.places import file_place
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ class SourceOptions:
             help="Of frames: their rate in Hz. Default: a video's own; images 60.",
         ),
     ] = None
+    topic: TopicOption = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,14 +131,16 @@ def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | Estimat
 
     source = of.source
     if is_session(source):
-        if of.background is not None or of.rate is not None:
-            raise InputError(f"{source} is a session, which has its own: leave --background and --rate out")
+        if of.background is not None or of.rate is not None or of.topic is not None:
+            raise InputError(
+                f"{source} is a session, which has its own: leave --background, --rate and --topic out"
+            )
         lifts = _lifts(source, of.lift, of.beside)
         recording = Path(lifts[0].lift.recording).stem
         return lifts[0].lift.name, Path(f"{source.resolve().name}_{recording}.webm"), lifts
     if of.lift is not None or of.beside is not None:
         raise InputError(f"{source} is not a session: leave --lift and --beside out")
-    return source.name, Path(f"{source.resolve().stem}_film.webm"), [_frames(source, of.background, of.rate)]
+    return source.name, Path(f"{source.resolve().stem}_film.webm"), [_frames(of)]
 
 
 def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[FilmedLift]":
@@ -160,14 +163,14 @@ def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[Filmed
     return shown
 
 
-def _frames(path: Path, background: str | None, rate: float | None) -> "EstimatedSeries":
+def _frames(of: SourceOptions) -> "EstimatedSeries":
     """Estimate anyone's frames as `rig estimate` does."""
     from rig.frames.estimation import EstimatedSeries, Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator
 
-    series = read_frames(path, fps=rate)
-    done = Estimation(choose_estimator(None, None), background).of_series(series)
+    series = read_frames(of.source, fps=of.rate, topic=of.topic)
+    done = Estimation(choose_estimator(None, None), of.background).of_series(series)
     for note in (*series.notes, *(f"warning: {warning}" for warning in done.warnings), done.background):
         say(note)
-    return EstimatedSeries(path.name, series, done)
+    return EstimatedSeries(of.source.name, series, done)

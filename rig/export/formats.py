@@ -8,7 +8,17 @@ from drivers.errors import InputError, RecordingError, unknown_name
 from rig.export.csv_parquet import export_csv, export_parquet
 from rig.export.labels import export_coco, export_labelme
 from rig.export.lerobot import export_lerobot
-from rig.export.result import Exported, Exporter, export_request
+from rig.export.result import Exported, Exporter, ExportRequest, export_request
+from rig.frames.ros_bags import require_rosbags
+
+
+def _export_rosbag2(request: ExportRequest) -> Exported:
+    """Write ROS 2 bags. Raises `SessionError` for a recording, `InputError` without rosbags."""
+    require_rosbags()
+    from rig.export.rosbag2 import export_rosbag2
+
+    return export_rosbag2(request)
+
 
 FORMATS: dict[str, Exporter] = {
     "csv": export_csv,
@@ -16,6 +26,7 @@ FORMATS: dict[str, Exporter] = {
     "coco": export_coco,
     "labelme": export_labelme,
     "lerobot": export_lerobot,
+    "rosbag2": _export_rosbag2,
 }
 
 

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.images import decode_stored
-from rig.config import BenchConfig
 from rig.export.episodes import Episode, read_episode
 from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
-from rig.export.result import Exported, ExportRequest, simulated_mark
+from rig.export.result import Exported, ExportRequest, simulated_mark, source_name
 from rig.export.statistics import FeatureStatistics
 from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
@@ -57,7 +56,7 @@ def export_lerobot(request: ExportRequest) -> Exported:
     first = 0
     for number, lift in enumerate(lifts):
         episode = read_episode(request.session / lift.recording, fps)
-        keys = {serial: _image_key(serial, manifest.config) for serial in episode.images}
+        keys = {s: f"observation.images.{source_name(s, manifest.config)}" for s in episode.images}
         features = features or _features(episode, keys)
         columns = _columns(episode, number, first, tasks.index(_task(lift)), fps)
         pictures = {key: _pictures(episode, serial, number) for serial, key in keys.items()}
@@ -72,12 +71,6 @@ def export_lerobot(request: ExportRequest) -> Exported:
 
 def _task(lift: FinishedLift) -> str:
     return f"lift the {lift.name} and feel it turn"
-
-
-def _image_key(serial: str, bench: BenchConfig) -> str:
-    """The same for each bench, whatever sensor is on a finger: "camera", "finger_b"."""
-    fingers = {tactile.serial: f"finger_{tactile.finger.lower()}" for tactile in bench.tactile}
-    return f"observation.images.{'camera' if serial == bench.camera.serial else fingers.get(serial, serial)}"
 
 
 def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import SessionError
+from rig.config import BenchConfig
 from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.records import FinishedLift, LiftRow, PoseRow, finished
 from rig.sessions.rows import read_usable_lifts, read_usable_poses
+
+CAMERA = "camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,3 +74,9 @@ def export_request(session: Path, out: Path, every: int) -> ExportRequest:
 def simulated_mark(manifest: BenchManifest) -> str:
     """Return "SIMULATED " for a simulated session, else nothing."""
     return "SIMULATED " if manifest.simulated else ""
+
+
+def source_name(serial: str, bench: BenchConfig) -> str:
+    """Return the name of a source of images, the same for each bench: "camera", or its finger, "finger_b"."""
+    fingers = {tactile.serial: f"finger_{tactile.finger.lower()}" for tactile in bench.tactile}
+    return CAMERA if serial == bench.camera.serial else fingers.get(serial, serial)

@@ -6,7 +6,7 @@ from pathlib import Path
 from drivers.errors import InputError
 from drivers.images import SUFFIXES
 from rig.frames.array_files import ARRAY_SUFFIXES
-from rig.sessions.layout import RESULTS, is_recording
+from rig.sessions.layout import RESULTS, first_bytes, is_recording, is_ros_file
 
 FRAMES, BACKGROUND, LABELS = "frames", "background", "labels.csv"
 VIDEO_ENDINGS = {
@@ -16,16 +16,22 @@ VIDEO_ENDINGS = {
 """Only such files are read as videos: OpenCV finds pictures in any file that holds JPEG data."""
 
 
+def is_ros_bag(path: Path) -> bool:
+    """Whether a path is a ROS bag: a folder with its metadata, or a file by its first bytes."""
+    return (path / "metadata.yaml").is_file() or is_ros_file(first_bytes(path))
+
+
 def clip_frames(folder: Path) -> Path:
-    """Return a clip's folder of frames, or its one video. Raises `InputError`."""
+    """Return a clip's folder of frames, or its one video or ROS bag. Raises `InputError`."""
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: give a clip's")
     if (folder / FRAMES).is_dir():
         return folder / FRAMES
-    videos = sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS)
+    videos = sorted(p for p in folder.iterdir() if p.suffix.lower() in VIDEO_ENDINGS or is_ros_bag(p))
     if len(videos) != 1:
         raise InputError(
-            f"{folder}: {len(videos)} videos and no folder '{FRAMES}': give a clip, keep one of them"
+            f"{folder}: {len(videos)} videos and no folder '{FRAMES}' (a ROS bag counts as a video): give a "
+            "clip, keep one of them"
         )
     return videos[0]
 
@@ -54,7 +60,7 @@ def require_clip(path: Path) -> None:
     if path.is_file() and path.suffix.lower() not in known:
         raise InputError(
             f"{path}: neither images nor a video that can be read: give a folder of images, a video "
-            "(.avi, .mp4, .mkv, .webm ...), an array (.npy, .npz) or a recording (.mcap)"
+            "(.avi, .mp4, .mkv, .webm ...), an array (.npy, .npz), a recording (.mcap) or a ROS bag"
         )
     for folder in path.absolute().parents[:3] if path.is_dir() else ():
         if (folder / RESULTS["record"]).is_file():

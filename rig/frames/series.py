@@ -17,14 +17,17 @@ from drivers.errors import InputError, counted
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
 from rig.frames.array_files import ARRAY_SUFFIXES, array_frames, array_shape
-from rig.frames.clips import VIDEO_ENDINGS, require_clip
+from rig.frames.clips import VIDEO_ENDINGS, is_ros_bag, require_clip
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
+from rig.frames.ros_bags import bag_images, find_topic
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
+from rig.sessions.recorder import seconds_text
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
 from rig.tactile.contact.untouched import untouched_frames
 
 FOLDER_FPS = 60.0
 RATE_ASSUMED = f"times: {FOLDER_FPS:g} frames per second assumed, as neither a rate nor a table is given"
+OTHER_ENDINGS = {".mcap", ".db3", ".bag", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}
 # Fewer frames than this are too few to make a background from contacts that move about.
 ENOUGH_FRAMES = 9
 
@@ -69,14 +72,23 @@ class FrameSeries:
         return (frame.image for frame in self if frame.image is not None)
 
 
-def read_frames(path: Path, timestamps: Path | None = None, fps: float | None = None) -> FrameSeries:
+def read_frames(
+    path: Path, timestamps: Path | None = None, fps: float | None = None, topic: str | None = None
+) -> FrameSeries:
     """Open a clip of one sensor: a folder of images (sorted by name, numbers by value), an image, a video.
 
-    Also an array (`rig.frames.array_files`), a trial of TactileTracking, and a finger of a sequence of
-    digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see `rig.frames.public_sets`.
-    timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz; by default a
-    video's own and 60 for images. Raises `InputError` for anything else.
+    Also an array (`rig.frames.array_files`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking,
+    and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see
+    `rig.frames.public_sets`. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
+    by default a video's own and 60 for images. topic: of a ROS bag; by default its only topic of images.
+    Raises `InputError` for anything else.
     """
+    if is_ros_bag(path):
+        if timestamps is not None or fps is not None:
+            raise InputError(f"{path}: a ROS bag has its own times: leave --timestamps and --fps out")
+        return _ros_series(path, find_topic(path, topic))
+    if topic is not None:
+        raise InputError(f"{path}: is not a ROS bag: leave --topic out")
     if timestamps is not None and fps is not None:
         raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
     if (bag := bag_of(path)) is not None:
@@ -190,7 +202,7 @@ def _image_files(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
     files = [f for f in inside if f.suffix.lower() in SUFFIXES and not f.name.startswith(".")]
     if not files:
-        others = [f for f in inside if f.suffix.lower() in {".mcap", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}]
+        others = [f for f in inside if f.suffix.lower() in OTHER_ENDINGS]
         cure = f"give one of its files, as {min(others)}" if others else "check the path"
         raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): {cure}")
     return sorted(files, key=_natural)
@@ -226,6 +238,14 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, taken as RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
     return FrameSeries(str(path), read, notes)
+
+
+def _ros_series(path: Path, topic: str) -> FrameSeries:
+    def read() -> Iterator[TimedFrame]:
+        for number, (time_ns, image) in enumerate(bag_images(path, topic)):
+            yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
+
+    return FrameSeries(str(path), read, (f"{path}: {topic}",))
 
 
 def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

@@ -71,9 +71,11 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
     )
 
 
-def explained_frames(path: Path, background: str | None, aspect: float | None) -> tuple[Image, Turn]:
-    """Draw the largest turn in anyone's frames. Raises `InputError`."""
-    series = read_frames(path)
+def explained_frames(
+    path: Path, background: str | None, aspect: float | None, topic: str | None = None
+) -> tuple[Image, Turn]:
+    """Draw the largest turn in anyone's frames. topic: see `read_frames`. Raises `InputError`."""
+    series = read_frames(path, topic=topic)
     empty, _ = make_background(background, series)
     estimate = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
     turn = largest_turn(series, estimate.estimate)

@@ -15,6 +15,8 @@ UNFINISHED = ".unfinished"
 """In the name of a recording whose lift is under way or was interrupted."""
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of a recording."""
+ROS_BEGINNINGS = (b"#ROSBAG V", b"SQLite format 3\0")
+"""First bytes of bags of ROS 1, and of ROS 2 in SQLite's storage."""
 REFERENCES = "reference"
 """Each fingertip's frame without contact, in a recording."""
 TRUE_MASKS = "truth/masks"
@@ -38,14 +40,27 @@ def is_unfinished(recording: Path) -> bool:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file is a recording, by its ending or by its first bytes."""
-    if path.suffix.lower() == ".mcap":
-        return path.is_file()
+    """Whether a file is a recording, by its ending or its first bytes. False for a ROS bag."""
+    head = first_bytes(path)
+    is_mcap = head.startswith(MAGIC) or (path.suffix.lower() == ".mcap" and path.is_file())
+    return is_mcap and not is_ros_file(head)
+
+
+def is_ros_file(head: bytes) -> bool:
+    """Whether a file is a ROS bag: ROS 1, SQLite storage, or an MCAP file whose header has a ROS profile.
+
+    head: its first bytes, see `first_bytes`.
+    """
+    return head.startswith(ROS_BEGINNINGS) or (head.startswith(MAGIC) and head[21:24] == b"ros")
+
+
+def first_bytes(path: Path) -> bytes:
+    """Return the first 24 bytes of a file; no bytes for a folder or an unreadable file."""
     try:
         with path.open("rb") as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError:  # a folder, or a file whose reader says what is wrong with it
-        return False
+            return stream.read(24)
+    except OSError:
+        return b""
 
 
 def reference_file(serial: str) -> str:

@@ -40,16 +40,18 @@ Gaps = list[str]
 """What of a recording cannot be read: which chunk, its time since the recording's start, and why."""
 
 
-def recorded_messages(path: Path, *topics: str, gaps: Gaps | None = None) -> Iterator[RecordedMessage]:
+def recorded_messages(
+    path: Path, *topics: str, gaps: Gaps | None = None, dated: bool = False
+) -> Iterator[RecordedMessage]:
     """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics.
 
-    time_ns: by the bench's clock, whatever date the file gives it. gaps: list to which damage is added, and
-    then passed over. Raises `SessionError` for a recording that is missing, and without `gaps` at the first
-    chunk that is damaged.
+    time_ns: by the bench's clock; if `dated`, the date that the file gives it. gaps: list to which damage is
+    added, and then passed over. Raises `SessionError` for a recording that is missing, and without `gaps` at
+    the first chunk that is damaged.
     """
     try:
         with path.open("rb") as stream:
-            yield from _messages(stream, path, set(topics), gaps)
+            yield from _messages(stream, path, set(topics), gaps, dated)
     except FileNotFoundError as error:
         raise SessionError(f"{path}: the recording is missing") from error
     except DAMAGE as error:
@@ -124,7 +126,7 @@ def _layout(stream: IO[bytes], path: Path, gaps: Gaps | None) -> Layout:
 
 
 def _messages(
-    stream: IO[bytes], path: Path, topics: set[str], gaps: Gaps | None
+    stream: IO[bytes], path: Path, topics: set[str], gaps: Gaps | None, dated: bool
 ) -> Iterator[RecordedMessage]:
     layout = _layout(stream, path, gaps)
     for number, index in enumerate(layout.chunks, start=1):
@@ -135,7 +137,8 @@ def _messages(
             for channel, sequence, date, data in chunk_messages(stream, layout, number):
                 topic = layout.topics.get(channel)
                 if topic is not None and (not topics or topic in topics):
-                    yield topic, _bench_time(date, layout.offsets_ns[channel]), sequence, data
+                    time_ns = date if dated else _bench_time(date, layout.offsets_ns[channel])
+                    yield topic, time_ns, sequence, data
         except DAMAGE as error:
             if gaps is None:
                 raise

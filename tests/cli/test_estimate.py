@@ -14,12 +14,16 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.cli.main import app
 from rig.frames import of_session as session_frames
 from rig.frames.of_session import SessionSeries
-from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.series import FrameSeries, TimedFrame, read_frames
 from rig.frames.times import FrameTime
+from rig.sessions.recorder import seconds_text
+from support.command_line import rig
+from support.ros_bags import TOPIC, write_bag
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -317,3 +321,47 @@ def test_page_of_frames_without_an_answer_is_made_all_the_same(blank: Image, tmp
     done = estimate(tmp_path / "one.png", "--background", "first:1", "--page", tmp_path / "one.html")
     assert done.error is None
     assert "refused" in (tmp_path / "one.html").read_text()
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3", "ros1"])
+def test_ros_bag_gives_the_estimates_of_the_same_frames_as_files(
+    lift: Path, press: Draw, tmp_path: Path, storage: str
+) -> None:
+    times_ns = [100 * NS_PER_S + round(i * NS_PER_S / 60) for i in range(20)]
+    times = "".join(f"f{i}.png,{seconds_text(time_ns)}\n" for i, time_ns in enumerate(times_ns))
+    (tmp_path / "times.csv").write_text(f"frame,t_s\n{times}")
+    path = write_bag(tmp_path / "turn.bag", {TOPIC: drawn_frames(press)}, storage, times_ns=times_ns)
+    background = ("--background", lift / "bare.png")
+    of_bag = estimate(path, *background, "--topic", TOPIC)
+    of_files = estimate(lift / "frames", *background, "--timestamps", tmp_path / "times.csv")
+    assert (of_bag.error, of_files.error) == (None, None)
+    assert of_bag.out == of_files.out
+    assert len(of_bag.rows) == 20
+
+
+def test_ros_bag_of_public_frames_gives_their_estimates(real_data: Path, tmp_path: Path) -> None:
+    clip = min((real_data / "marker_slip_clips").glob("*_exp_num_1_camera_*.avi"))
+    frames = list(read_frames(clip))[:60]
+    path = write_bag(
+        tmp_path / "bag",
+        {TOPIC: [f.image for f in frames if f.image is not None]},
+        encoding="png",
+        times_ns=[frame.time.time_ns for frame in frames],
+    )
+    np.save(tmp_path / "clip.npy", [frame.image for frame in frames])
+    rate = NS_PER_S / (frames[1].time.time_ns - frames[0].time.time_ns)
+    same = ("--background", "first:1", "--estimator", "ecc")
+    of_bag, of_file = estimate(path, *same), estimate(tmp_path / "clip.npy", *same, "--fps", rate)
+    assert (of_bag.error, of_file.error) == (None, None)
+    assert [{**row, "t_s": ""} for row in of_bag.rows] == [{**row, "t_s": ""} for row in of_file.rows]
+
+
+def test_ros_bag_without_its_topic_ends_with_code_2_and_lists_the_topics(
+    press: Draw, one_lift: Path, tmp_path: Path
+) -> None:
+    image = press(None, seed=1)
+    done = rig("estimate", str(write_bag(tmp_path / "bag", {"/left": [image], "/right": [image]})))
+    assert done.returncode == 2
+    assert "2 topics of images: choose one with --topic: /left, /right" in done.stderr
+    recording = one_lift / "lifts" / "001.mcap"
+    assert "leave --topic out, or choose a --sensor" in (estimate(recording, "--topic", "/a").error or "")

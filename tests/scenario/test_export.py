@@ -8,9 +8,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import ConnectionExtRosbag2
 from typer.testing import CliRunner
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError, SessionError
+from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.cli.main import app
@@ -18,11 +24,16 @@ from rig.config import load_bench
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
 from rig.export.formats import export_session
+from rig.frames import ros_bags
+from rig.frames.series import read_frames
+from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.layout import TRUE_MASKS
-from rig.sessions.reading import recorded_angles, recorded_frames
+from rig.sessions.manifest import TrialManifest, read_manifest_of
+from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
+from support.recordings import written_again
 
 
 @pytest.fixture(scope="module")
@@ -179,16 +190,152 @@ def test_lerobots_own_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) 
     assert tuple(data[0]["observation.images.camera"].shape) == (3, 480, 640)
 
 
+ROS_TOPICS = {
+    "/image/SIM-C0001": ["/camera/image_raw/compressed", "/camera/camera_info"],
+    "/image/SIM-D0001": ["/finger_b/image_raw/compressed"],
+    "/image/SIM-D0002": ["/finger_c/image_raw/compressed"],
+    "/arm/tcp": ["/tf"],
+    "/arm/joints": ["/joint_states", "/wrench"],
+    "/gripper": ["/gripper/joint_states"],
+    "/angle/estimate": ["/angle/estimate"],
+    "/angle/truth": ["/angle/markers"],
+    "/angle/SIM-D0001": ["/angle/finger_b"],
+    "/angle/SIM-D0002": ["/angle/finger_c"],
+}
+
+
+@pytest.fixture(scope="module")
+def bag(one_lift: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bags") / "out"
+    exported = export_session(one_lift, "rosbag2", out)
+    assert exported.notes == ("SIMULATED ROS 2 bags (MCAP); angles in rad",)
+    assert [path.name for path in out.iterdir()] == ["001"]
+    return out / "001"
+
+
+def ros_messages(bag: Path) -> dict[str, list[Any]]:
+    """The messages of a bag by topic, in order of time, as mcap-ros2-support reads them."""
+    messages: dict[str, list[Any]] = {}
+    with (bag / "001.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages():
+            messages.setdefault(channel.topic, []).append(message)
+    return messages
+
+
+def stamp_ns(message: Any) -> int:
+    stamp = (message.transforms[0] if hasattr(message, "transforms") else message).header.stamp
+    return stamp.sec * NS_PER_S + stamp.nanosec
+
+
+def test_bag_has_every_message_with_the_stamp_of_the_recording(one_lift: Path, bag: Path) -> None:
+    wanted: dict[str, list[int]] = {}
+    with (one_lift / "lifts/001.mcap").open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages():
+            for topic in ROS_TOPICS.get(channel.topic, []):
+                wanted.setdefault(topic, []).append(message.publish_time)
+    wanted = {topic: sorted(times) for topic, times in wanted.items()}
+    assert {topic for topics in ROS_TOPICS.values() for topic in topics} == set(wanted)
+    start = min(times[0] for times in wanted.values())
+    assert start > SIMULATED_EPOCH_NS
+    found = {topic: [stamp_ns(each) for each in of] for topic, of in ros_messages(bag).items()}
+    assert len(found.pop("/tf_static")) == 1
+    assert found == wanted
+    logged: dict[str, list[int]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, time_ns, data in reader.messages():
+            assert stamp_ns(reader.deserialize(data, connection.msgtype)) == time_ns
+            logged.setdefault(connection.topic, []).append(time_ns)
+        (static,) = [each for each in reader.connections if each.topic == "/tf_static"]
+        assert isinstance(static.ext, ConnectionExtRosbag2)
+        assert [each.durability.name for each in static.ext.offered_qos_profiles] == ["TRANSIENT_LOCAL"]
+    assert logged.pop("/tf_static")[0] <= start
+    assert logged == wanted
+    assert "simulated: SIMULATED" in (bag / "metadata.yaml").read_text()
+
+
+def test_bag_has_the_values_of_the_recording_in_units_and_frames_of_ros(one_lift: Path, bag: Path) -> None:
+    messages, recording = ros_messages(bag), one_lift / "lifts/001.mcap"
+    bench = read_manifest_of(one_lift, TrialManifest, "").config
+    frames = list(recorded_frames(recording, "SIM-D0002"))
+    images = messages["/finger_c/image_raw/compressed"]
+    assert [image.data for image in images] == [frame.jpeg for frame in frames]
+    assert {(image.format, image.header.frame_id) for image in images} == {("jpeg", "finger_c_optical_frame")}
+    info, model = messages["/camera/camera_info"][0], bench.camera_model()
+    assert (info.width, info.height, info.distortion_model) == (*model.size, "plumb_bob")
+    assert info.k == model.matrix.ravel().tolist()
+    assert info.header.frame_id == "camera_optical_frame"
+    hand_eye, table = messages["/tf_static"][0].transforms
+    assert (hand_eye.header.frame_id, hand_eye.child_frame_id) == ("base", "camera_optical_frame")
+    assert pose_of(hand_eye) == bench.base_T_camera()
+    assert table.child_frame_id == "table"
+    states = list(recorded_arm_states(recording))
+    for state, tf, joints, wrench in zip(
+        states, messages["/tf"], messages["/joint_states"], messages["/wrench"], strict=True
+    ):
+        (tool,) = tf.transforms
+        assert (tool.header.frame_id, tool.child_frame_id) == ("base", "tool")
+        assert pose_of(tool) == state.base_T_tcp
+        assert (joints.name[0], tuple(joints.position)) == ("shoulder_pan_joint", state.joints_rad)
+        assert wrench.header.frame_id == "tool"
+        parts = (wrench.wrench.force, wrench.wrench.torque)
+        turned = [state.base_T_tcp.rotation.apply([v.x, v.y, v.z]) for v in parts]
+        assert state.wrench == pytest.approx(np.ravel(turned), abs=1e-12)
+    gripper = messages["/gripper/joint_states"][-1]
+    opening_m, counts = gripper.position
+    assert gripper.name == ["gripper_opening", "gripper_counts"]
+    assert opening_m == bench.gripper_spec().opening_at(counts - bench.gripper.limits.min_counts)
+    for topic, name in ((FUSED_TOPIC, "estimate"), (TRUTH_TOPIC, "markers")):
+        stored = sorted(recorded_angles(recording, topic)[topic], key=lambda angle: angle.time_ns)
+        of = [(angle.angle_deg, angle.sigma_deg) for angle in stored]
+        wanted = np.radians(np.array(of, float))
+        assert np.isfinite(wanted[:, 0]).any()
+        assert {tuple(each.name) for each in messages[f"/angle/{name}"]} == {("angle", "angle_sigma")}
+        np.testing.assert_array_equal([each.position for each in messages[f"/angle/{name}"]], wanted)
+
+
+def pose_of(message: Any) -> Pose:
+    place, turn = message.transform.translation, message.transform.rotation
+    return Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
+
+
+def test_exported_bag_is_read_as_the_frames_of_the_recording(one_lift: Path, bag: Path) -> None:
+    frames = list(read_frames(bag, topic="/finger_b/image_raw/compressed"))
+    stored = list(recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001"))
+    later_ns = {read.time.time_ns - kept.time_ns for read, kept in zip(frames, stored, strict=True)}
+    assert later_ns == {SIMULATED_EPOCH_NS}
+    assert all(np.array_equal(read.image, kept.image) for read, kept in zip(frames, stored, strict=True))
+
+
+def test_stamps_after_2038_are_rejected(one_lift: Path, tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(one_lift, session)
+    written_again(session / "lifts/001.mcap", lambda name: [(name, 2**31 * NS_PER_S)])
+    with pytest.raises(SessionError, match="a stamp after 2038, which ROS cannot hold; use --to csv"):
+        export_session(session, "rosbag2", tmp_path / "out")
+
+
+def test_missing_rosbags_is_named_with_the_command_that_installs_it(
+    one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros_bags, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r'pip install "visuotactile-slip-rig\[ros2\]"'):
+        export_session(one_lift, "rosbag2", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(one_lift, broken)
     file = broken / "lifts/001.mcap"
     file.write_bytes(file.read_bytes()[:200_000])
-    for to in ("csv", "coco"):
+    for to in ("csv", "coco", "rosbag2"):
         with pytest.raises(SessionError, match=r"001\.mcap"):
             export_session(broken, to, tmp_path / "out")
     with pytest.raises(InputError, match="no episodes"):
         export_session(recording, "lerobot", tmp_path / "out")
+    with pytest.raises(InputError, match="no lifts; use --to coco"):
+        export_session(recording, "rosbag2", tmp_path / "out")
     with pytest.raises(InputError, match="choose one of csv"):
         export_session(one_lift, "excel", tmp_path / "out")
     with pytest.raises(InputError, match="no such session"):

@@ -1,5 +1,7 @@
 """Labelled clips: a folder per clip, with frames, a background, times and hand-measured angles.
 
+Frames are images, a video or a ROS bag.
+
 Also the trials of TactileTracking and the sequences of digit-pose-estimation, in their own layouts: their
 turns are known at every sample, and one in half a second is a label.
 """
@@ -67,19 +69,22 @@ class LabelledClip:
     contacts: tuple[ContactSpan, ...] = ()
 
 
-def read_clips(folder: Path, groups: Path | None = None, sign: int = 1) -> list[LabelledClip]:
+def read_clips(
+    folder: Path, groups: Path | None = None, sign: int = 1, topic: str | None = None
+) -> list[LabelledClip]:
     """Read all clips of a folder, or the one clip that it is, sorted by name.
 
     sign: -1 turns the known angles of public sets round, for one whose sense of turning is not told.
     groups: CSV with columns `clip,group`; by default `groups.csv` in the folder, else the column `group` of
-    each clip's labels. Raises `InputError` naming what is missing or wrong.
+    each clip's labels. topic: of clips that are ROS bags, see `read_frames`. Raises `InputError` naming what
+    is missing or wrong.
     """
     if bag_of(folder) is not None or is_trial(folder):
         return [public_clip(folder, folder.stem, sign)]
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: give one with a folder per labelled clip")
     if (folder / LABELS).exists():
-        return [_clip(folder, {})]
+        return [_clip(folder, {}, topic)]
     own = folder / GROUPS
     table = groups or (own if own.exists() else None)
     named = {} if table is None else _groups(table)
@@ -89,7 +94,7 @@ def read_clips(folder: Path, groups: Path | None = None, sign: int = 1) -> list[
         return [replace(clip, group=named.get(clip.name, clip.group)) for clip in public]
     if not folders:
         raise InputError(f"{folder}: no folder in it has a {LABELS}: rig label-angle CLIP makes one")
-    return [_clip(clip, named) for clip in folders]
+    return [_clip(clip, named, topic) for clip in folders]
 
 
 def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
@@ -153,10 +158,10 @@ def _label(path: Path, line: int, row: Mapping[str, str]) -> ClipLabel:
     return ClipLabel(frame, angle, sigma)
 
 
-def _clip(folder: Path, groups: Mapping[str, str]) -> LabelledClip:
+def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> LabelledClip:
     reference, labels, group = read_labels(folder / LABELS)
     times = folder / TIMES
-    series = read_frames(clip_frames(folder), times if times.exists() else None)
+    series = read_frames(clip_frames(folder), times if times.exists() else None, topic=topic)
     count = sum(1 for _ in series.read())
     last = max(reference, *(label.frame for label in labels))
     if not 0 <= last < count:

@@ -45,7 +45,7 @@ class ClipsOptions:
     folder: Annotated[
         Path,
         typer.Argument(
-            help="Folder with a folder per clip: frames/ or a video, background.png, labels.csv, "
+            help="Folder with a folder per clip: frames/, a video or a ROS bag, background.png, labels.csv, "
             "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
             "digit-pose-estimation."
         ),
@@ -64,6 +64,10 @@ class ClipsOptions:
             "--groups",
             help="CSV with columns clip,group. Default: groups.csv in the folder, or a column of labels.csv.",
         ),
+    ] = None
+    topic: Annotated[
+        str | None,
+        typer.Option("--topic", help="Of ROS bags: the topic of the images. Default: each bag's only one."),
     ] = None
     group: Annotated[
         str | None,
@@ -155,7 +159,8 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     """
     cv2.setNumThreads(1)
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
-    clips = read_clips(options.folder, options.groups, -1 if options.reversed_turns else 1)
+    sign = -1 if options.reversed_turns else 1
+    clips = read_clips(options.folder, options.groups, sign, options.topic)
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))

@@ -19,6 +19,7 @@ from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
 from rig.benchmark.readme import markers
 from rig.cli.main import app
+from support.ros_bags import TOPIC, write_bag
 
 Draw = Callable[..., NDArray[np.uint8]]
 ROOT = Path(__file__).resolve().parents[4]
@@ -145,6 +146,22 @@ def test_labels_that_are_wrong_are_named(clips: Path, tmp_path: Path, text: str,
     (tmp_path / "clip" / "labels.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read_clips(tmp_path)
+
+
+def test_clip_that_is_a_ros_bag_is_read_as_its_frames(clips: Path, tmp_path: Path) -> None:
+    shutil.copytree(
+        clips / "frames_clip", tmp_path / "clip", ignore=shutil.ignore_patterns("frames", "times*")
+    )
+    (files,) = [clip for clip in read_clips(clips) if clip.name == "frames_clip"]
+    images, times_ns = list(files.series.images()), [frame.time.time_ns for frame in files.series]
+    topics = {TOPIC: images, "/camera/image_raw": images[:1]}
+    write_bag(tmp_path / "clip" / "bag", topics, times_ns=times_ns * 2)
+    (clip,) = read_clips(tmp_path, topic=TOPIC)
+    assert [frame.time.time_ns for frame in clip.series] == times_ns
+    assert all(np.array_equal(a, b) for a, b in zip(clip.series.images(), images, strict=True))
+    assert clip.labels == files.labels
+    done = CliRunner().invoke(app, ["benchmark", "clips", str(tmp_path), "--estimator", "slip"])
+    assert "choose one with --topic" in str(done.exception)
 
 
 def test_folders_that_are_no_clips_are_named(tmp_path: Path) -> None:

@@ -1,0 +1,225 @@
+"""A trial as ROS 2 bags (MCAP storage), one per lift, with standard messages alone; written without ROS.
+
+Stamps are the recording's own, as dates; of an image, its capture. Frames: `base`, the arm's base as its
+controller has it; `tool`, the tool centre point; `camera_optical_frame` (x right, y down, z forward);
+`table`; `finger_b_optical_frame` of the fingertip on finger B, whose pose on the tool is not measured.
+
+Angles are JointState messages: unlike Vector3Stamped they name their values, here `angle` and `angle_sigma`,
+and unlike a quaternion an angle may pass half a turn. They are in rad (REP 103), NaN if refused or unknown,
+positive counter-clockwise as the camera sees the object, so about -z of its frame.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.stores import ros2_humble as ros
+
+from drivers.clock import NS_PER_S
+from drivers.errors import SessionError
+from drivers.types import Pose, Vector6
+from rig.config import BenchConfig
+from rig.export.result import CAMERA, Exported, ExportRequest, simulated_mark, source_name
+from rig.sessions.about import RecordingAbout
+from rig.sessions.manifest import TrialManifest, require_kind
+from rig.sessions.reading import (
+    RecordedGripper,
+    recorded_angle,
+    recorded_gripper,
+    recorded_joints,
+    recorded_jpeg,
+    recorded_pose,
+)
+from rig.sessions.recorder import (
+    ANGLE_PREFIX,
+    ARM_TOPIC,
+    FUSED_TOPIC,
+    GRIPPER_TOPIC,
+    IMAGE_PREFIX,
+    JOINTS_TOPIC,
+    TRUTH_TOPIC,
+)
+from rig.sessions.recording_file import recorded_messages
+
+BASE, TOOL = "base", "tool"
+STATIC = "/tf_static"
+ANGLES = {FUSED_TOPIC: "estimate", TRUTH_TOPIC: "markers"}
+"""Names of the angles that are not a fingertip's."""
+JOINTS = tuple(
+    f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
+"""As ur_description names a UR5e's."""
+BAG_VERSION = 8
+"""Version of a bag's metadata: the older of the two that rosbags writes."""
+LAST_NS = 2**31 * NS_PER_S
+"""End of the times that ROS's stamps can hold, in 2038."""
+_NEVER = QosTime(0, 0)
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _NEVER,
+    _NEVER,
+    QosLiveliness.SYSTEM_DEFAULT,
+    _NEVER,
+    False,
+)
+"""Quality of service of static transforms: a node that starts later receives them too."""
+Stamped = tuple[int, str, Any]
+"""Time in ns, topic, message."""
+
+
+def export_rosbag2(request: ExportRequest) -> Exported:
+    """Write a bag per lift, a folder named after its recording. Raises `SessionError` for a recording."""
+    why = "a recording has images at rest, no lifts; use --to coco or labelme"
+    manifest = require_kind(request.session, request.manifest, TrialManifest, why)
+    mark, messages = simulated_mark(manifest), 0
+    for lift in request.finished_lifts:
+        recording = request.session / lift.recording
+        about = {"session": request.session.name, "object": lift.object, "name": lift.name}
+        about |= {"lift": str(lift.lift), "simulated": mark.strip() or "no"}
+        messages += _write(request.out / recording.stem, _messages(recording, manifest.config), about)
+    note = f"{mark}ROS 2 bags (MCAP); angles in rad"
+    return Exported({"bags": len(request.finished_lifts), "messages": messages}, (note,))
+
+
+def _write(folder: Path, messages: Iterator[Stamped], about: dict[str, str]) -> int:
+    """Write a bag in the order of time; return its number of messages."""
+    types, connections = get_typestore(Stores.ROS2_HUMBLE), dict[str, Connection]()
+    with Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
+        for key, value in about.items():
+            bag.set_custom_data(key, value)
+        for time_ns, topic, message in sorted(messages, key=itemgetter(0)):
+            kind = message.__msgtype__
+            if topic not in connections:
+                quality = [LATCHED] if topic == STATIC else []
+                connections[topic] = bag.add_connection(
+                    topic, kind, typestore=types, offered_qos_profiles=quality
+                )
+            bag.write(connections[topic], time_ns, types.serialize_cdr(message, kind))
+        return sum(bag.counts.values())
+
+
+def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
+    """Yield the messages of a recorded lift. Raises `SessionError` if it is damaged."""
+    pose = Pose((0.0, 0.0, 0.0))
+    calibration = RecordingAbout(camera=bench.camera_model()).calibration(0)
+    static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.table.position_m)}
+    for topic, time_ns, _, data in recorded_messages(recording, dated=True):
+        if time_ns >= LAST_NS:
+            raise SessionError(f"{recording}: has a stamp after 2038, which ROS cannot hold; use --to csv")
+        if static:
+            yield time_ns, STATIC, _transforms(time_ns, static)
+            static = {}
+        if topic.startswith(IMAGE_PREFIX):
+            name = source_name(topic.removeprefix(IMAGE_PREFIX), bench)
+            header, jpeg = _header(time_ns, _optical(name)), recorded_jpeg(data, recording)
+            image = ros.sensor_msgs__msg__CompressedImage(header, "jpeg", np.frombuffer(jpeg, np.uint8))
+            yield time_ns, f"/{name}/image_raw/compressed", image
+            if name == CAMERA and calibration is not None:
+                yield time_ns, f"/{name}/camera_info", _camera_info(header, calibration)
+        elif topic == ARM_TOPIC:
+            pose = recorded_pose(data, recording)
+            yield time_ns, "/tf", _transforms(time_ns, {TOOL: pose})
+        elif topic == JOINTS_TOPIC:
+            arm = recorded_joints(data, recording)
+            yield (
+                time_ns,
+                "/joint_states",
+                _values(time_ns, BASE, dict(zip(JOINTS, arm.joints_rad, strict=True))),
+            )
+            if arm.wrench is not None:
+                yield time_ns, "/wrench", _wrench(time_ns, pose, arm.wrench)
+        elif topic == GRIPPER_TOPIC:
+            fingers = _fingers(recorded_gripper(data, recording), bench)
+            yield time_ns, "/gripper/joint_states", _values(time_ns, TOOL, fingers)
+        elif topic.startswith(ANGLE_PREFIX):
+            name = ANGLES.get(topic) or source_name(topic.removeprefix(ANGLE_PREFIX), bench)
+            found = recorded_angle(data, recording, time_ns)
+            angle = {"angle": _radians(found.angle_deg), "angle_sigma": _radians(found.sigma_deg)}
+            yield time_ns, f"/angle/{name}", _values(time_ns, _optical(CAMERA), angle)
+
+
+def _fingers(kept: RecordedGripper, bench: BenchConfig) -> dict[str, float]:
+    """Return the opening in m and, if recorded, the counts. Version 1.0 recorded the counts alone."""
+    fingers: dict[str, float] = {}
+    if kept.opening_m is not None:
+        fingers["gripper_opening"] = kept.opening_m
+    elif kept.position_counts is not None:
+        steps = kept.position_counts - bench.gripper.limits.min_counts
+        fingers["gripper_opening"] = bench.gripper_spec().opening_at(steps)
+    if kept.position_counts is not None:
+        fingers["gripper_counts"] = float(kept.position_counts)
+    return fingers
+
+
+def _optical(source: str) -> str:
+    """Return the frame of a source's images: x right, y down, z forward (REP 103)."""
+    return f"{source}_optical_frame"
+
+
+def _radians(degrees: float | None) -> float:
+    return math.nan if degrees is None else math.radians(degrees)
+
+
+def _header(time_ns: int, frame: str) -> ros.std_msgs__msg__Header:
+    return ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(*divmod(time_ns, NS_PER_S)), frame)
+
+
+def _values(time_ns: int, frame: str, values: Mapping[str, float]) -> ros.sensor_msgs__msg__JointState:
+    unknown = np.zeros(0)
+    return ros.sensor_msgs__msg__JointState(
+        _header(time_ns, frame), list(values), np.array(list(values.values()), float), unknown, unknown
+    )
+
+
+def _transforms(time_ns: int, poses: Mapping[str, Pose]) -> ros.tf2_msgs__msg__TFMessage:
+    """poses: `base_T_child` by the name of the child."""
+    return ros.tf2_msgs__msg__TFMessage(
+        [
+            ros.geometry_msgs__msg__TransformStamped(
+                _header(time_ns, BASE),
+                child,
+                ros.geometry_msgs__msg__Transform(
+                    ros.geometry_msgs__msg__Vector3(*pose.position_m),
+                    ros.geometry_msgs__msg__Quaternion(*pose.quaternion_xyzw),
+                ),
+            )
+            for child, pose in poses.items()
+        ]
+    )
+
+
+def _wrench(time_ns: int, tool: Pose, wrench: Vector6) -> ros.geometry_msgs__msg__WrenchStamped:
+    """Turn a wrench at the tool from the base's axes into the tool's, in which ROS has it."""
+    force, torque = tool.rotation.inv().apply(np.reshape(wrench, (2, 3)))
+    vectors = (ros.geometry_msgs__msg__Vector3(*map(float, vector)) for vector in (force, torque))
+    return ros.geometry_msgs__msg__WrenchStamped(
+        _header(time_ns, TOOL), ros.geometry_msgs__msg__Wrench(*vectors)
+    )
+
+
+def _camera_info(
+    header: ros.std_msgs__msg__Header, camera: CameraCalibration
+) -> ros.sensor_msgs__msg__CameraInfo:
+    d, k, r, p = (np.array(values, float) for values in (camera.D, camera.K, camera.R, camera.P))
+    whole = ros.sensor_msgs__msg__RegionOfInterest(0, 0, 0, 0, False)
+    return ros.sensor_msgs__msg__CameraInfo(
+        header, camera.height, camera.width, camera.distortion_model, d, k, r, p, 0, 0, whole
+    )

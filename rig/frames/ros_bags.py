@@ -1,0 +1,153 @@
+"""Frames in a ROS bag, read without ROS: ROS 2 (MCAP or SQLite storage) and ROS 1.
+
+sensor_msgs/Image and sensor_msgs/CompressedImage are read by their standard definitions, which are the same
+in every ROS 2 distribution, and in ROS 1 but for the header. Definitions in the bag are not used: rosbags
+would generate code from them.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError, RigError, counted, unknown_name
+from drivers.formats import MOST_PIXELS, reason, shown
+from drivers.images import decode_image
+from drivers.types import Image
+from rig.sessions.layout import ROS_BEGINNINGS, first_bytes
+
+if TYPE_CHECKING:
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+ENCODINGS: dict[str, tuple[int, int | None]] = {
+    "rgb8": (3, None),
+    "bgr8": (3, cv2.COLOR_BGR2RGB),
+    "8uc3": (3, cv2.COLOR_BGR2RGB),
+    "rgba8": (4, cv2.COLOR_RGBA2RGB),
+    "bgra8": (4, cv2.COLOR_BGRA2RGB),
+    "mono8": (1, cv2.COLOR_GRAY2RGB),
+    "8uc1": (1, cv2.COLOR_GRAY2RGB),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2RGB),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2RGB),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2RGB),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2RGB),
+    "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
+}
+"""Bytes per pixel of the encodings that are read, and OpenCV's conversion to RGB.
+
+Names: sensor_msgs/image_encodings.hpp, in lower case. 8UC3 is BGR, as OpenCV's images are.
+"""
+
+
+def require_rosbags() -> None:
+    """Raise `InputError` if rosbags is not installed, with the command that installs it."""
+    if find_spec("rosbags") is None:
+        raise InputError('ROS bags need rosbags: pip install "visuotactile-slip-rig[ros2]"')
+
+
+def find_topic(path: Path, topic: str | None) -> str:
+    """Return `topic` if the bag has images on it; if it is None, the only topic of images in the bag.
+
+    Raises `InputError` with the topics of the bag if there is no such topic, and for a damaged bag.
+    """
+    with _opened(path) as bag:
+        topics = {each.topic: each.msgtype for each in bag.connections}
+    images = sorted(each for each, kind in topics.items() if kind in (RAW, COMPRESSED))
+    if not images:
+        listed = f"only {', '.join(sorted(topics))}" if topics else "no topic at all"
+        raise InputError(f"{path}: no topic of images, {listed}: record sensor_msgs/Image or CompressedImage")
+    if topic is None and len(images) > 1:
+        raise InputError(
+            f"{path}: {len(images)} topics of images: choose one with --topic: {', '.join(images)}"
+        )
+    if topic is not None and topic not in images:
+        raise unknown_name("topic of images", topic, images)
+    return topic or images[0]
+
+
+def bag_images(path: Path, topic: str) -> Iterator[tuple[int, Image | None]]:
+    """Yield (time in ns, (H, W, 3) uint8 RGB) of a topic's images; None for one that cannot be decoded.
+
+    The time is the header's stamp; if neither of the first two messages has one (a simulation's clock may
+    begin with 0), when the bag received the message. Raises `InputError` for an encoding that is not read,
+    for a topic without a single complete image, and for a damaged bag.
+    """
+    count = decoded = 0
+    kind = ""
+    with _opened(path) as bag:
+        chosen = [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
+        deserialized = _deserializer(bag)
+        first = islice(bag.messages(connections=chosen), 2)
+        stamped = any(_stamp_ns(deserialized(data, each.msgtype)) for each, _, data in first)
+        for connection, received_ns, data in bag.messages(connections=chosen):
+            message = deserialized(data, connection.msgtype)
+            if connection.msgtype == COMPRESSED:
+                kind, image = message.format, decode_image(message.data.tobytes())
+            else:
+                kind, image = message.encoding, _raw_image(message, topic)
+            count, decoded = count + 1, decoded + (image is not None)
+            yield _stamp_ns(message) if stamped else received_ns, image
+    if not decoded:
+        raise InputError(
+            f"{path}: {topic}: not one complete image in {counted(count, 'message')} ({shown(kind)}): record "
+            "it again, as raw images, JPEG or PNG"
+        )
+
+
+def _stamp_ns(message: Any) -> int:
+    return message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+
+
+def _raw_image(message: Any, topic: str) -> Image | None:
+    """Decode a raw image; None if its data are too few for its size."""
+    encoding, height, width, step = message.encoding.lower(), message.height, message.width, message.step
+    if encoding not in ENCODINGS:
+        also = f"; publish {topic} again in one of them, or as JPEG (image_transport republish)"
+        raise unknown_name("encoding of images", message.encoding[:40], ENCODINGS, also)
+    size, conversion = ENCODINGS[encoding]
+    complete = width * size <= step and height * step <= message.data.size
+    if not 0 < height * width <= MOST_PIXELS or not complete:
+        return None
+    rows = message.data[: height * step].reshape(height, step)[:, : width * size]
+    pixels = np.ascontiguousarray(rows).reshape(height, width, size)
+    return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
+
+
+def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:
+    """Return the function that reads a message of a type."""
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.typesys import Stores, get_typestore
+
+    if isinstance(bag, Reader1):
+        return get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+    return get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+
+
+@contextmanager
+def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
+    """Open a bag. Whatever damaged bytes lead to in rosbags becomes an `InputError`."""
+    require_rosbags()
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+    try:
+        with Reader1(path) if first_bytes(path).startswith(ROS_BEGINNINGS[0]) else Reader2(path) as bag:
+            yield bag
+    except RigError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"{path}: cannot be read as a ROS bag ({reason(error)}): copy it again, or mend an interrupted "
+            "one with ros2 bag reindex (ROS 1: rosbag reindex; MCAP: mcap recover)"
+        ) from error
